@@ -1,0 +1,183 @@
+"""What the five methods share: checks before, doubts and timing after."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from time import perf_counter
+from typing import ClassVar, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tvsysid.errors import DoubtfulWarning, InputError
+from tvsysid.models import Model
+from tvsysid.numerics.spectra import power_share
+from tvsysid.signals import Ensemble
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Method(ABC):
+    """Settings of a method, in seconds and hertz, and one verb.
+
+    A class of your own needs no base class: anything with ``identify(ensemble)`` that returns a model is a method. This
+    one adds the checks, the warnings and the timing.
+    """
+
+    key: ClassVar[str]
+    title: ClassVar[str]
+    assumptions: ClassVar[tuple[str, ...]]
+
+    def identify(self, ensemble: Ensemble) -> Model:
+        """Identify the impedance of the joint over one realization.
+
+        Parameters
+        ----------
+        ensemble
+            Realizations of one repeated behaviour, mean subtracted.
+
+        Returns
+        -------
+        Model
+            Immutable; ``time, stiffness, viscosity, inertia`` are of shape (time,), with NaN where not identified.
+
+        Raises
+        ------
+        InputError
+            If the settings do not fit the ensemble.
+
+        Warns
+        -----
+        DoubtfulWarning
+            For what is legal but doubtful; kept in the model's diagnostics.
+        """
+        if not isinstance(ensemble, Ensemble):
+            raise InputError(
+                f"identify: expected an Ensemble, got {type(ensemble).__name__}; "
+                "cut a Recording with tvsysid.preprocess.segment"
+            )
+        started = perf_counter()
+        model = self._identify(ensemble)
+        doubts = (*self._doubts(ensemble), *_doubts_of_all(ensemble, model, *self._needed_band(ensemble)))
+        diagnostics = replace(model.diagnostics, warnings=doubts, seconds=perf_counter() - started)
+        for doubt in doubts:
+            warnings.warn(f"{self.key}: {doubt}", DoubtfulWarning, stacklevel=2)
+        return replace(model, diagnostics=diagnostics)
+
+    @abstractmethod
+    def _identify(self, ensemble: Ensemble) -> Model: ...
+
+    @abstractmethod
+    def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
+        """Frequency below which the angle must have power, and the one above which, in Hz."""
+
+    def _doubts(self, ensemble: Ensemble) -> Iterator[str]:
+        yield from ()
+
+
+def whole_samples(seconds: float, ensemble: Ensemble) -> int:
+    """Nearest number of samples."""
+    return round(seconds * ensemble.sampling_rate)
+
+
+def fitting_lags(name: str, max_lag: float, ensemble: Ensemble) -> int:
+    """Lags to either side in samples, if a realization with its context is long enough for them."""
+    lags = whole_samples(max_lag, ensemble)
+    if lags < 1:
+        raise InputError(
+            f"{name}: max_lag {max_lag:g} s is less than one sample at {ensemble.sampling_rate:g} Hz; "
+            f"give at least {1 / ensemble.sampling_rate:g} s"
+        )
+    check_window(f"{name}: lags of ±{max_lag:g} s", 2 * lags + 1, ensemble)
+    return lags
+
+
+def check_window(what: str, samples: int, ensemble: Ensemble) -> None:
+    """Raise where no sample of a realization has a whole window about it."""
+    if missing_edge(samples // 2, ensemble) * 2 >= ensemble.samples or samples > ensemble.angle.shape[1]:
+        raise InputError(
+            f"{what} need {samples} samples, a realization has {ensemble.samples} with {ensemble.context} of "
+            "context on either side; give shorter ones, or longer realizations or context"
+        )
+
+
+def missing_edge(reach: int, ensemble: Ensemble) -> int:
+    """Samples at either end of a realization from which a window would reach beyond its context."""
+    return max(0, reach - ensemble.context)
+
+
+def padded(values: Array, missing: int) -> Array:
+    """Array with rows of NaN added at either end of its first axis."""
+    if missing == 0:
+        return values
+    edges = [(missing, missing)] + [(0, 0)] * (values.ndim - 1)
+    return np.pad(values, edges, constant_values=np.nan)
+
+
+def check_positive(method: object, **settings: float) -> None:
+    """Raise for a setting that is not a positive finite number."""
+    for name, value in settings.items():
+        if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
+            raise InputError(f"{type(method).__name__}: {name} must be a number, got {value!r}")
+        if not (math.isfinite(value) and value > 0):
+            raise InputError(f"{type(method).__name__}: {name} must be positive and finite, got {value!r}")
+
+
+def check_choice(method: object, name: str, allowed: object) -> None:
+    """Raise for a setting that is none of a Literal's values."""
+    value, choices = getattr(method, name), get_args(allowed)
+    if value not in choices:
+        listed = ", ".join(repr(choice) for choice in choices)
+        raise InputError(f"{type(method).__name__}: {name} must be one of {listed}; got {value!r}")
+
+
+def _doubts_of_all(ensemble: Ensemble, model: Model, low: float, high: float) -> Iterator[str]:
+    known = model.stiffness[np.isfinite(model.stiffness)]
+    if len(known) and np.mean(known < 0) > 0.9:
+        yield (
+            f"stiffness is negative at {100 * np.mean(known < 0):.0f} % of the samples: "
+            "is the torque's sign reversed? (torque_sign=-1 when reading)"
+        )
+    ratio = _mean_torque_ratio(ensemble)
+    if ratio > MEAN_TORQUE_LIMIT:
+        mean = float(np.sqrt(np.mean(ensemble.torque.mean(axis=0) ** 2)))
+        yield (
+            f"the torque has a mean over realizations of {mean:.2g} N·m RMS, {math.sqrt(ratio):.0f} times what chance "
+            "would leave: it is not an answer to the perturbation and biases the stiffness; use "
+            "tvsysid.preprocess.subtract_mean first"
+        )
+    angle = ensemble.angle[:: max(1, len(ensemble) // 64)]
+    below = power_share(angle, ensemble.sampling_rate, 0.0, low)
+    above = power_share(angle, ensemble.sampling_rate, high, math.inf)
+    if min(below, above) < POWER_LIMIT:
+        side, limit, share, fault = (
+            ("below", low, below, "stiffness") if below < above else ("above", high, above, "viscosity and inertia")
+        )
+        yield (
+            f"only {100 * share:.2g} % of the angle's power lies {side} {limit:.3g} Hz, where the method needs it: "
+            f"{fault} cannot be told from the noise; use a perturbation with power there"
+        )
+
+
+MEAN_TORQUE_LIMIT = 6.0
+"""Squared mean over its squared standard error, averaged over time; 1 is expected of a torque without mean."""
+POWER_LIMIT = 0.01
+"""Share of the angle's power below which a band counts as not excited."""
+EXCITED_ABOVE = 1.0
+"""Frequency in Hz above which viscosity and inertia show beside a joint's stiffness at all."""
+
+
+def _mean_torque_ratio(ensemble: Ensemble) -> float:
+    if len(ensemble) < 5:
+        return 0.0
+    torque = ensemble.torque[:, ensemble.core]
+    mean, variance = torque.mean(axis=0), torque.var(axis=0, ddof=1)
+    error = float(variance.mean()) / len(ensemble)
+    return float(np.mean(mean**2)) / error if error > 0 else math.inf
+
+

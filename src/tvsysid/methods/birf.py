@@ -1,0 +1,186 @@
+"""Basis impulse response function (bIRF)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tvsysid.errors import InputError
+from tvsysid.impedance import static_stiffness
+from tvsysid.methods.base import (
+    EXCITED_ABOVE,
+    Method,
+    check_choice,
+    check_positive,
+    check_window,
+    fitting_lags,
+    missing_edge,
+    padded,
+)
+from tvsysid.models import Diagnostics, ImpulseResponseModel, Model, SecondOrderModel
+from tvsysid.numerics.bases import Basis, CubicBSplines, evaluate
+from tvsysid.numerics.bayes import PRIORS, Posterior
+from tvsysid.numerics.differentiation import HALF_WIDTH, derivative_weights
+from tvsysid.numerics.moments import lagged_moments
+from tvsysid.signals import Ensemble
+
+Array = NDArray[np.float64]
+Prior = Literal["ard", "ridge", "none"]
+Structure = Literal["parametric", "irf"]
+
+
+@dataclass(frozen=True)
+class BasisIRF(Method):
+    r"""Time variation as a sum of basis functions, with sparse Bayesian coefficients.
+
+    .. math:: h(t, \tau) = \sum_j \lambda_{\tau j} \Lambda_j(t) \qquad\text{or}\qquad
+              y(t) = \sum_j \left[ c_j \Lambda_j(t)\, \theta + d_j \Lambda_j(t)\, \dot\theta \right] + I\,\ddot\theta
+
+    (equation 8 of van de Ruit et al. 2021; Guarin & Kearney 2017, 2018). The paper takes stiffness from the second,
+    parametric, model.
+
+    Parameters
+    ----------
+    max_lag
+        Lags to either side in s, of the impulse response.
+    basis
+        Basis functions of normalised time; see :mod:`tvsysid.numerics.bases`, or any callable from (time,) to
+        (time, function).
+    model
+        ``"parametric"``: stiffness and viscosity by the basis, constant inertia. ``"irf"``: impulse response by the
+        basis, stiffness its area.
+    prior
+        ``"ard"``: one precision for each coefficient (relevance vector machine); ``"ridge"``: one for all, the
+        signals being scaled to unit RMS; ``"none"``: least squares.
+
+    Notes
+    -----
+    Everything follows from the correlations of lagged inputs at each time: the Gram matrix of all coefficients
+    is :math:`\sum_i \Phi(i) \otimes \Lambda(i)\Lambda(i)^T`, and velocity and acceleration are sums of lagged angles
+    (:mod:`tvsysid.numerics.differentiation`). The regressor, with a row for each sample of each realization, is never
+    built.
+    """
+
+    max_lag: float = 0.12
+    basis: Basis = field(default_factory=CubicBSplines)
+    model: Structure = "parametric"
+    prior: Prior = "ard"
+
+    key: ClassVar[str] = "birf"
+    title: ClassVar[str] = "Basis impulse response function"
+    assumptions: ClassVar[tuple[str, ...]] = (
+        "Behaviour is the same in all realizations.",
+        "Its change in time is a sum of the basis functions chosen, which limits what is seen.",
+        "For stiffness: inertia, viscosity and stiffness are all there is (second order).",
+    )
+
+    def __post_init__(self) -> None:
+        check_positive(self, max_lag=self.max_lag)
+        check_choice(self, "model", Structure)
+        check_choice(self, "prior", Prior)
+        if not callable(self.basis):
+            raise InputError(
+                f"BasisIRF: basis must be a callable from normalised time to values, got {self.basis!r}; "
+                "for example CubicBSplines(10)"
+            )
+
+    def _identify(self, ensemble: Ensemble) -> Model:
+        functions = evaluate(self.basis, ensemble.samples)
+        return self._parametric(ensemble, functions) if self.model == "parametric" else self._irf(ensemble, functions)
+
+    def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
+        return 1 / (2 * self.max_lag), EXCITED_ABOVE
+
+    def _irf(self, ensemble: Ensemble, functions: Array) -> ImpulseResponseModel:
+        lags = fitting_lags("BasisIRF", self.max_lag, ensemble)
+        phi_uu, phi_uy, square, missing = _moments(ensemble, lags)
+        inner = functions[missing : len(functions) - missing]
+        unknowns, count = phi_uu.shape[1], inner.shape[1]
+        products = (inner[:, :, None] * inner[:, None, :]).reshape(len(inner), -1)
+        gram = phi_uu.reshape(len(inner), -1).T @ products
+        gram = gram.reshape(unknowns, unknowns, count, count).transpose(0, 2, 1, 3).reshape(unknowns * count, -1)
+        power = float(np.mean(np.diagonal(phi_uu, axis1=1, axis2=2)))  # unit RMS, so that one prior has no unit
+        posterior = self._solve(gram / power, (phi_uy.T @ inner).ravel() / np.sqrt(power), square, ensemble, missing)
+        weights = functions @ posterior.mean.reshape(unknowns, count).T / np.sqrt(power)
+        response = padded(weights[missing : len(functions) - missing] * ensemble.sampling_rate, missing)
+        unknown = np.full(ensemble.samples, np.nan)
+        return ImpulseResponseModel(
+            method=repr(self),
+            sampling_rate=ensemble.sampling_rate,
+            time=ensemble.time,
+            stiffness=static_stiffness(response, 1 / ensemble.sampling_rate),
+            viscosity=unknown,
+            inertia=unknown,
+            impulse_response=response,
+            lags=np.arange(-lags, lags + 1) / ensemble.sampling_rate,
+            diagnostics=_diagnostics(posterior),
+        )
+
+    def _parametric(self, ensemble: Ensemble, functions: Array) -> SecondOrderModel:
+        check_window("BasisIRF: the derivatives of the angle", 2 * HALF_WIDTH + 1, ensemble)
+        phi_uu, phi_uy, square, missing = _moments(ensemble, HALF_WIDTH)
+        # Angle, velocity and acceleration are sums of lagged angles, so their moments follow.
+        derivative = derivative_weights() * ensemble.sampling_rate ** np.arange(3.0)[:, None]
+        moments, cross = derivative @ phi_uu @ derivative.T, phi_uy @ derivative.T
+        rms = np.sqrt(np.maximum(np.mean(np.diagonal(moments, axis1=1, axis2=2), axis=0), np.finfo(float).tiny))
+        moments, cross = moments / np.outer(rms, rms), cross / rms
+        inner = functions[missing : len(functions) - missing]
+        count = inner.shape[1]
+        expansions = (inner, inner, np.ones((len(inner), 1)))
+        gram = np.block(
+            [
+                [(left * moments[:, a, b, None]).T @ right for b, right in enumerate(expansions)]
+                for a, left in enumerate(expansions)
+            ]
+        )
+        right = np.concatenate([expansion.T @ cross[:, a] for a, expansion in enumerate(expansions)])
+        posterior = self._solve(gram, right, square, ensemble, missing)
+        unit = 1 / np.repeat(rms, (count, count, 1))
+        coefficients = posterior.mean * unit
+
+        def over_time(values: Array) -> Array:
+            return padded(values[missing : len(values) - missing], missing)
+
+        names = [f"{name} {j}" for name in ("stiffness", "viscosity") for j in range(count)]
+        return SecondOrderModel(
+            method=repr(self),
+            sampling_rate=ensemble.sampling_rate,
+            time=ensemble.time,
+            stiffness=over_time(functions @ coefficients[:count]),
+            viscosity=over_time(functions @ coefficients[count : 2 * count]),
+            inertia=over_time(np.full(ensemble.samples, coefficients[-1])),
+            coefficients=coefficients,
+            covariance=posterior.covariance * np.outer(unit, unit),
+            labels=(*names, "inertia"),
+            diagnostics=_diagnostics(posterior),
+        )
+
+    def _solve(self, gram: Array, cross: Array, square: float, ensemble: Ensemble, missing: int) -> Posterior:
+        """Coefficients from moments that were averaged over realizations and summed over time."""
+        count = len(ensemble)
+        samples = count * (ensemble.samples - 2 * missing)
+        return PRIORS[self.prior](gram * count, cross * count, square * count, samples)
+
+
+def _moments(ensemble: Ensemble, lags: int) -> tuple[Array, Array, float, int]:
+    """Lagged moments where a realization with its context has them, torque's square, samples missing at an end."""
+    missing = missing_edge(lags, ensemble)
+    first = ensemble.context + missing - lags
+    reach = slice(first, ensemble.angle.shape[1] - first)
+    phi_uu, phi_uy, square, _ = lagged_moments(ensemble.angle[:, reach], ensemble.torque[:, reach], lags)
+    return phi_uu, phi_uy, float(square.sum()), missing
+
+
+def _diagnostics(posterior: Posterior) -> Diagnostics:
+    return Diagnostics(
+        posterior.effective,
+        details={
+            "noise_variance": posterior.noise_variance,
+            "log_evidence": posterior.log_evidence,
+            "iterations": posterior.iterations,
+            "converged": float(posterior.converged),
+        },
+    )

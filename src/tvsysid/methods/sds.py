@@ -1,0 +1,88 @@
+"""Short data segments (SDS)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from tvsysid.errors import InputError
+from tvsysid.methods.base import EXCITED_ABOVE, Method, check_positive, fitting_lags, missing_edge, whole_samples
+from tvsysid.methods.eirf import impulse_response_model
+from tvsysid.models import ImpulseResponseModel
+from tvsysid.numerics import pseudoinverse
+from tvsysid.numerics.moments import lagged_moments, sliding_sum
+from tvsysid.signals import Ensemble
+
+
+@dataclass(frozen=True)
+class ShortDataSegments(Method):
+    r"""A two-sided impulse response at each time, estimated across realizations and a short window of time.
+
+    .. math:: \varphi_{yu}(t, k) = \frac1L \sum_r \sum_{i = t - N/2}^{t + N/2} u_r(i - k)\, y_r(i), \qquad
+              L = (N + 1) R
+
+    (equation 7 of van de Ruit et al. 2021; Ludvig & Perreault 2012), with the autocorrelations alike; solved as in
+    :class:`EnsembleIRF`, the description length counting all L samples.
+
+    Parameters
+    ----------
+    max_lag
+        Lags to either side in s.
+    window
+        Time N Δt over which the joint is taken as constant, in s. An instantaneous change is spread over it: the rise
+        from 10 to 90 % takes 80 % of it.
+
+    Notes
+    -----
+    The window holds N + 1 samples, centred. It is cut short where a realization's context ends, and the number
+    of samples actually averaged is counted. Stiffness is the area under the impulse response (equation 20); viscosity
+    and inertia are not identified yet.
+    """
+
+    max_lag: float = 0.12
+    window: float = 0.10
+
+    key: ClassVar[str] = "sds"
+    title: ClassVar[str] = "Short data segments"
+    assumptions: ClassVar[tuple[str, ...]] = (
+        "Behaviour is the same in all realizations.",
+        "The joint is constant over a short window, which limits the fastest change that is seen.",
+        "Nothing is assumed of the dynamics.",
+    )
+
+    def __post_init__(self) -> None:
+        check_positive(self, max_lag=self.max_lag, window=self.window)
+
+    def _identify(self, ensemble: Ensemble) -> ImpulseResponseModel:
+        lags = fitting_lags("ShortDataSegments", self.max_lag, ensemble)
+        half = whole_samples(self.window / 2, ensemble)
+        if 2 * half + 1 > ensemble.samples:
+            raise InputError(
+                f"ShortDataSegments: a window of {self.window:g} s ({2 * half + 1} samples) is longer than a "
+                f"realization of {ensemble.samples} samples; give a shorter one"
+            )
+        missing = missing_edge(lags, ensemble)
+        # Beyond the realization, the window may use the context that the lags leave.
+        margin = min(half, max(0, ensemble.context - lags))
+        first = ensemble.context + missing - margin - lags
+        reach = slice(first, ensemble.angle.shape[1] - first)
+        phi_uu, phi_uy, square, mean = lagged_moments(ensemble.angle[:, reach], ensemble.torque[:, reach], lags)
+
+        inner = slice(margin, len(square) - margin)
+        samples = sliding_sum(np.ones(len(square)), half, half)[inner]
+
+        def pooled(moments: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> np.ndarray[
+            tuple[int, ...], np.dtype[np.float64]
+        ]:
+            total = sliding_sum(moments, half, half)[inner]
+            return total / samples.reshape(-1, *[1] * (total.ndim - 1))
+
+        count = samples * len(ensemble)
+        variance = (pooled(square) - pooled(mean) ** 2) * count / np.maximum(count - 1, 1)
+        solution = pseudoinverse.truncated(pooled(phi_uu), pooled(phi_uy), variance, count)
+        return impulse_response_model(repr(self), ensemble, solution, lags, missing)
+
+    def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
+        return 1 / (2 * self.max_lag), EXCITED_ABOVE

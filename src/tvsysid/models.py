@@ -1,0 +1,315 @@
+"""What identification returns: immutable models that predict torque.
+
+Axis order and the sign of a lag are decided here and nowhere else::
+
+    axes                    realization, time, lag (or frequency)
+    impulse response        y(t) = Σ h(t, τ) u(t - τ) Δt,  τ = -max_lag … +max_lag
+                            h[:, 0] is the lag -max_lag, h[:, -1] the lag +max_lag
+    positive lag            the input comes before the output
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tvsysid.errors import InputError
+from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
+from tvsysid.numerics.moments import convolve_lags
+from tvsysid.signals import Ensemble
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+UNITS = {
+    "stiffness": "N m/rad",
+    "viscosity": "N m s/rad",
+    "inertia": "kg m2",
+    "impulse_response": "N m/rad/s",
+    "frequency_response": "N m/rad",
+    "coherence": "1",
+    "rank": "1",
+    "time": "s",
+    "lag": "s",
+    "frequency": "Hz",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnostics:
+    """How an identification went.
+
+    Parameters
+    ----------
+    parameters
+        Effective number of parameters: of the whole model, or the mean over time where each time has its own.
+    rank
+        Number of singular values kept at each time, shape (time,); None for methods that keep all or have none.
+    warnings
+        What was legal but doubtful.
+    seconds
+        Time taken.
+    details
+        Further numbers by name, such as the noise variance.
+    """
+
+    parameters: float
+    rank: Array | None = None
+    warnings: tuple[str, ...] = ()
+    seconds: float = 0.0
+    details: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "details", MappingProxyType(dict(self.details)))
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Model(ABC):
+    """A joint's impedance over one realization.
+
+    Parameters
+    ----------
+    method
+        The method and its settings, in words.
+    sampling_rate
+        In Hz.
+    time
+        Time within a realization in s, shape (time,).
+    stiffness, viscosity, inertia
+        In N·m/rad, N·m·s/rad and kg·m², shape (time,); NaN where not identified.
+    diagnostics
+        How the identification went.
+    """
+
+    method: str
+    sampling_rate: float
+    time: Array
+    stiffness: Array
+    viscosity: Array
+    inertia: Array
+    diagnostics: Diagnostics
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if isinstance(value, np.ndarray):
+                value = value.view()
+                value.flags.writeable = False
+                object.__setattr__(self, item.name, value)
+
+    def predict(self, ensemble: Ensemble) -> Array:
+        """Torque that the model gives for the ensemble's angle.
+
+        Parameters
+        ----------
+        ensemble
+            Realizations of the model's sampling rate and duration; not necessarily those identified from.
+
+        Returns
+        -------
+        Array
+            In N·m, shape (realization, time), context not counted; NaN where lags reach beyond the samples or
+            the model does not.
+
+        Raises
+        ------
+        InputError
+            For another sampling rate or duration.
+        """
+        if ensemble.samples != len(self.time) or abs(ensemble.sampling_rate / self.sampling_rate - 1) > 1e-9:
+            raise InputError(
+                f"predict: the model has {len(self.time)} samples at {self.sampling_rate:g} Hz, the ensemble "
+                f"{ensemble.samples} at {ensemble.sampling_rate:g} Hz; decimate and segment it in the same way"
+            )
+        return self._predict(ensemble)
+
+    @abstractmethod
+    def _predict(self, ensemble: Ensemble) -> Array: ...
+
+    def __repr__(self) -> str:
+        known = int(np.isfinite(self.stiffness).sum())
+        if known:
+            low, high = float(np.nanmin(self.stiffness)), float(np.nanmax(self.stiffness))
+            span = f"stiffness {low:.1f} to {high:.1f} N·m/rad"
+        else:
+            span = "no stiffness"
+        doubts = "".join(f"\n  warning: {text}" for text in self.diagnostics.warnings)
+        return (
+            f"{type(self).__name__}({self.method}: {span} over {len(self.time) / self.sampling_rate:g} s, "
+            f"identified at {known} of {len(self.time)} samples, "
+            f"{self.diagnostics.parameters:.3g} effective parameters){doubts}"
+        )
+
+    def to_xarray(self) -> xr.Dataset:
+        """Everything identified as an xarray.Dataset, with units as attributes.
+
+        A frequency response is complex; :func:`tvsysid.recordings.write_models` splits it for the NetCDF file.
+        """
+        import xarray as xr  # noqa: PLC0415  # heavy
+
+        variables: dict[str, tuple[tuple[str, ...], Any]] = {
+            name: (("time",), getattr(self, name)) for name in ("stiffness", "viscosity", "inertia")
+        }
+        coordinates: dict[str, tuple[tuple[str, ...], Any]] = {"time": (("time",), self.time)}
+        if self.diagnostics.rank is not None:
+            variables["rank"] = (("time",), self.diagnostics.rank)
+        extra, extra_coordinates = self._identified()
+        variables |= extra
+        coordinates |= extra_coordinates
+
+        def with_unit(items: dict[str, tuple[tuple[str, ...], Any]]) -> dict[str, Any]:
+            return {
+                name: (dims, values, {"units": UNITS[name]} if name in UNITS else {})
+                for name, (dims, values) in items.items()
+            }
+
+        return xr.Dataset(
+            with_unit(variables),
+            with_unit(coordinates),
+            attrs={
+                "method": self.method,
+                "sampling_rate_hz": self.sampling_rate,
+                "effective_parameters": self.diagnostics.parameters,
+                "seconds": self.diagnostics.seconds,
+                "warnings": "\n".join(self.diagnostics.warnings),
+                **self.diagnostics.details,
+            },
+        )
+
+    def _repr_html_(self) -> str:
+        return str(self.to_xarray()._repr_html_())
+
+    def _identified(self) -> tuple[dict[str, tuple[tuple[str, ...], Any]], dict[str, tuple[tuple[str, ...], Any]]]:
+        """Variables and coordinates beyond stiffness, viscosity and inertia."""
+        return {}, {}
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class ImpulseResponseModel(Model):
+    """Two-sided impulse response at each time.
+
+    Parameters
+    ----------
+    impulse_response
+        In N·m/rad per second, shape (time, lag).
+    lags
+        In s, shape (lag,); positive where the input comes before the output.
+    """
+
+    impulse_response: Array
+    lags: Array
+
+    def _predict(self, ensemble: Ensemble) -> Array:
+        n = len(self.lags) // 2
+        return _convolve(ensemble, self.impulse_response / self.sampling_rate, n, n)
+
+    def _identified(self) -> tuple[dict[str, tuple[tuple[str, ...], Any]], dict[str, tuple[tuple[str, ...], Any]]]:
+        return {"impulse_response": (("time", "lag"), self.impulse_response)}, {"lag": (("lag",), self.lags)}
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class FrequencyResponseModel(Model):
+    """Frequency response at each time.
+
+    Its prediction convolves the angle with the response's inverse Fourier transform: as many lags as the segments
+    that it was estimated from have samples, half of them negative.
+
+    Parameters
+    ----------
+    frequency_response
+        In N·m/rad, complex, shape (time, frequency).
+    frequencies
+        In Hz, shape (frequency,).
+    coherence
+        Share of the torque's power that is linearly related to the angle, 0 to 1, shape (time, frequency).
+    segment
+        Samples of the segments.
+    """
+
+    frequency_response: ComplexArray
+    frequencies: Array
+    coherence: Array
+    segment: int
+
+    def _predict(self, ensemble: Ensemble) -> Array:
+        weights = np.fft.fftshift(np.fft.irfft(self.frequency_response, self.segment, axis=1), axes=1)
+        return _convolve(ensemble, weights, self.segment // 2, (self.segment - 1) // 2)
+
+    def _identified(self) -> tuple[dict[str, tuple[tuple[str, ...], Any]], dict[str, tuple[tuple[str, ...], Any]]]:
+        variables = {
+            "frequency_response": (("time", "frequency"), self.frequency_response),
+            "coherence": (("time", "frequency"), self.coherence),
+        }
+        return variables, {"frequency": (("frequency",), self.frequencies)}
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class SecondOrderModel(Model):
+    r"""Stiffness, viscosity and inertia that are sums of known functions of time.
+
+    Its prediction is :math:`k(t)\theta + b(t)\dot\theta + I(t)\ddot\theta`, with the derivatives of
+    :func:`tvsysid.numerics.differentiation.differentiate`.
+
+    Parameters
+    ----------
+    coefficients
+        Posterior mean of the coefficients, shape (coefficient,).
+    covariance
+        Their posterior covariance, shape (coefficient, coefficient).
+    labels
+        What each coefficient multiplies.
+    """
+
+    coefficients: Array
+    covariance: Array
+    labels: tuple[str, ...]
+
+    def impedance(self, ensemble: Ensemble) -> tuple[Array, Array, Array]:
+        """Stiffness, viscosity and inertia that hold for the ensemble, each (time,) or (realization, time)."""
+        return self.stiffness, self.viscosity, self.inertia
+
+    def _predict(self, ensemble: Ensemble) -> Array:
+        missing = max(0, HALF_WIDTH - ensemble.context)
+        out = np.full((len(ensemble), ensemble.samples), np.nan)
+        inner = slice(missing, ensemble.samples - missing)
+        if inner.stop <= inner.start:
+            return out
+        first = ensemble.context + missing - HALF_WIDTH
+        last = ensemble.angle.shape[1] - first
+        signals = differentiate(ensemble.angle[:, first:last], ensemble.sampling_rate)
+        impedance = self.impedance(ensemble)
+        out[:, inner] = sum(
+            coefficient[..., inner] * signal for coefficient, signal in zip(impedance, signals, strict=True)
+        )
+        return out
+
+    def _identified(self) -> tuple[dict[str, tuple[tuple[str, ...], Any]], dict[str, tuple[tuple[str, ...], Any]]]:
+        variables = {
+            "coefficients": (("coefficient",), self.coefficients),
+            "covariance": (("coefficient", "other_coefficient"), self.covariance),
+        }
+        return variables, {"coefficient": (("coefficient",), list(self.labels))}
+
+
+def _convolve(ensemble: Ensemble, weights: Array, before: int, after: int) -> Array:
+    """Convolution of the angle with weights (time, lag) for lags from -before to after samples.
+
+    A negative lag needs samples that come after. NaN where the lags reach beyond the ensemble's samples.
+    """
+    early, late = max(0, after - ensemble.context), max(0, before - ensemble.context)
+    out = np.full((len(ensemble), ensemble.samples), np.nan)
+    inner = slice(early, ensemble.samples - late)
+    if inner.stop > inner.start:
+        first = ensemble.context + early - after
+        last = ensemble.context + ensemble.samples - late + before
+        out[:, inner] = convolve_lags(ensemble.angle[:, first:last], weights[inner])
+    return out

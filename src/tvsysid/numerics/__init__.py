@@ -1,0 +1,1 @@
+"""Numerics on plain arrays: no recordings, ensembles or models here."""

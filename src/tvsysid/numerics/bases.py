@@ -1,0 +1,222 @@
+"""Basis functions of normalised time, with which time variation is described.
+
+A basis is any callable from normalised time, shape (time,), to values, shape (time, function). Its attribute
+``periodic`` (False where there is none) says what normalised time is: from 0 at the first to 1 at the last
+sample for a clamped basis; sample / samples, so that 1 is the next period's 0, for a periodic one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.polynomial import chebyshev, legendre
+from numpy.typing import NDArray
+from scipy.interpolate import BSpline
+
+from tvsysid.errors import InputError
+
+Array = NDArray[np.float64]
+Basis = Callable[[Array], Array]
+
+
+def evaluate(basis: Basis, samples: int) -> Array:
+    """Values of a basis over a realization of so many samples.
+
+    Returns
+    -------
+    Array
+        Shape (time, function).
+
+    Raises
+    ------
+    InputError
+        If the basis does not give finite values of that shape.
+    """
+    periodic = bool(getattr(basis, "periodic", False))
+    values = np.asarray(basis(np.linspace(0.0, 1.0, samples, endpoint=not periodic)), dtype=np.float64)
+    if values.ndim != 2 or len(values) != samples or values.shape[1] == 0 or not np.isfinite(values).all():
+        raise InputError(
+            f"basis {basis!r}: expected finite values of shape ({samples}, functions) for {samples} times, "
+            f"got shape {values.shape}"
+        )
+    return values
+
+
+def _check_count(basis: object, functions: int, least: int = 1) -> None:
+    if not isinstance(functions, (int, np.integer)) or functions < least:
+        raise InputError(
+            f"{type(basis).__name__}: functions must be a whole number of at least {least}, got {functions!r}"
+        )
+
+
+@dataclass(frozen=True)
+class CubicBSplines:
+    """Cubic B-splines on equal intervals.
+
+    Parameters
+    ----------
+    functions
+        How many; at least 4.
+    periodic
+        Whether the last interval joins the first; otherwise the knots are clamped at both ends.
+
+    Examples
+    --------
+    >>> CubicBSplines(10)(np.linspace(0, 1, 5)).sum(axis=1)  # a partition of unity
+    array([1., 1., 1., 1., 1.])
+    """
+
+    functions: int = 10
+    periodic: bool = False
+
+    def __post_init__(self) -> None:
+        _check_count(self, self.functions, 4)
+
+    def __call__(self, time: Array) -> Array:
+        """Values at normalised times, shape (time, function)."""
+        if self.periodic:
+            step = 1.0 / self.functions
+            knots = np.arange(-3, self.functions + 4) * step
+            wide = BSpline.design_matrix(time % 1.0, knots, 3).toarray()
+            wide[:, :3] += wide[:, self.functions :]
+            return np.asarray(wide[:, : self.functions])
+        inner = np.linspace(0.0, 1.0, self.functions - 2)
+        knots = np.concatenate([np.zeros(3), inner, np.ones(3)])
+        return np.asarray(BSpline.design_matrix(time, knots, 3).toarray())
+
+
+@dataclass(frozen=True)
+class GaussianBumps:
+    """Gaussian bumps at equal distances; what the Kearney lab's toolbox uses.
+
+    Parameters
+    ----------
+    functions
+        How many.
+    width
+        Standard deviation in normalised time.
+    periodic
+        Whether bumps wrap round; otherwise the outer ones lie on the ends.
+    """
+
+    functions: int = 10
+    width: float = 0.1
+    periodic: bool = False
+
+    def __post_init__(self) -> None:
+        _check_count(self, self.functions)
+        if not (math.isfinite(self.width) and self.width > 0):
+            raise InputError(f"GaussianBumps: width must be a positive number, got {self.width!r}")
+
+    def __call__(self, time: Array) -> Array:
+        """Values at normalised times, shape (time, function)."""
+        centres = np.linspace(0.0, 1.0, self.functions, endpoint=not self.periodic)
+        distance = time[:, None] - centres
+        if self.periodic:
+            distance = (distance + 0.5) % 1.0 - 0.5
+        return np.asarray(np.exp(-((distance / self.width) ** 2) / 2) / math.sqrt(2 * math.pi * self.width))
+
+
+@dataclass(frozen=True)
+class HaarWavelets:
+    """The constant and the first Haar wavelets: steps, for behaviour that switches.
+
+    Parameters
+    ----------
+    functions
+        How many; a power of two gives as many equal steps.
+
+    Examples
+    --------
+    >>> HaarWavelets(4)(np.array([0.0, 0.25, 0.5, 0.75]))
+    array([[ 1.        ,  1.        ,  1.41421356,  0.        ],
+           [ 1.        ,  1.        , -1.41421356,  0.        ],
+           [ 1.        , -1.        ,  0.        ,  1.41421356],
+           [ 1.        , -1.        ,  0.        , -1.41421356]])
+    """
+
+    functions: int = 16
+    periodic: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        _check_count(self, self.functions)
+
+    def __call__(self, time: Array) -> Array:
+        """Values at normalised times, shape (time, function)."""
+        time = time % 1.0
+        values = np.ones((len(time), self.functions))
+        for function in range(1, self.functions):
+            scale = 2 ** (function.bit_length() - 1)
+            phase = time * scale - (function - scale)
+            sign = np.where(phase < 0.5, 1.0, -1.0)
+            values[:, function] = np.where((phase >= 0) & (phase < 1), math.sqrt(scale) * sign, 0.0)
+        return values
+
+
+@dataclass(frozen=True)
+class FourierSeries:
+    """The constant, and a cosine and a sine for each harmonic of the period.
+
+    Parameters
+    ----------
+    harmonics
+        How many; there are 2 x harmonics + 1 functions.
+    """
+
+    harmonics: int = 4
+    periodic: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        _check_count(self, self.harmonics, 0)
+
+    def __call__(self, time: Array) -> Array:
+        """Values at normalised times, shape (time, function)."""
+        phase = 2 * np.pi * time[:, None] * np.arange(1, self.harmonics + 1)
+        waves = np.stack([np.cos(phase), np.sin(phase)], axis=2).reshape(len(time), -1)
+        return np.concatenate([np.ones((len(time), 1)), math.sqrt(2) * waves], axis=1)
+
+
+@dataclass(frozen=True)
+class LegendrePolynomials:
+    """Legendre polynomials over the realization.
+
+    Parameters
+    ----------
+    functions
+        How many; the highest degree is one less.
+    """
+
+    functions: int = 10
+    periodic: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        _check_count(self, self.functions)
+
+    def __call__(self, time: Array) -> Array:
+        """Values at normalised times, shape (time, function)."""
+        return np.asarray(legendre.legvander(2 * time - 1, self.functions - 1))
+
+
+@dataclass(frozen=True)
+class ChebyshevPolynomials:
+    """Chebyshev polynomials of the first kind over the realization.
+
+    Parameters
+    ----------
+    functions
+        How many; the highest degree is one less.
+    """
+
+    functions: int = 10
+    periodic: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        _check_count(self, self.functions)
+
+    def __call__(self, time: Array) -> Array:
+        """Values at normalised times, shape (time, function)."""
+        return np.asarray(chebyshev.chebvander(2 * time - 1, self.functions - 1))

@@ -1,0 +1,78 @@
+"""Derivatives of band-limited signals by short symmetric filters."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+HALF_WIDTH = 12
+"""Samples to either side; with 12 the error stays under 0.1 % up to 80 % of the Nyquist frequency."""
+
+BAND = 0.8
+"""Share of the Nyquist frequency over which the filters are fitted; beyond it lies the decimator's stop band."""
+
+
+@cache
+def derivative_weights(half_width: int = HALF_WIDTH) -> Array:
+    r"""Weights that turn samples into the signal itself and its first and second derivative.
+
+    .. math:: \frac{d^m u}{dt^m}(i) \approx f_s^m \sum_{j=-n}^{n} d_m(j)\, u(i - j)
+
+    The weights minimise the relative error of the frequency response against :math:`(j\omega)^m` over the band
+    0 to 0.8 of the Nyquist frequency. Differences of neighbouring samples are exact only at low frequency: at
+    100 Hz they bias the inertia of a joint by 75 %.
+
+    Parameters
+    ----------
+    half_width
+        Samples to either side, n.
+
+    Returns
+    -------
+    Array
+        Shape (3, 2 n + 1): rows are the derivatives of order 0, 1 and 2 for unit sample time; lags from -n to n.
+    """
+    omega = (np.arange(1, 32 * half_width) - 0.5) / (32 * half_width) * BAND * np.pi
+    lags = np.arange(1, half_width + 1)
+    phase = np.outer(omega, lags)
+    sine = np.linalg.lstsq(-2 * np.sin(phase) / omega[:, None], np.ones_like(omega), rcond=None)[0]
+    # The weights of the second derivative sum to zero, so that an offset has none.
+    cosine = np.linalg.lstsq(2 * (1 - np.cos(phase)) / omega[:, None] ** 2, np.ones_like(omega), rcond=None)[0]
+    weights = np.zeros((3, 2 * half_width + 1))
+    weights[0, half_width] = 1.0
+    weights[1] = np.concatenate([-sine[::-1], [0.0], sine])
+    weights[2] = np.concatenate([cosine[::-1], [-2 * cosine.sum()], cosine])
+    weights.flags.writeable = False
+    return weights
+
+
+def differentiate(u: Array, sampling_rate: float, half_width: int = HALF_WIDTH) -> Array:
+    """Signal, first and second derivative, where the filter has samples on both sides.
+
+    Parameters
+    ----------
+    u
+        Shape (..., time).
+    sampling_rate
+        In Hz.
+    half_width
+        Samples to either side, n, that the filters need.
+
+    Returns
+    -------
+    Array
+        Shape (3, ..., time - 2 n), in the unit of ``u`` per second to the power 0, 1 and 2.
+    """
+    rows = u.reshape(-1, u.shape[-1])
+    times = u.shape[-1] - 2 * half_width
+    out = np.empty((3, len(rows), times))
+    out[0] = rows[:, half_width : half_width + times]
+    for order in (1, 2):
+        taps = derivative_weights(half_width)[order] * sampling_rate**order
+        for row, result in zip(rows, out[order], strict=True):
+            result[:] = np.convolve(row, taps, mode="valid")
+    return out.reshape(3, *u.shape[:-1], times)

@@ -1,0 +1,96 @@
+r"""Low-rank forms of the locally periodic kernel.
+
+.. math:: K(t, t') = \gamma \exp\left(-\frac{\sin^2(\pi (t - t') / p)}{l_1}\right)
+          \exp\left(-\frac{(t - t')^2}{l_2^2}\right)
+
+(equation 17 of van de Ruit et al. 2021). A function with this covariance is a sum of a few known features with
+independent coefficients, so that no matrix of the record's length is ever built.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ive
+
+Array = NDArray[np.float64]
+
+TOLERANCE = 1e-9
+"""Share of the prior variance below which a feature is left out."""
+
+
+def locally_periodic(time: Array, other: Array, period: float, l1: float, l2: float) -> Array:
+    """Dense kernel for gamma = 1, shape (time, other): for short records and for checks."""
+    difference = time[:, None] - other
+    return np.asarray(np.exp(-(np.sin(np.pi * difference / period) ** 2) / l1 - (difference / l2) ** 2))
+
+
+def harmonic_variances(l1: float) -> Array:
+    r"""Variances of the harmonics in the periodic factor of the kernel.
+
+    With :math:`\kappa = 1 / (2 l_1)`,
+
+    .. math:: e^{-\sin^2(\pi\Delta/p)/l_1} = e^{-\kappa} e^{\kappa\cos(2\pi\Delta/p)}
+              = \sum_h v_h \cos(2\pi h\Delta/p), \quad v_0 = e^{-\kappa} I_0(\kappa),\ v_h = 2 e^{-\kappa} I_h(\kappa)
+
+    Parameters
+    ----------
+    l1
+        Smoothness, without unit; larger is smoother.
+
+    Returns
+    -------
+    Array
+        Shape (harmonic,), from the constant to the last one that matters; their sum is 1.
+
+    Examples
+    --------
+    >>> len(harmonic_variances(np.exp(-2)))
+    15
+    """
+    kappa = 1 / (2 * l1)
+    orders = np.arange(math.ceil(10 + 8 * math.sqrt(kappa)) + 1)
+    variances = np.where(orders == 0, 1.0, 2.0) * ive(orders, kappa)
+    return np.asarray(variances[: int(np.flatnonzero(variances > TOLERANCE)[-1]) + 1])
+
+
+def harmonic_features(time: Array, period: float, harmonics: int) -> Array:
+    """Constant, then cosine and sine of each harmonic; shape (time, 2 x harmonics + 1)."""
+    phase = 2 * np.pi / period * np.outer(time, np.arange(1, harmonics + 1))
+    waves = np.stack([np.cos(phase), np.sin(phase)], axis=2).reshape(len(time), -1)
+    return np.concatenate([np.ones((len(time), 1)), waves], axis=1)
+
+
+class DecayFeatures:
+    r"""Features whose products make :math:`e^{-(t - t')^2 / l_2^2}` over an interval of time.
+
+    They are the kernel's eigenfunctions over the interval, found on Gauss-Legendre nodes and continued to any time by
+    the kernel itself (Nyström): ``features(t) @ features(s).T`` is the kernel.
+
+    Parameters
+    ----------
+    first, last
+        Ends of the interval in s.
+    l2
+        Length of the decay in s.
+    """
+
+    def __init__(self, first: float, last: float, l2: float) -> None:
+        self.l2 = l2
+        span = max(last - first, 1e-9)
+        nodes, weights = np.polynomial.legendre.leggauss(math.ceil(16 + 5 * span / l2))
+        self.nodes = first + span * (nodes + 1) / 2
+        root = np.sqrt(weights / 2)
+        values, vectors = np.linalg.eigh(root[:, None] * self._kernel(self.nodes) * root)
+        kept = values > TOLERANCE * values.sum()
+        self.variances: Array = values[kept][::-1]
+        self.projection: Array = (root[:, None] * vectors[:, kept] / np.sqrt(values[kept]))[:, ::-1]
+
+    def _kernel(self, time: Array) -> Array:
+        return np.asarray(np.exp(-(((time[:, None] - self.nodes) / self.l2) ** 2)))
+
+    def __call__(self, time: Array) -> Array:
+        """Values at the times in s, shape (time, feature)."""
+        return self._kernel(time) @ self.projection

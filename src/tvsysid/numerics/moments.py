@@ -1,0 +1,163 @@
+"""Second moments over realizations, from which every ensemble method starts.
+
+With realizations in the rows of ``u`` (realization, time), all second moments over realizations are entries of
+one matrix, ``G = uᵀu / R``: the matrix of lagged correlations at a time is a window on its diagonal. One product
+therefore serves all times, and long realizations are done in blocks, so that memory grows with their length only.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.lib.stride_tricks import as_strided
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+BLOCK = 100
+"""Samples a block: larger ones waste products far from the diagonal, smaller ones waste calls."""
+
+
+def window_moments(a: Array, b: Array, before: int, after: int) -> Array:
+    r"""Second moments of two signals in a window that slides along them.
+
+    .. math:: M(i, j, k) = \frac1R \sum_r a_r(i + j)\, b_r(i + k), \qquad 0 \le j, k \le before + after
+
+    Parameters
+    ----------
+    a, b
+        Signals, shape (realization, time).
+    before, after
+        Samples of the window before and after its centre. The first window starts at sample 0, so that its centre
+        is sample ``before``.
+
+    Returns
+    -------
+    Array
+        Shape (window centre, before + after + 1, before + after + 1); there are
+        time - before - after centres.
+    """
+    length = before + after + 1
+    centres = a.shape[1] - length + 1
+    moments = np.empty((centres, length, length))
+    for start in range(0, centres, BLOCK):
+        stop = min(start + BLOCK, centres)
+        columns = slice(start, stop + length - 1)
+        product = a[:, columns].T @ b[:, columns]
+        row, column = product.strides
+        moments[start:stop] = as_strided(
+            product, (stop - start, length, length), (row + column, row, column), writeable=False
+        )
+    moments /= len(a)
+    return moments
+
+
+def lagged_moments(u: Array, y: Array, lags: int) -> tuple[Array, Array, Array, Array]:
+    r"""Correlations of lagged inputs with each other and with the output, at each time.
+
+    With :math:`x_r(i) = [u_r(i + n), \dots, u_r(i - n)]`, that is, lags from -n to n samples,
+
+    .. math:: \Phi(i) = \frac1R \sum_r x_r(i) x_r(i)^T, \qquad \varphi(i) = \frac1R \sum_r x_r(i)\, y_r(i)
+
+    (equations 4 and 6 of van de Ruit et al. 2021, in matrix form).
+
+    Parameters
+    ----------
+    u, y
+        Input and output, shape (realization, time).
+    lags
+        Lags to either side, n.
+
+    Returns
+    -------
+    phi_uu : Array
+        Shape (time - 2 n, 2 n + 1, 2 n + 1); row 0 belongs to sample n.
+    phi_uy : Array
+        Shape (time - 2 n, 2 n + 1).
+    y_square, y_mean : Array
+        Mean square and mean of the output over realizations, shape (time - 2 n,).
+    """
+    phi_uu = window_moments(u, u, lags, lags)[:, ::-1, ::-1]
+    inner = y[:, lags : y.shape[1] - lags]
+    return phi_uu, _cross_moments(u, inner, 2 * lags + 1), np.mean(inner * inner, axis=0), inner.mean(axis=0)
+
+
+def _cross_moments(u: Array, y: Array, length: int) -> Array:
+    """Moments of y at each time with the window of u about it, latest sample of u first."""
+    times = y.shape[1]
+    moments = np.empty((times, length))
+    for start in range(0, times, BLOCK):
+        stop = min(start + BLOCK, times)
+        product = u[:, start : stop + length - 1].T @ y[:, start:stop]
+        row, column = product.strides
+        moments[start:stop] = as_strided(
+            product, (stop - start, length), (row + column, row), writeable=False
+        )[:, ::-1]
+    moments /= len(u)
+    return moments
+
+
+def sliding_sum(x: Array, before: int, after: int) -> Array:
+    """Sum of x over a window along its first axis; the window is cut short at both ends.
+
+    Row i is ``x[max(0, i - before) : i + after + 1].sum(axis=0)``. Done by doubling, so that the cost grows
+    with the logarithm of the window and nothing is subtracted (which would lose digits).
+
+    Parameters
+    ----------
+    x
+        Shape (time, ...).
+    before, after
+        Samples of the window before and after its centre.
+
+    Returns
+    -------
+    Array
+        Shape of ``x``.
+
+    Examples
+    --------
+    >>> sliding_sum(np.array([1.0, 2.0, 3.0, 4.0]), 1, 1)
+    array([3., 6., 9., 7.])
+    """
+    length, total, span = before + after + 1, None, 1
+    padded = np.zeros((len(x) + length - 1, *x.shape[1:]))
+    padded[before : before + len(x)] = x
+    power, offset = padded, 0  # power[i] is the sum of `span` samples from i on
+    while True:
+        if length & span:
+            part = power[offset : offset + len(x)]
+            total = part.copy() if total is None else total + part
+            offset += span
+        if 2 * span > length:
+            return total  # type: ignore[return-value]  # length >= 1, so some bit was set
+        power = power[:-span] + power[span:]
+        span *= 2
+
+
+def convolve_lags(u: Array, response: Array) -> Array:
+    r"""Output of a time-varying two-sided impulse response.
+
+    .. math:: y_r(i) = \sum_{j=-n}^{m} w(i, j)\, u_r(i - j)
+
+    Parameters
+    ----------
+    u
+        Input, shape (realization, time).
+    response
+        Weights w (impulse response times the sample time), shape (time - n - m, n + m + 1), lags from -n to m; row 0
+        belongs to sample m of the input.
+
+    Returns
+    -------
+    Array
+        Shape (realization, time - n - m).
+    """
+    times, length = response.shape
+    out = np.empty((len(u), times))
+    for start in range(0, times, BLOCK):
+        stop = min(start + BLOCK, times)
+        band = np.zeros((stop - start + length - 1, stop - start))
+        row, column = band.strides
+        as_strided(band, (stop - start, length), (row + column, row))[:] = response[start:stop, ::-1]
+        np.matmul(u[:, start : stop + length - 1], band, out=out[:, start:stop])
+    return out

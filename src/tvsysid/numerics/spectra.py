@@ -1,0 +1,92 @@
+"""Spectra from second moments: short-time spectral densities averaged over realizations."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tvsysid.numerics.moments import BLOCK, window_moments
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+
+class ShortTimeSpectra(NamedTuple):
+    """Spectral densities, shape (time, frequency): input, output with input, output."""
+
+    uu: Array
+    yu: ComplexArray
+    yy: Array
+
+
+def short_time_spectra(u: Array, y: Array, length: int) -> ShortTimeSpectra:
+    r"""Spectral densities of Hann-windowed segments about each time, averaged over realizations.
+
+    .. math:: S_{yu}(f, t) = \frac{1}{N R} \sum_r Y_r(f, t)\, U_r^*(f, t)
+
+    (equations 10 and 11 of van de Ruit et al. 2021), where U and Y are the Fourier transforms of the windowed
+    segments; no mean is subtracted. They follow from the second moments of the samples in the window: with
+    :math:`F` the windowed Fourier matrix and :math:`M(t)` those moments, :math:`S(f, t) = (F M(t) F^H)_{ff} / N`, so
+    that no segment is ever transformed.
+
+    Parameters
+    ----------
+    u, y
+        Input and output, shape (realization, time).
+    length
+        Samples of a segment, N. For an even one the segment about t is t - N/2 ... t + N/2 - 1, and the periodic
+        Hann window peaks at t; for an odd one segment and window are symmetric.
+
+    Returns
+    -------
+    ShortTimeSpectra
+        Shape (time - N + 1, N // 2 + 1); row 0 belongs to sample N // 2.
+    """
+    window = hann(length)
+    transform = np.fft.rfft(np.diag(window), axis=1)  # (sample, frequency)
+    stacked = np.concatenate([transform.real, -transform.imag], axis=1)
+    before, after = length // 2, length - 1 - length // 2
+    frequencies = transform.shape[1]
+
+    def density(a: Array, b: Array) -> ComplexArray:
+        centres = a.shape[1] - length + 1
+        out = np.empty((centres, frequencies), dtype=np.complex128)
+        for start in range(0, centres, BLOCK):
+            stop = min(start + BLOCK, centres)
+            columns = slice(start, stop + length - 1)
+            moments = window_moments(a[:, columns], b[:, columns], before, after)
+            half = (moments.reshape(-1, length) @ stacked).reshape(stop - start, length, 2 * frequencies)
+            real, imaginary = half[..., :frequencies], half[..., frequencies:]
+            out.real[start:stop] = np.einsum("tjf,jf->tf", real, transform.real) - np.einsum(
+                "tjf,jf->tf", imaginary, transform.imag
+            )
+            out.imag[start:stop] = np.einsum("tjf,jf->tf", real, transform.imag) + np.einsum(
+                "tjf,jf->tf", imaginary, transform.real
+            )
+        return out / length
+
+    return ShortTimeSpectra(density(u, u).real, density(y, u), density(y, y).real)
+
+
+def hann(length: int) -> Array:
+    """Hann window that is symmetric about sample length // 2; shape (length,).
+
+    Examples
+    --------
+    >>> hann(4)
+    array([0. , 0.5, 1. , 0.5])
+    """
+    if length % 2 == 0:
+        return np.asarray(0.5 - 0.5 * np.cos(2 * np.pi * np.arange(length) / length))
+    return np.asarray(0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(length) + 1) / (length + 1)))
+
+
+def power_share(x: Array, sampling_rate: float, low: float, high: float) -> float:
+    """Share of the variance of x, shape (realization, time), that lies from low to high (Hz)."""
+    centred = x - x.mean(axis=1, keepdims=True)
+    power = np.sum(np.abs(np.fft.rfft(centred * hann(x.shape[1]), axis=1)) ** 2, axis=0)
+    frequencies = np.fft.rfftfreq(x.shape[1], 1 / sampling_rate)
+    inside = (frequencies >= low) & (frequencies <= high)
+    return float(power[inside].sum() / power.sum()) if power.sum() > 0 else 0.0

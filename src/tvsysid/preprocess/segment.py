@@ -1,0 +1,122 @@
+"""Cut a recording into realizations, and take out what they have in common."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from tvsysid.errors import InputError
+from tvsysid.signals import Ensemble, Recording
+
+Array = NDArray[np.float64]
+
+
+def segment(recording: Recording, period: float, context: float = 0.5) -> Ensemble:
+    """Cut each trial into realizations that begin at multiples of the period from time 0.
+
+    Parameters
+    ----------
+    recording
+        What to cut.
+    period
+        Duration of a realization in s: a whole number of samples.
+    context
+        Seconds of the record that each realization keeps on either side. Realizations at the ends that lack it are left
+        out, and ``left_out`` of the ensemble counts them; 0 keeps them all.
+
+    Returns
+    -------
+    Ensemble
+        Every realization that the record holds whole, in order.
+
+    Raises
+    ------
+    InputError
+        If the period is not a whole number of samples, or longer than the record.
+    """
+    rate = recording.sampling_rate
+    samples, margin = _whole_samples("period", period, rate), round(context * rate)
+    if not (math.isfinite(context) and margin >= 0):
+        raise InputError(f"segment: context must be zero or more seconds, got {context!r}")
+    if samples < 1:
+        raise InputError(f"segment: period must be positive, got {period!r} s")
+    firsts: list[int] = []
+    trials: list[int] = []
+    left_out = 0
+    for number, trial in enumerate(recording.trials):
+        length = trial.stop - trial.start
+        # First multiple of the period at or after the trial's first sample, as a sample of the trial.
+        first = math.ceil(round(recording.start * rate) / samples) * samples - round(recording.start * rate)
+        whole = range(first, length - samples + 1, samples)
+        with_context = [i for i in whole if i >= margin and i + samples + margin <= length]
+        left_out += len(whole) - len(with_context)
+        firsts += [trial.start + i for i in with_context]
+        trials += [number] * len(with_context)
+    if not firsts:
+        longest = max(trial.stop - trial.start for trial in recording.trials) / rate
+        raise InputError(
+            f"segment: no realization of {period:g} s with {context:g} s of context on both sides fits into "
+            f"{longest:g} s of record from {recording.start:g} s on; give a shorter period, or less context"
+        )
+    index = np.array(firsts)
+    number = np.array(trials)
+    within = index - np.array(recording.trial_starts)[number]
+
+    def cut(x: Array) -> Array:
+        return sliding_window_view(x, samples + 2 * margin)[index - margin]
+
+    return Ensemble(
+        angle=cut(recording.angle),
+        torque=cut(recording.torque),
+        sampling_rate=rate,
+        context=margin,
+        onsets=recording.start + within / rate,
+        trials=number,
+        channels={name: cut(values) for name, values in recording.channels.items()},
+        left_out=left_out,
+    )
+
+
+def _whole_samples(name: str, seconds: float, rate: float) -> int:
+    samples = seconds * rate
+    if not math.isfinite(samples) or abs(samples - round(samples)) > 1e-6 * max(1.0, abs(samples)):
+        nearest = round(samples) / rate if math.isfinite(samples) else math.nan
+        raise InputError(
+            f"segment: {name} {seconds:g} s is not a whole number of samples at {rate:g} Hz; "
+            f"the nearest that is: {nearest:g} s"
+        )
+    return round(samples)
+
+
+def subtract_mean(ensemble: Ensemble) -> Ensemble:
+    """Subtract from angle and torque, at each time, their mean over realizations.
+
+    What all realizations share (the voluntary torque, an imposed movement) is no answer to the perturbation. Further
+    channels stay as they are.
+
+    Parameters
+    ----------
+    ensemble
+        At least two realizations.
+
+    Returns
+    -------
+    Ensemble
+        Deviations from the mean.
+
+    Raises
+    ------
+    InputError
+        For a single realization, which would leave nothing.
+    """
+    if len(ensemble) < 2:
+        raise InputError("subtract_mean: expected at least two realizations, got one; its mean is the signal itself")
+    return replace(
+        ensemble,
+        angle=ensemble.angle - ensemble.angle.mean(axis=0),
+        torque=ensemble.torque - ensemble.torque.mean(axis=0),
+    )

@@ -1,0 +1,341 @@
+"""Recordings and ensembles: checked once when they are made, unchangeable after, SI units."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tvsysid.errors import InputError
+
+Array = NDArray[np.float64]
+
+
+def checked_array(name: str, values: ArrayLike, axes: tuple[str, ...]) -> Array:
+    """Read-only float64 view of numbers that are all finite, or an error that says what is wrong.
+
+    Parameters
+    ----------
+    name
+        What the values are, for the message.
+    values
+        Anything that NumPy makes an array of; never altered.
+    axes
+        Names of the axes expected.
+
+    Returns
+    -------
+    Array
+        C-ordered and read-only; no copy where none is needed.
+
+    Raises
+    ------
+    InputError
+        For values that are not real numbers, have other axes, are empty, or hold NaN or infinities.
+    """
+    try:
+        array = np.asarray(values)
+    except ValueError as error:  # ragged nested lists
+        raise InputError(f"{name}: expected an array of numbers, got rows of different length") from error
+    if array.dtype.kind not in "iuf":
+        raise InputError(f"{name}: expected real numbers, got values of type {array.dtype}; convert them first")
+    expected = f"{len(axes)} axis ({axes[0]})" if len(axes) == 1 else f"{len(axes)} axes ({', '.join(axes)})"
+    if array.ndim != len(axes):
+        raise InputError(f"{name}: expected {expected}, got an array of shape {array.shape}; reshape or index it")
+    if array.size == 0:
+        raise InputError(f"{name}: expected samples, got an empty array of shape {array.shape}")
+    array = np.ascontiguousarray(array, dtype=np.float64).view()
+    # A sum is finite only if every value is (or it overflows, which is looked into).
+    if not math.isfinite(float(array.sum())):
+        bad = ~np.isfinite(array)
+        if bad.any():
+            first = tuple(int(index) for index in np.argwhere(bad)[0])
+            where = ", ".join(f"{axis} {index}" for axis, index in zip(axes, first, strict=True))
+            raise InputError(
+                f"{name}: {int(bad.sum())} of {array.size} values are NaN or infinite, the first at {where}; "
+                "cut them out or interpolate them before"
+            )
+    array.flags.writeable = False
+    return array
+
+
+def checked_rate(sampling_rate: float) -> float:
+    """Return the sampling rate as a float, if it is a positive finite number of hertz."""
+    try:
+        rate = float(sampling_rate)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"sampling_rate: expected a number of hertz, got {sampling_rate!r}") from error
+    if not (math.isfinite(rate) and rate > 0):
+        raise InputError(f"sampling_rate: expected a positive number of hertz, got {sampling_rate!r}")
+    return rate
+
+
+def _checked_pair(angle: Array, torque: Array) -> None:
+    if angle.shape != torque.shape:
+        raise InputError(
+            f"angle and torque must have the same shape, got {angle.shape} and {torque.shape}; "
+            "cut them to the samples that both have"
+        )
+    if np.ptp(angle) == 0:
+        raise InputError(
+            f"angle: all {angle.size} values are {angle.flat[0]:g} rad; a joint that is not moved cannot be "
+            "identified. Is this the right channel?"
+        )
+
+
+def _checked_channels(channels: Mapping[str, ArrayLike], like: Array, axes: tuple[str, ...]) -> Mapping[str, Array]:
+    checked = {name: checked_array(f"channel {name!r}", values, axes) for name, values in channels.items()}
+    for name, values in checked.items():
+        if values.shape != like.shape:
+            raise InputError(f"channel {name!r}: expected the angle's shape {like.shape}, got {values.shape}")
+    return MappingProxyType(checked)
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Recording:
+    """Angle and torque of a joint against time: one continuous record, or several trials one after the other.
+
+    Parameters
+    ----------
+    angle
+        In rad, shape (time,).
+    torque
+        In N·m, shape (time,), positive where it resists a positive angle.
+    sampling_rate
+        In Hz.
+    start
+        Time of the first sample (of each trial) in s.
+    channels
+        Further signals by name, each of shape (time,).
+    trial_starts
+        Index of the first sample of each trial; nothing is filtered or cut across these.
+
+    Raises
+    ------
+    InputError
+        For signals that are not finite numbers of one common length, an angle that does not vary, or a sampling rate
+        that is not positive.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> angle = np.sin(np.arange(1000) / 50)
+    >>> Recording(angle, 80 * angle, sampling_rate=100)
+    Recording(10 s at 100 Hz; angle RMS 0.704 rad, torque RMS 56.3 N·m)
+    """
+
+    angle: Array
+    torque: Array
+    sampling_rate: float
+    start: float = 0.0
+    channels: Mapping[str, Array] = field(default_factory=dict)
+    trial_starts: tuple[int, ...] = (0,)
+
+    def __post_init__(self) -> None:
+        axes = ("time",)
+        object.__setattr__(self, "angle", checked_array("angle", self.angle, axes))
+        object.__setattr__(self, "torque", checked_array("torque", self.torque, axes))
+        object.__setattr__(self, "sampling_rate", checked_rate(self.sampling_rate))
+        _checked_pair(self.angle, self.torque)
+        object.__setattr__(self, "channels", _checked_channels(self.channels, self.angle, axes))
+        if not math.isfinite(self.start):
+            raise InputError(f"start: expected the time of the first sample in seconds, got {self.start!r}")
+        starts = self.trial_starts
+        if not starts or starts[0] != 0 or any(b <= a for a, b in zip(starts, (*starts[1:], len(self)), strict=True)):
+            raise InputError(
+                f"trial_starts: expected increasing sample indices from 0 to below {len(self)}, got {starts!r}"
+            )
+
+    def __len__(self) -> int:
+        return len(self.angle)
+
+    def __repr__(self) -> str:
+        trials = f" in {len(self.trial_starts)} trials" if len(self.trial_starts) > 1 else ""
+        return (
+            f"Recording({self.duration:g} s{trials} at {self.sampling_rate:g} Hz; "
+            f"angle RMS {_rms(self.angle):.3g} rad, torque RMS {_rms(self.torque):.3g} N·m)"
+        )
+
+    @property
+    def duration(self) -> float:
+        """Seconds recorded, all trials together."""
+        return len(self) / self.sampling_rate
+
+    @property
+    def trials(self) -> tuple[slice, ...]:
+        """Samples of each trial."""
+        ends = (*self.trial_starts[1:], len(self))
+        return tuple(slice(first, end) for first, end in zip(self.trial_starts, ends, strict=True))
+
+    @property
+    def time(self) -> Array:
+        """Time of each sample in s, shape (time,); begins anew with each trial."""
+        counts = [np.arange(trial.stop - trial.start) for trial in self.trials]
+        return self.start + np.concatenate(counts) / self.sampling_rate
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Ensemble:
+    """Realizations of one repeated behaviour, aligned in time.
+
+    Parameters
+    ----------
+    angle
+        In rad, shape (realization, context + time + context).
+    torque
+        In N·m, same shape.
+    sampling_rate
+        In Hz.
+    context
+        Samples on either side of each realization that were recorded there, so that lags and windows at its edges use
+        measured data. Without them, what cannot be estimated is NaN.
+    onsets
+        Time in s of each realization's first sample (context not counted), shape (realization,). Realizations
+        of one trial that follow each other without a gap are joined by methods that need a continuous record. Default:
+        none follows another.
+    trials
+        Number of the trial that each realization comes from, shape (realization,).
+    channels
+        Further signals by name, each of the angle's shape.
+    left_out
+        How many realizations were not taken up when the record was cut, for want of context.
+
+    Raises
+    ------
+    InputError
+        For signals that are not finite numbers of one common shape, an angle that does not vary, a sampling rate that
+        is not positive, or a context that leaves no sample.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> angle = np.random.default_rng(0).normal(size=(50, 200))
+    >>> Ensemble(angle, 80 * angle, sampling_rate=100)
+    Ensemble(50 realizations of 2 s at 100 Hz, context 0 s; angle RMS 0.995 rad, torque RMS 79.6 N·m)
+    """
+
+    angle: Array
+    torque: Array
+    sampling_rate: float
+    context: int = 0
+    onsets: Array | None = None
+    trials: NDArray[np.int64] | None = None
+    channels: Mapping[str, Array] = field(default_factory=dict)
+    left_out: int = 0
+
+    def __post_init__(self) -> None:
+        axes = ("realization", "time")
+        object.__setattr__(self, "angle", checked_array("angle", self.angle, axes))
+        object.__setattr__(self, "torque", checked_array("torque", self.torque, axes))
+        object.__setattr__(self, "sampling_rate", checked_rate(self.sampling_rate))
+        _checked_pair(self.angle, self.torque)
+        object.__setattr__(self, "channels", _checked_channels(self.channels, self.angle, axes))
+        if int(self.context) != self.context or not 0 <= 2 * self.context < self.angle.shape[1]:
+            raise InputError(
+                f"context: expected a whole number of samples from 0 to {(self.angle.shape[1] - 1) // 2} (half of the "
+                f"{self.angle.shape[1]} samples given), got {self.context!r}"
+            )
+        object.__setattr__(self, "context", int(self.context))
+        count = (len(self.angle),)
+        separate = self.onsets is None and self.trials is None
+        onsets = np.zeros(count) if self.onsets is None else checked_array("onsets", self.onsets, axes[:1])
+        trials = np.arange(count[0]) if separate else np.zeros(count, dtype=np.int64)
+        if self.trials is not None:
+            trials = np.array(self.trials)
+            if trials.dtype.kind not in "iu":
+                raise InputError(f"trials: expected whole numbers, got values of type {trials.dtype}")
+        if onsets.shape != count or trials.shape != count:
+            raise InputError(
+                f"onsets and trials: expected one for each of the {count[0]} realizations, "
+                f"got shapes {onsets.shape} and {trials.shape}"
+            )
+        for name, values in (("onsets", onsets.view()), ("trials", trials.astype(np.int64))):
+            values.flags.writeable = False
+            object.__setattr__(self, name, values)
+
+    def __len__(self) -> int:
+        return len(self.angle)
+
+    def __repr__(self) -> str:
+        left_out = f", {self.left_out} left out for want of context" if self.left_out else ""
+        return (
+            f"Ensemble({len(self)} realizations of {self.duration:g} s at {self.sampling_rate:g} Hz, "
+            f"context {self.context / self.sampling_rate:g} s{left_out}; angle RMS {_rms(self.angle):.3g} rad, "
+            f"torque RMS {_rms(self.torque):.3g} N·m)"
+        )
+
+    @property
+    def samples(self) -> int:
+        """Samples of one realization, context not counted."""
+        return self.angle.shape[1] - 2 * self.context
+
+    @property
+    def duration(self) -> float:
+        """Seconds of one realization, context not counted."""
+        return self.samples / self.sampling_rate
+
+    @property
+    def time(self) -> Array:
+        """Time within a realization in s, shape (time,), context not counted."""
+        return np.arange(self.samples) / self.sampling_rate
+
+    @property
+    def core(self) -> slice:
+        """Samples of a realization within its context: ``ensemble.torque[:, ensemble.core]``."""
+        return slice(self.context, self.context + self.samples)
+
+    @property
+    def runs(self) -> tuple[NDArray[np.int64], ...]:
+        """Indices of realizations that follow each other without a gap, one array for each unbroken run."""
+        assert self.onsets is not None
+        assert self.trials is not None
+        order = np.lexsort((self.onsets, self.trials))
+        onsets, trials = self.onsets[order], self.trials[order]
+        tolerance = 0.5 / self.sampling_rate
+        broken = (np.abs(np.diff(onsets) - self.duration) > tolerance) | (np.diff(trials) != 0)
+        return tuple(np.split(order, np.flatnonzero(broken) + 1))
+
+    def select(self, realizations: ArrayLike) -> Ensemble:
+        """Ensemble of the realizations with these indices, in this order.
+
+        Parameters
+        ----------
+        realizations
+            Indices or a boolean mask, shape (realization,).
+        """
+        assert self.onsets is not None
+        assert self.trials is not None
+        index = np.asarray(realizations)
+        changes: dict[str, Any] = {
+            name: getattr(self, name)[index] for name in ("angle", "torque", "onsets", "trials")
+        }
+        return replace(self, **changes, channels={name: values[index] for name, values in self.channels.items()})
+
+    def to_xarray(self) -> Any:
+        """Return the signals as an xarray.Dataset with dimensions realization and time, units as attributes."""
+        import xarray as xr  # noqa: PLC0415  # heavy
+
+        time = (np.arange(self.angle.shape[1]) - self.context) / self.sampling_rate
+        dims = ("realization", "time")
+        return xr.Dataset(
+            {
+                "angle": (dims, self.angle, {"units": "rad"}),
+                "torque": (dims, self.torque, {"units": "N m"}),
+                **{name: (dims, values) for name, values in self.channels.items()},
+            },
+            coords={
+                "time": ("time", time, {"units": "s"}),
+                "onset": ("realization", self.onsets, {"units": "s"}),
+                "trial": ("realization", self.trials),
+            },
+            attrs={"sampling_rate": self.sampling_rate, "context": self.context},
+        )

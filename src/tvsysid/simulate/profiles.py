@@ -1,0 +1,105 @@
+"""How stiffness (or viscosity) changes over time: any callable of time serves; these are the usual ones."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tvsysid.errors import InputError
+
+Array = NDArray[np.float64]
+
+
+def _check(profile: object, **positive: float) -> None:
+    for name, value in vars(profile).items():
+        if not isinstance(value, (int, float)) or not math.isfinite(value):
+            raise InputError(f"{type(profile).__name__}: {name} must be a finite number, got {value!r}")
+    for name, value in positive.items():
+        if value <= 0:
+            raise InputError(f"{type(profile).__name__}: {name} must be positive, got {value!r}")
+
+
+@dataclass(frozen=True)
+class Constant:
+    """The same value at all times.
+
+    Parameters
+    ----------
+    value
+        In N·m/rad for stiffness, N·m·s/rad for viscosity.
+    """
+
+    value: float = 100.0
+
+    def __post_init__(self) -> None:
+        _check(self)
+
+    @property
+    def period(self) -> float:
+        """No time after which it repeats is needed: any will do; 1 s."""
+        return 1.0
+
+    def __call__(self, time: Array) -> Array:
+        """Value at each time."""
+        return np.full(np.shape(time), self.value)
+
+
+@dataclass(frozen=True)
+class SquareWave:
+    """Low, then high for half a period, then low: the most sudden change.
+
+    Parameters
+    ----------
+    low, high
+        Levels, in N·m/rad.
+    period
+        In s.
+    offset
+        Time of the first upward switch in s.
+
+    Examples
+    --------
+    >>> SquareWave()(np.array([0.0, 0.499, 0.5, 1.499, 1.5, 2.0]))
+    array([ 50.,  50., 150., 150.,  50.,  50.])
+    """
+
+    low: float = 50.0
+    high: float = 150.0
+    period: float = 2.0
+    offset: float = 0.5
+
+    def __post_init__(self) -> None:
+        _check(self, period=self.period)
+
+    def __call__(self, time: Array) -> Array:
+        """Value at each time."""
+        # Rounding keeps a sample that lies on a switch on the switch's far side.
+        phase = np.round((np.asarray(time) - self.offset) / self.period, 9) % 1.0
+        return np.where(phase < 0.5, self.high, self.low)
+
+
+@dataclass(frozen=True)
+class SineWave:
+    """Sinusoid about a mean: the usual voluntary modulation.
+
+    Parameters
+    ----------
+    mean, amplitude
+        In N·m/rad.
+    period
+        In s.
+    """
+
+    mean: float = 100.0
+    amplitude: float = 50.0
+    period: float = 2.0
+
+    def __post_init__(self) -> None:
+        _check(self, period=self.period)
+
+    def __call__(self, time: Array) -> Array:
+        """Value at each time."""
+        return np.asarray(self.mean + self.amplitude * np.sin(2 * np.pi * np.asarray(time) / self.period))

@@ -1,0 +1,26 @@
+"""tvsysid: how stiff a human joint is while it moves.
+
+The way data flows::
+
+    file -> Recording -> preprocess -> Ensemble -> method.identify -> model -> stiffness, viscosity, inertia
+                simulate.joint -> Simulation(recording, truth)  ^                    metrics, figures ^
+
+>>> import tvsysid as tv
+>>> simulation = tv.simulate.joint(40, stiffness=tv.simulate.SquareWave(),
+...                                perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1)
+>>> recording = tv.preprocess.decimate(simulation.recording, 100)      # or tv.read_recording("ankle.mat", ...)
+>>> ensemble = tv.preprocess.segment(recording, period=2.0)
+>>> model = tv.ShortDataSegments(max_lag=0.12, window=0.10).identify(ensemble)
+>>> model.stiffness.shape
+(200,)
+>>> torque = model.predict(ensemble)
+>>> vaf = tv.metrics.vaf(ensemble.torque[:, ensemble.core], torque)
+
+Everything is imported when it is first used; ``__init__.pyi`` beside this file lists the public names.
+"""
+
+import lazy_loader
+
+__version__ = "0.1.0"
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

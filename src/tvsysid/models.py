@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
+Labelled = dict[str, tuple[tuple[str, ...], Any]]
+"""Values with the names of their axes, by name."""
 
 UNITS = {
     "stiffness": "N m/rad",
@@ -156,17 +158,17 @@ class Model(ABC):
         """
         import xarray as xr  # noqa: PLC0415  # heavy
 
-        variables: dict[str, tuple[tuple[str, ...], Any]] = {
+        variables: Labelled = {
             name: (("time",), getattr(self, name)) for name in ("stiffness", "viscosity", "inertia")
         }
-        coordinates: dict[str, tuple[tuple[str, ...], Any]] = {"time": (("time",), self.time)}
+        coordinates: Labelled = {"time": (("time",), self.time)}
         if self.diagnostics.rank is not None:
             variables["rank"] = (("time",), self.diagnostics.rank)
         extra, extra_coordinates = self._identified()
         variables |= extra
         coordinates |= extra_coordinates
 
-        def with_unit(items: dict[str, tuple[tuple[str, ...], Any]]) -> dict[str, Any]:
+        def with_unit(items: Labelled) -> dict[str, Any]:
             return {
                 name: (dims, values, {"units": UNITS[name]} if name in UNITS else {})
                 for name, (dims, values) in items.items()
@@ -188,7 +190,7 @@ class Model(ABC):
     def _repr_html_(self) -> str:
         return str(self.to_xarray()._repr_html_())
 
-    def _identified(self) -> tuple[dict[str, tuple[tuple[str, ...], Any]], dict[str, tuple[tuple[str, ...], Any]]]:
+    def _identified(self) -> tuple[Labelled, Labelled]:
         """Variables and coordinates beyond stiffness, viscosity and inertia."""
         return {}, {}
 
@@ -212,7 +214,7 @@ class ImpulseResponseModel(Model):
         n = len(self.lags) // 2
         return _convolve(ensemble, self.impulse_response / self.sampling_rate, n, n)
 
-    def _identified(self) -> tuple[dict[str, tuple[tuple[str, ...], Any]], dict[str, tuple[tuple[str, ...], Any]]]:
+    def _identified(self) -> tuple[Labelled, Labelled]:
         return {"impulse_response": (("time", "lag"), self.impulse_response)}, {"lag": (("lag",), self.lags)}
 
 
@@ -244,8 +246,8 @@ class FrequencyResponseModel(Model):
         weights = np.fft.fftshift(np.fft.irfft(self.frequency_response, self.segment, axis=1), axes=1)
         return _convolve(ensemble, weights, self.segment // 2, (self.segment - 1) // 2)
 
-    def _identified(self) -> tuple[dict[str, tuple[tuple[str, ...], Any]], dict[str, tuple[tuple[str, ...], Any]]]:
-        variables = {
+    def _identified(self) -> tuple[Labelled, Labelled]:
+        variables: Labelled = {
             "frequency_response": (("time", "frequency"), self.frequency_response),
             "coherence": (("time", "frequency"), self.coherence),
         }
@@ -292,8 +294,8 @@ class SecondOrderModel(Model):
         )
         return out
 
-    def _identified(self) -> tuple[dict[str, tuple[tuple[str, ...], Any]], dict[str, tuple[tuple[str, ...], Any]]]:
-        variables = {
+    def _identified(self) -> tuple[Labelled, Labelled]:
+        variables: Labelled = {
             "coefficients": (("coefficient",), self.coefficients),
             "covariance": (("coefficient", "other_coefficient"), self.covariance),
         }

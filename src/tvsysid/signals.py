@@ -276,7 +276,7 @@ class Ensemble:
     @property
     def samples(self) -> int:
         """Samples of one realization, context not counted."""
-        return self.angle.shape[1] - 2 * self.context
+        return int(self.angle.shape[1] - 2 * self.context)
 
     @property
     def duration(self) -> float:

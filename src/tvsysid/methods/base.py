@@ -8,7 +8,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import ClassVar, get_args
+from typing import ClassVar, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from tvsysid.numerics.spectra import power_share
 from tvsysid.signals import Ensemble
 
 Array = NDArray[np.float64]
+Number = TypeVar("Number", np.float64, np.complex128)
 
 
 @dataclass(frozen=True)
@@ -111,7 +112,7 @@ def missing_edge(reach: int, ensemble: Ensemble) -> int:
     return max(0, reach - ensemble.context)
 
 
-def padded(values: Array, missing: int) -> Array:
+def padded(values: NDArray[Number], missing: int) -> NDArray[Number]:
     """Array with rows of NaN added at either end of its first axis."""
     if missing == 0:
         return values

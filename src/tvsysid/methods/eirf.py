@@ -98,9 +98,10 @@ class EnsembleIRF(Method):
 
     def _doubts(self, ensemble: Ensemble) -> Iterator[str]:
         unknowns = 2 * whole_samples(self.max_lag, ensemble) + 1
-        if len(ensemble) < unknowns:
+        if len(ensemble) < 2 * unknowns:
+            few = "fewer than" if len(ensemble) < unknowns else "less than twice"
             yield (
-                f"{len(ensemble)} realizations are fewer than the {unknowns} lags: the fit at each time is not "
+                f"{len(ensemble)} realizations are {few} the {unknowns} lags: the fit at each time is hardly "
                 "determined and its random error explodes; record more, shorten max_lag, or use sds or birf"
             )
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
 from tvsysid.impedance import Impedance, second_order_fit
@@ -82,10 +83,10 @@ class EnsembleSpectral(Method):
         spectra = short_time_spectra(ensemble.angle[:, first:last], ensemble.torque[:, first:last], length)
         # A frequency without any input has no response; the smallest number keeps it finite.
         input_power = np.maximum(spectra.uu, np.finfo(float).tiny)
-        response = spectra.yu / input_power
+        response: NDArray[np.complex128] = spectra.yu / input_power
         powers = input_power * np.maximum(spectra.yy, np.finfo(float).tiny)
         coherence = np.clip(np.abs(spectra.yu) ** 2 / powers, 0.0, 1.0)
-        frequencies = np.fft.rfftfreq(length, 1 / ensemble.sampling_rate)
+        frequencies = np.asarray(np.fft.rfftfreq(length, 1 / ensemble.sampling_rate), dtype=np.float64)
         unknown = np.full(len(response), np.nan)
         impedance = Impedance(response[:, 0].real, unknown, unknown)
         if self.stiffness == "fit":

@@ -65,7 +65,8 @@ def short_time_spectra(u: Array, y: Array, length: int) -> ShortTimeSpectra:
             out.imag[start:stop] = np.einsum("tjf,jf->tf", real, transform.imag) + np.einsum(
                 "tjf,jf->tf", imaginary, transform.real
             )
-        return out / length
+        out /= length
+        return out
 
     return ShortTimeSpectra(density(u, u).real, density(y, u), density(y, y).real)
 

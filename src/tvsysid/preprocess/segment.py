@@ -63,11 +63,11 @@ def segment(recording: Recording, period: float, context: float = 0.5) -> Ensemb
             f"{longest:g} s of record from {recording.start:g} s on; give a shorter period, or less context"
         )
     index = np.array(firsts)
-    number = np.array(trials)
-    within = index - np.array(recording.trial_starts)[number]
+    trial_of = np.array(trials)
+    within = index - np.array(recording.trial_starts)[trial_of]
 
     def cut(x: Array) -> Array:
-        return sliding_window_view(x, samples + 2 * margin)[index - margin]
+        return np.asarray(sliding_window_view(x, samples + 2 * margin)[index - margin])
 
     return Ensemble(
         angle=cut(recording.angle),
@@ -75,7 +75,7 @@ def segment(recording: Recording, period: float, context: float = 0.5) -> Ensemb
         sampling_rate=rate,
         context=margin,
         onsets=recording.start + within / rate,
-        trials=number,
+        trials=trial_of,
         channels={name: cut(values) for name, values in recording.channels.items()},
         left_out=left_out,
     )

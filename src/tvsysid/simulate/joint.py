@@ -10,6 +10,7 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import expm
 from scipy.signal import bessel, butter, lfilter
 
 from tvsysid.errors import InputError
@@ -188,8 +189,9 @@ def joint(
 def _profile(name: str, profile: Profile, index: NDArray[np.int64], rate: float) -> Array:
     """Profile at the times index / rate; one period is computed and repeated where that is exact."""
     period = getattr(profile, "period", None)
-    cycle = round(period * rate) if period is not None else 0
-    repeats = 0 < cycle < len(index) and abs(period * rate - cycle) < 1e-9 * cycle
+    exact = 0.0 if period is None else float(period) * rate
+    cycle = round(exact)
+    repeats = 0 < cycle < len(index) and abs(exact - cycle) < 1e-9 * cycle
     needed = np.arange(cycle) if repeats else index
     values = np.asarray(profile(needed / rate), dtype=np.float64)
     if values.shape != needed.shape or not np.isfinite(values).all():
@@ -211,7 +213,7 @@ class _Actuator:
         self.states = [np.zeros(2), np.zeros(2)]
 
     def __call__(self, drive: Array) -> tuple[Array, Array, Array]:
-        """Position, velocity and acceleration for the drive held over each sample."""
+        """Position, velocity and acceleration, the drive being linear between samples."""
         position, self.states[0] = lfilter(self.position, self.denominator, drive, zi=self.states[0])
         velocity, self.states[1] = lfilter(self.velocity, self.denominator, drive, zi=self.states[1])
         acceleration = drive - position
@@ -222,14 +224,24 @@ class _Actuator:
 
 @cache
 def _actuator_filter(rate: float) -> tuple[Array, Array, Array, float, float]:
-    """Exact discretisation, for a drive that is held over a sample, of x'' = w (drive - x) - d x'."""
+    """Exact discretisation of x'' = w (drive - x) - d x' for a drive that is linear between samples.
+
+    A drive held over each sample would lag half a sample behind the one in the acceleration's equation, and so add
+    0.6 N·m·s/rad of viscosity at 1 kHz.
+    """
     _, (_, damping, stiffness) = bessel(2, 2 * np.pi * BANDWIDTH, analog=True, norm="phase")
-    system = np.array([[0.0, 1.0], [-stiffness, -damping]])
-    values, vectors = np.linalg.eig(system)
-    transition = np.real(vectors @ np.diag(np.exp(values / rate)) @ np.linalg.inv(vectors))
-    gain = np.linalg.solve(system, (transition - np.eye(2)) @ np.array([0.0, stiffness]))
-    # (zI - A)^-1 B for two states; its adjugate is [[z - a11, a01], [a10, z - a00]].
-    denominator = np.array([1.0, -np.trace(transition), np.linalg.det(transition)])
-    position = np.array([0.0, gain[0], transition[0, 1] * gain[1] - transition[1, 1] * gain[0]])
-    velocity = np.array([0.0, gain[1], transition[1, 0] * gain[0] - transition[0, 0] * gain[1]])
+    system, entry = np.array([[0.0, 1.0], [-stiffness, -damping]]), np.array([0.0, stiffness])
+    transition = expm(system / rate)
+    held = np.linalg.solve(system, (transition - np.eye(2)) @ entry)
+    late = np.linalg.solve(system, held * rate - entry)  # weight of the drive at the end of the step
+    early = held - late
+    # (zI - A)^-1 (late z + early); the adjugate of zI - A is [[z - a11, a01], [a10, z - a00]].
+    (a00, a01), (a10, a11) = transition
+    denominator = np.array([1.0, -(a00 + a11), a00 * a11 - a01 * a10])
+    position = np.array(
+        [late[0], early[0] - a11 * late[0] + a01 * late[1], a01 * early[1] - a11 * early[0]]
+    )
+    velocity = np.array(
+        [late[1], early[1] - a00 * late[1] + a10 * late[0], a10 * early[0] - a00 * early[1]]
+    )
     return position, velocity, denominator, float(stiffness), float(damping)

@@ -1,0 +1,7 @@
+"""Pictures: each function takes results and returns a figure or axes; none computes."""
+
+from tvsysid.figures.comparison import method_comparison
+from tvsysid.figures.identification import identified_stiffness
+from tvsysid.figures.style import colour, save
+
+__all__ = ["colour", "identified_stiffness", "method_comparison", "save"]

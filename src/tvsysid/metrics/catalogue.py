@@ -1,0 +1,47 @@
+"""What each metric is: unit, best value, and whether it needs the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from tvsysid.metrics.errors import bias_error, debiased_bias_error, random_error, rise_time, total_error
+from tvsysid.metrics.variance import bandpassed_vaf, time_varying_vaf, vaf
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A row of the catalogue.
+
+    Parameters
+    ----------
+    title
+        What people call it.
+    unit
+        Of its value.
+    best
+        Value of a perfect identification; 0.0 is a best value too.
+    needs_truth
+        Whether it can be had for simulated data only.
+    function
+        That computes it.
+    """
+
+    title: str
+    unit: str
+    best: float
+    needs_truth: bool
+    function: Callable[..., Any]
+
+
+CATALOGUE: dict[str, Metric] = {
+    "bias_error": Metric("bias error", "N·m/rad", 0.0, True, bias_error),
+    "debiased_bias_error": Metric("bias error freed of random error", "N·m/rad", 0.0, True, debiased_bias_error),
+    "random_error": Metric("random error", "N·m/rad", 0.0, False, random_error),
+    "total_error": Metric("total error", "N·m/rad", 0.0, True, total_error),
+    "rise_time": Metric("rise time", "s", 0.0, True, rise_time),
+    "vaf": Metric("variance accounted for", "%", 100.0, False, vaf),
+    "bandpassed_vaf": Metric("variance accounted for, 1-10 Hz", "%", 100.0, False, bandpassed_vaf),
+    "time_varying_vaf": Metric("variance accounted for over time", "%", 100.0, False, time_varying_vaf),
+}

@@ -1,0 +1,116 @@
+"""Variance accounted for: how much of the torque a model predicts."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.signal import butter, sosfiltfilt
+
+from tvsysid.errors import InputError
+
+Array = NDArray[np.float64]
+
+
+def _pair(torque: ArrayLike, predicted: ArrayLike) -> tuple[Array, Array]:
+    measured, model = np.asarray(torque, dtype=np.float64), np.asarray(predicted, dtype=np.float64)
+    if measured.ndim != 2 or measured.shape != model.shape or measured.size == 0:
+        raise InputError(
+            "torque and predicted: expected two arrays of axes (realization, time) of the same shape, "
+            f"got {measured.shape} and {model.shape}"
+        )
+    return measured, model
+
+
+def _accounted(torque: Array, predicted: Array, axis: int) -> Array:
+    known = np.isfinite(torque) & np.isfinite(predicted)
+    power = np.sum(np.square(torque, where=known, out=np.zeros_like(torque)), axis=axis)
+    error = np.zeros_like(torque)
+    np.subtract(torque, predicted, out=error, where=known)
+    residual = np.sum(error * error, axis=axis)
+    share = np.full(power.shape, np.nan)
+    np.divide(residual, power, out=share, where=power > 0)
+    return np.asarray(np.maximum(100.0 * (1.0 - share), 0.0))
+
+
+def vaf(torque: ArrayLike, predicted: ArrayLike) -> Array:
+    r"""Variance accounted for in each realization.
+
+    .. math:: \max\left(0, 1 - \frac{\sum_i (y_r(i) - \hat y_r(i))^2}{\sum_i y_r(i)^2}\right) \cdot 100\,\%
+
+    Equation 25 of van de Ruit et al. 2021. The sums are not centred: subtract the mean over realizations before.
+
+    Parameters
+    ----------
+    torque
+        Measured (or noiseless simulated) torque in N·m, shape (realization, time).
+    predicted
+        Of the same shape; samples where it is NaN are left out.
+
+    Returns
+    -------
+    Array
+        In per cent, shape (realization,); NaN where no sample is left, or the torque is zero.
+
+    Examples
+    --------
+    >>> vaf([[1.0, 2.0, 2.0]], [[1.0, 2.0, 1.0]])
+    array([88.88888889])
+    """
+    return _accounted(*_pair(torque, predicted), axis=1)
+
+
+def time_varying_vaf(torque: ArrayLike, predicted: ArrayLike) -> Array:
+    r"""Variance accounted for at each time, across realizations.
+
+    .. math:: \max\left(0, 1 - \frac{\sum_r (y_r(i) - \hat y_r(i))^2}{\sum_r y_r(i)^2}\right) \cdot 100\,\%
+
+    Equation 26 of van de Ruit et al. 2021.
+
+    Parameters
+    ----------
+    torque, predicted
+        As of :func:`vaf`.
+
+    Returns
+    -------
+    Array
+        In per cent, shape (time,); NaN where there is no prediction.
+    """
+    return _accounted(*_pair(torque, predicted), axis=0)
+
+
+def bandpassed_vaf(
+    torque: ArrayLike,
+    predicted: ArrayLike,
+    sampling_rate: float,
+    band: tuple[float, float] = (1.0, 10.0),
+) -> Array:
+    """Variance accounted for in each realization, after a band-pass that takes away most of the inertia's part.
+
+    A third-order Butterworth filter is run over both torques forwards and backwards, so that nothing is shifted.
+
+    Parameters
+    ----------
+    torque, predicted
+        As of :func:`vaf`; times at which any realization has no prediction are left out.
+    sampling_rate
+        In Hz.
+    band
+        Edges in Hz.
+
+    Returns
+    -------
+    Array
+        In per cent, shape (realization,).
+    """
+    measured, model = _pair(torque, predicted)
+    if not 0 < band[0] < band[1] < sampling_rate / 2:
+        raise InputError(
+            f"bandpassed_vaf: expected a band that rises within 0 to {sampling_rate / 2:g} Hz, got {band!r}"
+        )
+    known = np.isfinite(measured).all(axis=0) & np.isfinite(model).all(axis=0)
+    sections = butter(3, band, btype="bandpass", fs=sampling_rate, output="sos")
+    shortest = 3 * (2 * len(sections) + 1)
+    if known.sum() <= shortest:
+        return np.full(len(measured), np.nan)
+    return vaf(*(sosfiltfilt(sections, signals[:, known], axis=1) for signals in (measured, model)))

@@ -1,0 +1,32 @@
+"""MAT files of version 5 and 7."""
+
+from __future__ import annotations
+
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.io import loadmat
+from scipy.io.matlab import MatReadError
+
+from tvsysid.errors import InputError
+
+HDF5_SIGNATURE = b"\x89HDF"
+VERSION_73 = b"MATLAB 7.3"
+
+
+def read_mat(file: Path) -> dict[str, NDArray[Any]]:
+    """Variables of a MAT file by name, matrices as time x trial."""
+    with file.open("rb") as stream:
+        head = stream.read(128)
+    if head.startswith((HDF5_SIGNATURE, VERSION_73)):
+        raise InputError(f"{file}: MAT version 7.3 is not read yet; save it in MATLAB with save(..., '-v7')")
+    try:
+        variables = loadmat(file, mat_dtype=True)
+    except (MatReadError, ValueError, TypeError, KeyError, IndexError, EOFError, NotImplementedError, OSError) as error:
+        raise InputError(f"{file}: not a MAT file that can be read ({error})") from error
+    except (zlib.error, MemoryError) as error:
+        raise InputError(f"{file}: the MAT file is damaged ({error}); copy it again") from error
+    return {name: np.asarray(values) for name, values in variables.items() if not name.startswith("__")}

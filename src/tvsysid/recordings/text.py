@@ -1,0 +1,30 @@
+"""Text files with a header line and a column for each channel."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from numpy.typing import NDArray
+
+from tvsysid.errors import InputError
+
+
+def read_csv(file: Path) -> dict[str, NDArray[Any]]:
+    """Columns of a comma-separated file by the names in its first line."""
+    return _read(file, ",")
+
+
+def read_tsv(file: Path) -> dict[str, NDArray[Any]]:
+    """Columns of a tab-separated file by the names in its first line."""
+    return _read(file, "\t")
+
+
+def _read(file: Path, separator: str) -> dict[str, NDArray[Any]]:
+    try:
+        table = pd.read_csv(file, sep=separator, skipinitialspace=True, encoding="utf-8-sig", low_memory=False)
+    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError, ValueError) as error:
+        reason = str(error).strip().splitlines()[0]
+        raise InputError(f"{file}: not a text table with a header line ({reason})") from error
+    return {str(name).strip(): table[name].to_numpy() for name in table.columns}

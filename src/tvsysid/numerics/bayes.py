@@ -35,7 +35,7 @@ Regression = Callable[[Array, Array, float, int], Posterior]
 SMALLEST_RESIDUAL = 1e-12
 """Share of the output's power below which a residual is rounding."""
 TOLERANCE = 1e-7
-"""Relative change of the log evidence at which iterations stop."""
+"""Change of the log evidence for each sample at which iterations stop; the same whatever the units are."""
 
 
 def least_squares(gram: Array, cross: Array, square: float, samples: int) -> Posterior:
@@ -150,7 +150,7 @@ def relevance(gram: Array, cross: Array, square: float, samples: int) -> Posteri
             - log_determinant
         )
         gamma = np.clip(1 - alpha * np.diag(sigma), 1e-12, 1.0)
-        if converged := abs(evidence - before) <= TOLERANCE * abs(evidence):
+        if converged := abs(evidence - before) <= TOLERANCE * samples:
             break
         alpha = gamma / np.maximum(mean**2, np.finfo(float).tiny)
         beta = max(samples - float(gamma.sum()), 1.0) / residual

@@ -1,0 +1,80 @@
+"""What tests share: simulated ensembles, and where the real recordings are."""
+
+import os
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import settings
+from threadpoolctl import threadpool_limits
+
+import tvsysid as tv
+
+# Small matrices: threads would only wait for each other.
+threadpool_limits(1)
+
+settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=25)
+settings.load_profile("repeatable")
+
+PROFILES = {
+    "square": tv.simulate.SquareWave(),
+    "sine": tv.simulate.SineWave(),
+    "constant": tv.simulate.Constant(100.0),
+}
+PERTURBATIONS = {"noise": tv.simulate.FilteredNoise(), "prbs": tv.simulate.PRBS()}
+
+
+@cache
+def ensemble_of(
+    duration: float = 40.0,
+    profile: str = "sine",
+    perturbation: str = "noise",
+    snr_db: float = 10.0,
+    seed: int = 0,
+    context: float = 0.5,
+    period: float = 2.0,
+) -> tv.Ensemble:
+    simulation = tv.simulate.joint(
+        duration,
+        stiffness=PROFILES[profile],
+        perturbation=PERTURBATIONS[perturbation],
+        snr_db=snr_db,
+        seed=seed,
+    )
+    return tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), period, context)
+
+
+@pytest.fixture(name="ensemble_of")
+def ensemble_of_fixture():
+    """Simulated ensemble at 100 Hz; made once for each set of arguments."""
+    return ensemble_of
+
+
+@pytest.fixture
+def random():
+    return np.random.default_rng(12345)
+
+
+def _shared(name: str) -> Path:
+    if name == "data" and "TVSYSID_DATA" in os.environ:
+        return Path(os.environ["TVSYSID_DATA"])
+    return Path(__file__).parents[2] / "shared" / name
+
+
+@pytest.fixture(scope="session")
+def recordings_folder() -> Path:
+    folder = _shared("data")
+    if not (folder / "tonic_ankle.mat").exists():
+        pytest.skip(f"real recordings are not at {folder}; set TVSYSID_DATA to where they are")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def reference():
+    """Outputs of the methods' authors' own code, and the data they were made from."""
+    file = _shared("oracle") / "ensemble_noise_150s.npz"
+    if not file.exists():
+        pytest.skip(f"reference outputs are not at {file}")
+    with np.load(file, allow_pickle=False) as arrays:
+        return dict(arrays)

@@ -1,0 +1,86 @@
+"""Legal but doubtful input warns, and the diagnostics keep it."""
+
+import dataclasses
+import warnings
+
+import numpy as np
+import pytest
+
+import tvsysid as tv
+from tests.conftest import ensemble_of
+
+FIVE = [tv.methods.create(key) for key in tv.methods.names()]
+five = pytest.mark.parametrize("method", FIVE, ids=tv.methods.names())
+
+
+def doubts(method, ensemble):
+    with pytest.warns(tv.DoubtfulWarning) as caught:
+        model = method.identify(ensemble)
+    texts = [str(warning.message) for warning in caught]
+    assert [f"{method.key}: {text}" for text in model.diagnostics.warnings] == texts
+    assert all(warning.filename == __file__ for warning in caught), "the warning points at the caller"
+    return " ".join(texts)
+
+
+@five
+@pytest.mark.parametrize("perturbation", ["noise", "prbs"])
+def test_clean_data_raises_no_doubt(method, perturbation):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for seed in range(5):
+            model = method.identify(ensemble_of(150.0, "square", perturbation, seed=seed))
+            assert model.diagnostics.warnings == ()
+
+
+@five
+def test_reversed_torque(method):
+    ensemble = ensemble_of(150.0)
+    reversed_torque = dataclasses.replace(ensemble, torque=-ensemble.torque)
+    assert "sign reversed" in doubts(method, reversed_torque)
+
+
+@five
+def test_leftover_mean_torque(method):
+    ensemble = ensemble_of(150.0)
+    offset = dataclasses.replace(ensemble, torque=ensemble.torque + 1.0)
+    assert "mean over realizations of 1 N·m RMS" in doubts(method, offset)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        method.identify(tv.preprocess.subtract_mean(offset))
+
+
+def test_an_offset_shifts_the_stiffness_unless_subtracted():
+    ensemble = ensemble_of(150.0, "constant")
+    offset = dataclasses.replace(ensemble, torque=ensemble.torque + 1.0)
+    plain = tv.EnsembleIRF(solver="full").identify(ensemble).stiffness
+    with pytest.warns(tv.DoubtfulWarning):
+        shifted = tv.EnsembleIRF(solver="full").identify(offset).stiffness
+    mended = tv.EnsembleIRF(solver="full").identify(tv.preprocess.subtract_mean(offset)).stiffness
+    assert np.sqrt(np.mean((shifted - plain) ** 2)) > 5 * np.sqrt(np.mean((mended - plain) ** 2))
+
+
+def test_fewer_realizations_than_lags():
+    assert "20 realizations are fewer than the 25 lags" in doubts(tv.EnsembleIRF(), ensemble_of(40.0))
+
+
+@five
+def test_input_too_slow(method, random):
+    time = np.arange(20000) / 100
+    angle = 0.01 * np.sin(2 * np.pi * 0.3 * time) + 1e-7 * random.normal(size=time.size)
+    recording = tv.Recording(angle, 100 * angle + 0.1 * random.normal(size=time.size), 100.0)
+    text = doubts(method, tv.preprocess.subtract_mean(tv.preprocess.segment(recording, 4.0)))
+    assert "power lies above 1 Hz" in text
+
+
+@five
+def test_input_too_fast(method, random):
+    time = np.arange(20000) / 100
+    angle = 0.01 * np.sin(2 * np.pi * 30.1 * time) + 1e-7 * random.normal(size=time.size)
+    recording = tv.Recording(angle, 100 * angle + 0.1 * random.normal(size=time.size), 100.0)
+    text = doubts(method, tv.preprocess.subtract_mean(tv.preprocess.segment(recording, 2.0)))
+    assert "power lies below" in text
+
+
+def test_period_that_does_not_fit_the_realization():
+    text = doubts(tv.KernelRegression(period=1.7), ensemble_of(150.0))
+    assert "not a whole number of periods of 1.7 s" in text

@@ -1,0 +1,82 @@
+"""Imports go one way, and the package is light until it is used."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import tvsysid
+
+PACKAGE = Path(tvsysid.__file__).parent
+# From the foundations up; rooms on one line do not import each other.
+LEVELS = [
+    ["errors"],
+    ["numerics"],
+    ["signals", "impedance"],
+    ["models"],
+    ["recordings", "preprocess", "simulate", "methods", "metrics"],
+    ["benchmark"],
+    ["figures"],
+    ["cli"],
+]
+LEVEL = {room: number for number, rooms in enumerate(LEVELS) for room in rooms}
+
+
+def room_of(file: Path) -> str:
+    return file.relative_to(PACKAGE).parts[0].removesuffix(".py")
+
+
+def imported_rooms(file: Path) -> set[str]:
+    rooms = set()
+    for node in ast.walk(ast.parse(file.read_text())):
+        names = []
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names = [node.module]
+            if node.module == "tvsysid":
+                names = [f"tvsysid.{alias.name}" for alias in node.names]
+        rooms |= {name.split(".")[1] for name in names if name.startswith("tvsysid.")}
+    return rooms
+
+
+FILES = sorted(file for file in PACKAGE.rglob("*.py") if room_of(file) != "__init__")
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.relative_to(PACKAGE)))
+def test_imports_go_one_way(file):
+    room = room_of(file)
+    for other in imported_rooms(file) - {room, "__version__"}:
+        assert LEVEL[other] < LEVEL[room], f"{room} must not import {other}"
+
+
+def test_truth_cannot_leak_into_an_estimator():
+    for file in FILES:
+        if room_of(file) == "methods":
+            assert "simulate" not in imported_rooms(file)
+
+
+def test_no_room_for_everything():
+    for file in PACKAGE.rglob("*"):
+        assert file.stem not in {"utils", "helpers", "common", "misc"}
+
+
+def test_import_is_light():
+    program = (
+        "import sys, time; started = time.perf_counter(); import tvsysid; taken = time.perf_counter() - started;"
+        "heavy = {'matplotlib', 'zarr', 'dask', 'xarray', 'scipy', 'pandas'} & set(sys.modules);"
+        "print(heavy or 'light', taken)"
+    )
+    shown = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout
+    assert shown.startswith("light"), shown
+
+
+def test_identification_needs_no_pictures_and_no_stores():
+    program = (
+        "import sys; import tvsysid as tv; tv.ShortDataSegments(); tv.simulate.joint; tv.metrics.vaf;"
+        "print({'matplotlib', 'zarr', 'dask', 'xarray'} & set(sys.modules) or 'light')"
+    )
+    shown = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout
+    assert shown.strip() == "light", shown

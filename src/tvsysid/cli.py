@@ -166,10 +166,11 @@ def benchmark(
         for ending in ("png", "pdf"):
             save(figure, out / f"{name}.{ending}")
         written += [f"{name}.png", f"{name}.pdf"]
-    doubted = results.doubts.sum([dim for dim in results.doubts.dims if dim != "method_key"])
     for label in results.method_key.values:
-        if number := int(doubted.sel(method_key=label)):
-            errors.print(f"[yellow]warning:[/] {label}: {number} warnings; the results deserve doubt", highlight=False)
+        told = [text for text in results.doubts.sel(method_key=label).values.ravel() if text]
+        if told:
+            share = f"{label}: {len(told)} of {results.doubts.sel(method_key=label).size} trials deserve doubt; the first: "
+            errors.print(f"[yellow]warning:[/] {share}{told[0]}", highlight=False, soft_wrap=True)
     _say_written(out, written)
 
 
@@ -333,7 +334,7 @@ def simulate(
 def main() -> None:
     """Run the command line; what the user can mend is one line on standard error, with exit code 2."""
     try:
-        code = app(standalone_mode=False)
+        code = app(prog_name="tvsysid", standalone_mode=False)
     except InputError as error:
         _stop(str(error))
     except OSError as error:
@@ -366,7 +367,7 @@ def _progress(title: str) -> Iterator[Any]:
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     shown = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*shown, console=errors, transient=True) as bar:
+    with Progress(*shown, console=errors, transient=True, disable=not errors.is_terminal) as bar:
         task = bar.add_task(title, total=None)
 
         def advance(done: int, total: int) -> None:

@@ -42,24 +42,22 @@ def checked_array(name: str, values: ArrayLike, axes: tuple[str, ...]) -> Array:
         array = np.asarray(values)
     except ValueError as error:  # ragged nested lists
         raise InputError(f"{name}: expected an array of numbers, got rows of different length") from error
+    if array.size == 0:
+        raise InputError(f"{name}: expected samples, got an empty array of shape {array.shape}")
     if array.dtype.kind not in "iuf":
         raise InputError(f"{name}: expected real numbers, got values of type {array.dtype}; convert them first")
     expected = f"{len(axes)} axis ({axes[0]})" if len(axes) == 1 else f"{len(axes)} axes ({', '.join(axes)})"
     if array.ndim != len(axes):
         raise InputError(f"{name}: expected {expected}, got an array of shape {array.shape}; reshape or index it")
-    if array.size == 0:
-        raise InputError(f"{name}: expected samples, got an empty array of shape {array.shape}")
     array = np.ascontiguousarray(array, dtype=np.float64).view()
-    # A sum is finite only if every value is (or it overflows, which is looked into).
-    if not math.isfinite(float(array.sum())):
-        bad = ~np.isfinite(array)
-        if bad.any():
-            first = tuple(int(index) for index in np.argwhere(bad)[0])
-            where = ", ".join(f"{axis} {index}" for axis, index in zip(axes, first, strict=True))
-            raise InputError(
-                f"{name}: {int(bad.sum())} of {array.size} values are NaN or infinite, the first at {where}; "
-                "cut them out or interpolate them before"
-            )
+    finite = np.isfinite(array)
+    if not finite.all():
+        first = np.argwhere(~finite)[0]
+        where = ", ".join(f"{axis} {index}" for axis, index in zip(axes, first, strict=True))
+        raise InputError(
+            f"{name}: {int(np.count_nonzero(~finite))} of {array.size} values are NaN or infinite, the first at "
+            f"{where}; cut them out or interpolate them before"
+        )
     array.flags.writeable = False
     return array
 
@@ -81,7 +79,7 @@ def _checked_pair(angle: Array, torque: Array) -> None:
             f"angle and torque must have the same shape, got {angle.shape} and {torque.shape}; "
             "cut them to the samples that both have"
         )
-    if np.ptp(angle) == 0:
+    if angle.min() == angle.max():
         raise InputError(
             f"angle: all {angle.size} values are {angle.flat[0]:g} rad; a joint that is not moved cannot be "
             "identified. Is this the right channel?"

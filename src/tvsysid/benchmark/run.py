@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Outcome = dict[str, NDArray[Any]]
 
+DTYPES = {"doubts": np.dtypes.StringDType()}
 MEASURED = ("stiffness", "time_varying_vaf", "vaf", "bandpassed_vaf", "seconds", "doubts")
 
 
@@ -59,7 +60,7 @@ def run(
     xarray.Dataset
         ``stiffness`` and ``time_varying_vaf`` over (profile, perturbation, duration_s, snr_db, method_key, trial, time),
         ``vaf`` and ``bandpassed_vaf`` (means over realizations, against the noiseless torque), ``seconds`` taken
-        and ``doubts`` (number of warnings) without time, and ``true_stiffness`` over (profile, time).
+        and ``doubts`` (the warnings met, or nothing) without time, and ``true_stiffness`` over (profile, time).
 
     Raises
     ------
@@ -96,7 +97,7 @@ def run_trial(scenario: Scenario, seed: np.random.SeedSequence, methods: dict[st
     noiseless = segment(decimate(simulation.noiseless, RATE), PERIOD)
     torque = noiseless.torque[:, noiseless.core]
     rows = [_measure(method, ensemble, torque) for method in methods.values()]
-    return {name: np.array([row[name] for row in rows]) for name in MEASURED}
+    return {name: np.array([row[name] for row in rows], dtype=DTYPES.get(name)) for name in MEASURED}
 
 
 def _measure(method: Any, ensemble: Any, torque: Array) -> dict[str, Any]:
@@ -112,7 +113,7 @@ def _measure(method: Any, ensemble: Any, torque: Array) -> dict[str, Any]:
         "vaf": np.nanmean(metrics.vaf(torque, predicted)),
         "bandpassed_vaf": np.nanmean(metrics.bandpassed_vaf(torque, predicted, RATE)),
         "seconds": seconds,
-        "doubts": sum(issubclass(warning.category, DoubtfulWarning) for warning in caught),
+        "doubts": "; ".join(str(w.message) for w in caught if issubclass(w.category, DoubtfulWarning)),
     }
 
 
@@ -192,7 +193,7 @@ def _write(results: xr.Dataset, store: Path) -> None:
     store.parent.mkdir(parents=True, exist_ok=True)
     temporary = Path(tempfile.mkdtemp(dir=store.parent, prefix=f".{store.name}-"))
     try:
-        results.to_zarr(temporary / "store", mode="w", consolidated=False)
+        results.to_zarr(temporary / "store", mode="w", zarr_format=2)
         (temporary / "store").rename(store)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)

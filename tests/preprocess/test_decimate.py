@@ -1,0 +1,72 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.signal import firwin
+
+import tvsysid as tv
+
+
+def recording_of(angle, rate=1000.0, **settings):
+    return tv.Recording(angle, -2 * angle, rate, **settings)
+
+
+@pytest.mark.parametrize("factor", [2, 5, 8, 10, 40])
+@pytest.mark.parametrize("samples", [100, 400, 1003])
+def test_equals_the_plain_convolution(random, factor, samples):
+    angle = random.normal(size=samples)
+    found = tv.preprocess.decimate(recording_of(angle, 1000.0), 1000.0 / factor)
+    odd = np.concatenate([2 * angle[0] - angle[15:0:-1], angle, 2 * angle[-1] - angle[-2:-17:-1]])
+    expected = np.convolve(odd, firwin(31, 1 / factor), mode="valid")[::factor]
+    np.testing.assert_allclose(found.angle, expected, atol=1e-12)
+    np.testing.assert_allclose(found.torque, -2 * expected, atol=1e-12)
+    assert found.sampling_rate == 1000.0 / factor
+
+
+def test_a_slow_wave_is_neither_delayed_nor_changed():
+    time = np.arange(5000) / 1000
+    found = tv.preprocess.decimate(recording_of(np.sin(2 * np.pi * 3 * time), start=-1.0), 100)
+    assert found.start == -1.0
+    np.testing.assert_allclose(found.angle, np.sin(2 * np.pi * 3 * (found.time + 1.0)), atol=5e-3)
+
+
+@given(st.floats(-10, 10), st.floats(-10, 10))
+def test_a_line_stays_a_line(offset, slope):
+    line = offset + (slope or 1.0) * np.arange(500) / 1000 + 1e-6 * np.arange(500)
+    found = tv.preprocess.decimate(recording_of(line), 100)
+    np.testing.assert_allclose(found.angle, line[::10], atol=1e-9)
+
+
+def test_trials_do_not_run_into_each_other(random):
+    parts = [random.normal(size=205), random.normal(size=300) + 50]
+    joined = tv.preprocess.decimate(
+        recording_of(np.concatenate(parts), trial_starts=(0, 205), channels={"emg": np.concatenate(parts)}), 100
+    )
+    alone = [tv.preprocess.decimate(recording_of(part), 100).angle for part in parts]
+    np.testing.assert_array_equal(joined.angle, np.concatenate(alone))
+    np.testing.assert_array_equal(joined.channels["emg"], np.concatenate(alone))
+    assert joined.trial_starts == (0, 21)
+
+
+def test_the_same_rate_changes_nothing(random):
+    recording = recording_of(random.normal(size=50))
+    assert tv.preprocess.decimate(recording, 1000.0) is recording
+
+
+@pytest.mark.parametrize(
+    ("rate", "message"),
+    [
+        (300.0, "1000 Hz is not a whole multiple of 300 Hz; rates that fit nearby: 500, 333.333, 250, 200 Hz"),
+        (2000.0, "not a whole multiple of 2000 Hz"),
+        (0.0, "positive number of hertz"),
+        (float("nan"), "positive number of hertz"),
+    ],
+)
+def test_a_rate_that_does_not_divide_is_refused(random, rate, message):
+    with pytest.raises(tv.InputError, match=message):
+        tv.preprocess.decimate(recording_of(random.normal(size=100)), rate)
+
+
+def test_a_record_shorter_than_the_filter_is_refused(random):
+    with pytest.raises(tv.InputError, match="30 samples is shorter than the filter's 31"):
+        tv.preprocess.decimate(recording_of(random.normal(size=30)), 100)

@@ -1,0 +1,96 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import tvsysid as tv
+
+
+def recording_of(samples, **settings):
+    values = np.arange(samples, dtype=float)
+    return tv.Recording(values, values, 100.0, **settings)
+
+
+def test_context_comes_from_the_record():
+    ensemble = tv.preprocess.segment(recording_of(1000), period=2.0)
+    assert ensemble.context == 50
+    assert (len(ensemble), ensemble.left_out) == (3, 2)
+    np.testing.assert_array_equal(ensemble.onsets, [2.0, 4.0, 6.0])
+    for row, onset in enumerate(ensemble.onsets):
+        np.testing.assert_array_equal(ensemble.angle[row], np.arange(100 * onset - 50, 100 * onset + 250))
+    assert "2 left out for want of context" in repr(ensemble)
+
+
+def test_without_context_every_realization_is_kept():
+    ensemble = tv.preprocess.segment(recording_of(1000), period=2.0, context=0)
+    assert (len(ensemble), ensemble.left_out) == (5, 0)
+    np.testing.assert_array_equal(ensemble.angle.ravel(), np.arange(1000))
+
+
+@pytest.mark.parametrize("start", [-1.0, -0.3, 0.7, 12.5])
+def test_realizations_begin_at_multiples_of_the_period_from_time_zero(start):
+    recording = recording_of(1000, start=start)
+    ensemble = tv.preprocess.segment(recording, period=2.0, context=0.2)
+    np.testing.assert_allclose(ensemble.onsets / 2.0, np.round(ensemble.onsets / 2.0), atol=1e-9)
+    for row, onset in enumerate(ensemble.onsets):
+        first = ensemble.angle[row, ensemble.core][0]
+        assert recording.time[int(first)] == pytest.approx(onset)
+
+
+def test_a_simulation_keeps_every_realization():
+    simulation = tv.simulate.joint(
+        20, stiffness=tv.simulate.SquareWave(), perturbation=tv.simulate.PRBS(), snr_db=10, seed=0
+    )
+    ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 2.0)
+    np.testing.assert_allclose(ensemble.onsets, np.arange(10) * 2.0, atol=1e-9)
+    assert ensemble.left_out == 0
+
+
+def test_trials_are_cut_each_for_itself():
+    ensemble = tv.preprocess.segment(recording_of(1000, trial_starts=(0, 450)), period=1.0, context=0.1)
+    np.testing.assert_array_equal(ensemble.trials, [0] * 3 + [1] * 4)
+    np.testing.assert_array_equal(ensemble.onsets, [1, 2, 3, 1, 2, 3, 4])
+    assert ensemble.angle[3, ensemble.core][0] == 550
+    assert ensemble.left_out == 2
+    assert [len(run) for run in ensemble.runs] == [3, 4]
+
+
+def test_channels_come_along():
+    ensemble = tv.preprocess.segment(recording_of(500, channels={"emg": -np.arange(500.0)}), 1.0)
+    np.testing.assert_array_equal(ensemble.channels["emg"], -ensemble.angle)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"period": 20.0}, "no realization of 20 s with 0.5 s of context on both sides fits into 10 s"),
+        ({"period": 1.005}, "1.005 s is not a whole number of samples at 100 Hz; the nearest that is: 1 s"),
+        ({"period": 0.0}, "period must be positive"),
+        ({"period": -2.0}, "period must be positive"),
+        ({"period": float("nan")}, "not a whole number of samples"),
+        ({"period": 2.0, "context": -1.0}, "context must be zero or more"),
+    ],
+)
+def test_what_cannot_be_cut_is_refused(settings, message):
+    with pytest.raises(tv.InputError, match=message):
+        tv.preprocess.segment(recording_of(1000), **settings)
+
+
+@given(st.integers(2, 12), st.integers(1, 30), st.floats(-100, 100))
+def test_subtracting_the_mean_leaves_none(realizations, samples, offset):
+    values = np.random.default_rng(samples).normal(size=(realizations, samples)) + offset
+    ensemble = tv.Ensemble(values, 3 * values, 100.0, channels={"emg": values})
+    before = ensemble.angle.copy()
+    centred = tv.preprocess.subtract_mean(ensemble)
+    np.testing.assert_allclose(centred.angle.mean(axis=0), 0, atol=1e-10)
+    np.testing.assert_allclose(centred.torque.mean(axis=0), 0, atol=1e-10)
+    np.testing.assert_array_equal(centred.channels["emg"], values)
+    np.testing.assert_array_equal(ensemble.angle, before)
+    again = tv.preprocess.subtract_mean(centred)
+    np.testing.assert_allclose(again.angle, centred.angle, atol=1e-10)
+
+
+def test_the_mean_of_one_realization_is_not_subtracted():
+    ensemble = tv.Ensemble([[1.0, 2.0]], [[1.0, 2.0]], 100.0)
+    with pytest.raises(tv.InputError, match="at least two realizations"):
+        tv.preprocess.subtract_mean(ensemble)

@@ -1,0 +1,147 @@
+import pickle
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.io import savemat
+
+import tvsysid as tv
+
+
+@pytest.fixture
+def signals(random):
+    return random.normal(scale=0.1, size=(40, 3)), random.normal(size=(40, 3))
+
+
+@pytest.fixture
+def mat(tmp_path, signals):
+    file = tmp_path / "ankle.mat"
+    savemat(file, {"pos": signals[0], "tq": signals[1], "note": "hello", "rate": 100.0})
+    return file
+
+
+def read(file, angle="pos", torque="tq", **settings):
+    return tv.read_recording(file, angle=angle, torque=torque, **({"sampling_rate": 100.0} | settings))
+
+
+@pytest.mark.parametrize("compress", [False, True])
+def test_columns_that_follow_each_other(tmp_path, signals, compress):
+    file = tmp_path / "ankle.mat"
+    savemat(file, {"pos": signals[0], "tq": signals[1]}, do_compression=compress)
+    recording = read(file)
+    np.testing.assert_array_equal(recording.angle, signals[0].T.ravel())
+    np.testing.assert_array_equal(recording.torque, signals[1].T.ravel())
+    assert recording.trial_starts == (0,)
+
+
+def test_columns_that_are_trials(mat, signals):
+    recording = read(mat, columns="trials", start=-1.0)
+    assert recording.trial_starts == (0, 40, 80)
+    for trial, (angle, torque) in enumerate(zip(*(values.T for values in signals), strict=True)):
+        np.testing.assert_array_equal(recording.angle[recording.trials[trial]], angle)
+        np.testing.assert_array_equal(recording.torque[recording.trials[trial]], torque)
+    assert recording.start == -1.0
+
+
+@pytest.mark.parametrize("shape", [(120,), (120, 1), (1, 120)])
+def test_vectors_of_any_orientation(tmp_path, signals, shape):
+    file = tmp_path / "ankle.mat"
+    savemat(file, {"pos": signals[0].reshape(shape), "tq": signals[1].ravel()[:, None]})
+    np.testing.assert_array_equal(read(file).angle, signals[0].ravel())
+
+
+@pytest.mark.parametrize(("ending", "separator"), [(".csv", ","), (".tsv", "\t"), (".CSV", ", ")])
+def test_text(tmp_path, signals, ending, separator):
+    file = tmp_path / f"ankle{ending}"
+    lines = [separator.join(["pos", "tq", "emg"])]
+    lines += [separator.join(f"{value:.17g}" for value in row) for row in zip(*(s.ravel() for s in signals), range(120))]
+    file.write_text("\n".join(lines))
+    recording = read(file, channels=["emg"])
+    np.testing.assert_array_equal(recording.angle, signals[0].ravel())
+    np.testing.assert_array_equal(recording.channels["emg"], np.arange(120))
+
+
+def test_units_and_sign(mat, signals):
+    recording = read(mat, angle_unit="deg", torque_sign=-1)
+    np.testing.assert_allclose(recording.angle, np.radians(signals[0].T.ravel()))
+    np.testing.assert_array_equal(recording.torque, -signals[1].T.ravel())
+
+
+def test_an_angle_that_is_probably_in_degrees_warns(tmp_path, random):
+    file = tmp_path / "degrees.csv"
+    pd.DataFrame({"pos": 3 * random.normal(size=50), "tq": random.normal(size=50)}).to_csv(file)
+    with pytest.warns(tv.DoubtfulWarning, match="pos has an RMS of 3.* rad .* angle_unit='deg'"):
+        read(file)
+    read(file, angle_unit="deg")
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"angle": "angle"}, r"no channel 'angle'; it holds pos \(40 x 3\), tq \(40 x 3\), note"),
+        ({"angle": "note"}, "ankle.mat: note: expected real numbers"),
+        ({"torque": "rate"}, "different lengths: pos 40 x 3, rate 1 x 1"),
+        ({"angle_unit": "grad"}, "angle_unit must be one of 'rad', 'deg'; got 'grad'"),
+        ({"torque_sign": 2}, "torque_sign must be 1 or -1; got 2"),
+        ({"columns": "rows"}, "columns must be 'contiguous' or 'trials'; got 'rows'"),
+        ({"sampling_rate": 0.0}, "positive number of hertz"),
+        ({"channels": ["emg"]}, "no channel 'emg'"),
+    ],
+)
+def test_a_wrong_request_is_refused(mat, settings, message):
+    with pytest.raises(tv.InputError, match=message):
+        read(mat, **settings)
+
+
+def file_with(folder, name, content):
+    file = folder / name
+    file.write_bytes(content)
+    return file
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("empty.mat", b"", "the file is empty"),
+        ("empty.csv", b"", "the file is empty"),
+        ("text.mat", b"pos,tq\n1,2\n3,4\n" * 40, "not a MAT file that can be read"),
+        ("noise.mat", bytes(range(256)) * 20, "not a MAT file that can be read"),
+        ("hdf.mat", b"MATLAB 7.3 MAT-file, Platform: GLNXA64" + b" " * 200, "version 7.3 is not read yet"),
+        ("hdf5.mat", b"\x89HDF\r\n\x1a\n" + b" " * 200, "version 7.3 is not read yet"),
+        ("binary.csv", bytes(range(128, 256)) * 20, "not a text table with a header line"),
+        ("header.csv", b"pos,tq\n", "got an empty array"),
+        ("words.csv", b"pos,tq\n1,2\nhigh,4\n", "words.csv: pos: expected real numbers"),
+        ("gap.csv", b"pos,tq\n1,2\n,4\n5,6\n", "1 of 3 values are NaN or infinite, the first at time 1"),
+        ("ragged.csv", b"pos,tq\n1,2\n3,4,5,6\n", "not a text table with a header line"),
+        ("other.xls", b"pos,tq\n", r"unknown ending '.xls'; files that can be read end in .mat, .csv, .tsv"),
+    ],
+)
+def test_a_file_that_cannot_be_used_is_refused(tmp_path, name, content, message):
+    with pytest.raises(tv.InputError, match=message):
+        read(file_with(tmp_path, name, content))
+
+
+def test_a_missing_file_and_a_folder_are_refused(tmp_path):
+    with pytest.raises(tv.InputError, match="nowhere.mat: no such file"):
+        read(tmp_path / "nowhere.mat")
+    (tmp_path / "folder.mat").mkdir()
+    with pytest.raises(tv.InputError, match="expected a file, this is a folder"):
+        read(tmp_path / "folder.mat")
+
+
+def test_a_truncated_mat_file_is_refused_wherever_it_is_cut(mat):
+    content = mat.read_bytes()
+    for cut in range(10, len(content) - 100, 97):
+        mat.write_bytes(content[:cut])
+        with pytest.raises(tv.InputError, match=r"MAT file|no channel"):
+            read(mat)
+
+
+def test_nothing_is_unpickled(tmp_path):
+    class Trap:
+        def __reduce__(self):
+            return (pytest.fail, ("the file was unpickled",))
+
+    for name in ("trap.mat", "trap.csv"):
+        with pytest.raises(tv.InputError):
+            read(file_with(tmp_path, name, pickle.dumps(Trap())))

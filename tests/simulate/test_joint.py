@@ -1,0 +1,203 @@
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.signal import bessel, welch
+
+import tvsysid as tv
+from tvsysid.numerics.differentiation import differentiate
+from tvsysid.simulate import PRBS, Constant, FilteredNoise, SineWave, SquareWave, joint
+from tvsysid.simulate.joint import _Actuator
+
+PERTURBATIONS = [FilteredNoise(), PRBS()]
+perturbed = pytest.mark.parametrize("perturbation", PERTURBATIONS, ids=["noise", "prbs"])
+
+
+def simulate(duration=20.0, **settings):
+    usual = {"stiffness": SquareWave(), "perturbation": FilteredNoise(), "snr_db": 10, "seed": 1}
+    return joint(duration, **(usual | settings))
+
+
+def inner(simulation, duration):
+    time = simulation.recording.time
+    return (time >= -1e-9) & (time < duration - 1e-9)
+
+
+@perturbed
+def test_sizes_are_those_asked_for(perturbation):
+    simulation = simulate(60.0, perturbation=perturbation, snr_db=7.0)
+    recording, inside = simulation.recording, inner(simulation, 60.0)
+    assert inside.sum() == 60_000
+    assert recording.start == -1.0
+    assert len(recording) == 62_000
+    assert np.sqrt(np.mean(recording.angle[inside] ** 2)) == pytest.approx(np.radians(0.5))
+    noise = recording.torque - simulation.noiseless_torque
+    ratio = np.var(simulation.noiseless_torque[inside]) / np.var(noise[inside])
+    assert 10 * np.log10(ratio) == pytest.approx(7.0)
+
+
+@pytest.mark.parametrize(("perturbation", "speed"), [(FilteredNoise(), 0.198), (PRBS(), 0.060), (PRBS(0.109), 0.0815)])
+def test_mean_speed_is_the_published_one(perturbation, speed):
+    recording = simulate(300.0, perturbation=perturbation).recording
+    assert np.abs(np.diff(recording.angle) * 1000).mean() == pytest.approx(speed, rel=0.03)
+
+
+@perturbed
+@pytest.mark.parametrize("viscosity", [2.2, SineWave(2.0, 1.0)])
+def test_torque_is_that_of_the_recorded_angle(perturbation, viscosity):
+    # Nothing is known to the test but angle, torque and truth: the derivatives are taken anew.
+    simulation = simulate(30.0, perturbation=perturbation, stiffness=SineWave(), viscosity=viscosity, snr_db=np.inf)
+    angle = differentiate(simulation.recording.angle, 1000.0, 40)
+    middle = slice(40, -40)
+    parts = (
+        simulation.stiffness[middle] * angle[0],
+        simulation.viscosity[middle] * angle[1],
+        simulation.inertia * angle[2],
+    )
+    np.testing.assert_array_equal(simulation.recording.torque, simulation.noiseless_torque)
+    rest = simulation.noiseless_torque[middle] - sum(parts)
+    limit = 0.03 if isinstance(perturbation, FilteredNoise) else 0.2  # a switch has no bandwidth
+    assert np.std(rest) < limit * np.std(simulation.noiseless_torque)
+    fit = np.linalg.lstsq(np.stack([part for part in parts], axis=1), simulation.noiseless_torque[middle], rcond=None)[0]
+    np.testing.assert_allclose(fit, 1.0, rtol=0.06)
+
+
+def test_actuator_equals_the_differential_equation():
+    rate, drive = 1000.0, np.cumsum(np.random.default_rng(3).normal(size=60))
+    numerator, (_, damping, stiffness) = bessel(2, 2 * np.pi * 40, analog=True, norm="phase")
+    assert numerator[-1] == pytest.approx(stiffness)
+    time = np.arange(60) / rate
+    padded = np.concatenate([[0.0], drive])  # rises from rest before the first sample
+
+    def slope(t, state):
+        u = np.interp(t, np.arange(-1, 60) / rate, padded)
+        return [state[1], stiffness * (u - state[0]) - damping * state[1]]
+
+    solution = solve_ivp(slope, (-1 / rate, time[-1]), [0, 0], t_eval=time, rtol=1e-9, atol=1e-12, max_step=2e-4)
+    position, velocity, acceleration = _Actuator(rate)(drive)
+    np.testing.assert_allclose(position, solution.y[0], atol=1e-6)
+    np.testing.assert_allclose(velocity, solution.y[1], atol=1e-3)
+    np.testing.assert_allclose(
+        acceleration, stiffness * (drive - solution.y[0]) - damping * solution.y[1], atol=1.0
+    )
+
+
+def test_blocks_make_no_seam():
+    actuator, drive = _Actuator(1000.0), np.random.default_rng(0).normal(size=1000)
+    whole = actuator(drive)
+    parts = _Actuator(1000.0)
+    pieces = [parts(drive[i : i + 137]) for i in range(0, 1000, 137)]
+    for index, signal in enumerate(whole):
+        np.testing.assert_allclose(np.concatenate([piece[index] for piece in pieces]), signal, rtol=1e-9, atol=1e-9)
+
+
+def test_noise_is_limited_to_40_hz():
+    simulation = simulate(200.0, snr_db=0.0)
+    noise = simulation.recording.torque - simulation.noiseless_torque
+    frequencies, power = welch(noise, 1000.0, nperseg=2000)
+    low = power[(frequencies > 1) & (frequencies < 10)].mean()
+    at_cutoff = power[np.abs(frequencies - 40) < 2].mean()
+    assert at_cutoff / low == pytest.approx(0.5, abs=0.08)
+    assert power[frequencies > 200].mean() / low < 1e-2
+
+
+@perturbed
+def test_the_same_seed_gives_the_same_numbers(perturbation):
+    first, second = (simulate(perturbation=perturbation, seed=4) for _ in range(2))
+    np.testing.assert_array_equal(first.recording.torque, second.recording.torque)
+    other = simulate(perturbation=perturbation, seed=5)
+    assert not np.array_equal(first.recording.angle, other.recording.angle)
+    generator = simulate(perturbation=perturbation, seed=np.random.default_rng(4))
+    np.testing.assert_array_equal(first.recording.torque, generator.recording.torque)
+
+
+def test_noise_and_perturbation_have_streams_of_their_own():
+    quiet, loud = simulate(snr_db=30), simulate(snr_db=0)
+    np.testing.assert_array_equal(quiet.recording.angle, loud.recording.angle)
+    np.testing.assert_array_equal(quiet.noiseless_torque, loud.noiseless_torque)
+
+
+@pytest.mark.parametrize("rate", [200.0, 1000.0, 1024.0])
+def test_other_rates(rate):
+    simulation = simulate(10.0, rate=rate)
+    assert simulation.recording.sampling_rate == rate
+    assert len(simulation.recording) == 12 * rate
+    np.testing.assert_array_equal(simulation.stiffness, SquareWave()(simulation.recording.time))
+
+
+@pytest.mark.parametrize("profile", [SquareWave(), SineWave(80, 20, 1.7), Constant(70.0), SquareWave(period=1.4, offset=0.3)])
+def test_a_profile_repeated_equals_the_profile_evaluated(profile):
+    repeated = simulate(10.0, stiffness=profile)
+    plain = simulate(10.0, stiffness=lambda time: profile(time))
+    np.testing.assert_allclose(repeated.stiffness, plain.stiffness, atol=1e-9)
+    np.testing.assert_allclose(repeated.recording.torque, plain.recording.torque, atol=1e-9)
+
+
+def test_any_callable_is_a_profile():
+    simulation = simulate(10.0, stiffness=lambda time: 100 + 3 * time)
+    np.testing.assert_allclose(simulation.stiffness, 100 + 3 * simulation.recording.time)
+
+
+def test_a_simulation_cannot_be_changed():
+    simulation = simulate()
+    for values in (simulation.noiseless_torque, simulation.stiffness, simulation.viscosity, simulation.recording.angle):
+        with pytest.raises(ValueError, match="read-only"):
+            values[0] = 1
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        simulation.inertia = 1.0
+    np.testing.assert_array_equal(simulation.noiseless.torque, simulation.noiseless_torque)
+
+
+@pytest.mark.parametrize("interval", [0.147, 0.1003, 0.05])
+def test_prbs_switches_on_its_clock(interval):
+    samples = PRBS(interval).generate(20_000, 1000.0, np.random.default_rng(2))
+    assert set(samples) == {-1.0, 1.0}
+    switches = np.flatnonzero(np.diff(samples)) + 1
+    phases = (switches / 1000 / interval) % 1.0
+    turned = np.exp(2j * np.pi * phases)
+    assert np.abs(np.angle(turned / turned.mean())).max() <= 2 * np.pi * 0.0011 / interval
+    assert len(switches) == pytest.approx(20 / interval / 2, rel=0.25)
+    assert abs(samples.mean()) < 0.35
+
+
+def test_filtered_noise_has_its_cutoff():
+    samples = FilteredNoise(8.0).generate(400_000, 1000.0, np.random.default_rng(2))
+    frequencies, power = welch(samples, 1000.0, nperseg=4000)
+    at_cutoff = power[np.abs(frequencies - 8) < 0.5].mean() / power[(frequencies > 0.5) & (frequencies < 3)].mean()
+    assert at_cutoff == pytest.approx(0.5, abs=0.06)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"duration": 0.0}, "duration must be positive"),
+        ({"duration": float("nan")}, "duration must be positive"),
+        ({"inertia": -1.0}, "inertia must be positive"),
+        ({"rate": 50.0}, "rate must be above 80 Hz"),
+        ({"rate": float("inf")}, "positive number of hertz"),
+        ({"snr_db": float("nan")}, "snr_db must be a number of decibels"),
+        ({"stiffness": lambda time: np.full(len(time), np.nan)}, "some of them not finite"),
+        ({"stiffness": lambda time: 100.0}, r"gave values of shape \(\)"),
+        ({"perturbation": FilteredNoise(600.0)}, "must be below half the sampling rate"),
+        ({"perturbation": PRBS(1e-5)}, "shorter than a sample"),
+    ],
+)
+def test_what_cannot_be_simulated_is_refused(change, message):
+    with pytest.raises(tv.InputError, match=message):
+        simulate(**({"duration": 10.0} | change))
+
+
+@pytest.mark.parametrize(
+    ("create", "message"),
+    [
+        (lambda: SquareWave(period=0.0), "period must be positive"),
+        (lambda: SineWave(mean=float("nan")), "mean must be a finite number"),
+        (lambda: Constant("stiff"), "value must be a finite number"),
+        (lambda: PRBS(switch_interval=-0.1), "switch_interval must be a positive"),
+        (lambda: FilteredNoise(cutoff=0), "cutoff must be a positive"),
+    ],
+)
+def test_settings_out_of_range_are_refused(create, message):
+    with pytest.raises(tv.InputError, match=message):
+        create()

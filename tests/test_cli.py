@@ -1,0 +1,169 @@
+import sys
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+from tvsysid import cli
+
+
+@pytest.fixture
+def tvsysid(monkeypatch, capsys, tmp_path):
+    """Run the command line in a folder of its own; returns exit code, output and errors."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.setattr(cli, "output", cli.Console(width=200))
+    monkeypatch.setattr(cli, "errors", cli.Console(width=200, stderr=True))
+
+    def command(*words):
+        monkeypatch.setattr(sys, "argv", ["tvsysid", *map(str, words)])
+        with pytest.raises(SystemExit) as stopped:
+            cli.main()
+        captured = capsys.readouterr()
+        return stopped.value.code, captured.out, captured.err
+
+    return command
+
+
+IDENTIFY = ("--angle", "angle", "--torque", "torque", "--rate", 1000, "--decimate", 100, "--period", 2)
+
+
+def test_benchmark(tvsysid, tmp_path):
+    code, out, err = tvsysid("benchmark", "--trials", 2, "--duration", 60, "--method", "sds", "--method", "esm:window=0.4", "--workers", 1)
+    assert (code, err) == (0, "")
+    assert "square wave, filtered noise, 60 s, 10 dB, 2 trials" in out
+    assert "esm:window=0.4" in out
+    folder = tmp_path / "tvsysid-benchmark"
+    table = pd.read_csv(folder / "summary.csv")
+    assert list(table.columns[:8]) == [
+        "stiffness", "perturbation", "duration_s", "snr_db", "method", "trials", "metric", "value",
+    ]  # fmt: skip
+    assert set(table.perturbation) == {"noise", "prbs"}
+    assert set(table.method) == {"sds", "esm:window=0.4"}
+    with xr.open_dataset(folder / "results.nc", engine="h5netcdf") as results:
+        assert results.stiffness.sizes["trial"] == 2
+    for ending in ("png", "pdf"):
+        for perturbation in ("noise", "prbs"):
+            assert (folder / f"stiffness-square-{perturbation}-60s-10dB.{ending}").stat().st_size > 5000
+
+
+def test_the_same_seed_gives_the_same_table(tvsysid, tmp_path):
+    def values(folder, *words):
+        options = ("--trials", 2, "--duration", 40, "--method", "birf", "--perturbation", "prbs", "--workers", 1)
+        assert tvsysid("benchmark", *options, "--out", folder, *words)[0] == 0
+        table = pd.read_csv(tmp_path / folder / "summary.csv")
+        return table[table.metric != "seconds"].value.to_numpy()
+
+    np.testing.assert_array_equal(values("one"), values("two"))
+    assert not np.array_equal(values("one"), values("three", "--seed", 7))
+
+
+def test_doubts_in_a_benchmark_are_told(tvsysid):
+    code, _, err = tvsysid("benchmark", "--trials", 2, "--duration", 40, "--method", "eirf", "--workers", 1)
+    assert code == 0
+    assert "warning: eirf: " in err
+    assert "fewer than the 25 lags" in err
+
+
+@pytest.mark.parametrize("name", ["joint.mat", "joint.csv"])
+def test_simulate_then_identify(tvsysid, tmp_path, name):
+    code, out, _ = tvsysid("simulate", name, "--duration", 60, "--perturbation", "prbs", "--snr", 20)
+    assert code == 0
+    assert f"tvsysid identify {name} --angle angle --torque torque --rate 1000 --decimate 100 --period 2" in out
+    code, out, err = tvsysid("identify", name, *IDENTIFY, "--method", "sds", "--method", "kbr", "--out", "found")
+    assert (code, err) == (0, "")
+    assert "28 realizations of 2 s" in out
+    table = pd.read_csv(tmp_path / "found" / "stiffness.csv")
+    assert list(table.columns[:3]) == ["time_s", "method", "stiffness"]
+    for method in ("sds", "kbr"):
+        found = table[table.method == method]
+        truth = np.where((found.time_s >= 0.5) & (found.time_s < 1.5), 150.0, 50.0)
+        assert np.sqrt(np.mean((found.stiffness - truth) ** 2)) < 15
+        assert found.time_varying_vaf.mean() > 90
+    with xr.open_datatree(tmp_path / "found" / "models.nc", engine="h5netcdf") as tree:
+        assert set(tree.children) == {"sds", "kbr"}
+    assert (tmp_path / "found" / "stiffness.png").stat().st_size > 5000
+
+
+def test_reversed_torque_warns_in_one_line(tvsysid):
+    tvsysid("simulate", "joint.mat", "--duration", 60)
+    code, _, err = tvsysid("identify", "joint.mat", *IDENTIFY, "--torque-sign", -1, "--method", "sds")
+    assert code == 0
+    assert err.count("\n") == 1
+    assert "warning: sds: stiffness is negative at" in err
+
+
+def test_trials_and_degrees(tvsysid, tmp_path):
+    tvsysid("simulate", "joint.mat", "--duration", 60, "--snr", 30)
+    from scipy.io import loadmat, savemat
+
+    signals = loadmat("joint.mat")
+    savemat(
+        "trials.mat",
+        {
+            "angle": np.degrees(signals["angle"].reshape(6, 10_000).T),
+            "torque": -signals["torque"].reshape(6, 10_000).T,
+        },
+    )
+    options = ("--columns", "trials", "--angle-unit", "deg", "--torque-sign", -1, "--method", "birf")
+    code, out, _ = tvsysid("identify", "trials.mat", *IDENTIFY, *options)
+    assert code == 0
+    assert "18 realizations of 2 s" in out
+    table = pd.read_csv(tmp_path / "tvsysid-identify" / "stiffness.csv")
+    assert table.stiffness.mean() == pytest.approx(100, abs=3)
+
+
+def test_methods_are_listed_with_what_they_assume(tvsysid):
+    code, out, _ = tvsysid("methods")
+    assert code == 0
+    for words in ("eirf", "sds", "birf", "esm", "kbr", "max_lag = 0.12", "same in all realizations", "nearly periodic"):
+        assert words in out
+
+
+@pytest.mark.parametrize("command", [(), ("benchmark",), ("identify",), ("methods",), ("simulate",)])
+def test_help(tvsysid, command):
+    code, out, _ = tvsysid(*command, "--help")
+    assert code == 0
+    assert "Usage: tvsysid" in out
+
+
+def test_version(tvsysid):
+    assert tvsysid("--version") [:2] == (0, "tvsysid 0.1.0\n")
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("identify", "nowhere.mat", *IDENTIFY), "nowhere.mat: no such file"),
+        (("identify", "joint.mat", "--angle", "pos", *IDENTIFY[2:]), "no channel 'pos'; it holds angle (40000 x 1)"),
+        (("identify", "joint.mat", *IDENTIFY, "--decimate", "300"), "not a whole multiple of 300 Hz"),
+        (("identify", "joint.mat", *IDENTIFY, "--period", "90"), "no realization of 90 s"),
+        (("identify", "joint.mat", *IDENTIFY, "--method", "arx"), "unknown method 'arx'"),
+        (("identify", "joint.mat", *IDENTIFY, "--method", "sds:windw=1"), "unknown setting 'windw'"),
+        (("identify", "joint.mat", *IDENTIFY, "--method", "sds:window=9"), "longer than a realization"),
+        (("identify", "joint.mat", *IDENTIFY, "--torque-sign", "3"), "torque_sign must be 1 or -1"),
+        (("identify", "joint.mat", *IDENTIFY, "--angle-unit", "grad"), "grad"),
+        (("identify", "joint.mat", *IDENTIFY, "--columns", "rows"), "rows"),
+        (("identify", "joint.mat", "--angle", "angle"), "Missing option"),
+        (("identify", "joint.mat", *IDENTIFY, "--rate", "0"), "positive number of hertz"),
+        (("identify", "joint.mat", *IDENTIFY, "--out", "joint.mat"), "joint.mat"),
+        (("simulate", "joint.docx"), "unknown ending '.docx'"),
+        (("simulate", "other.mat", "--duration", "-1"), "duration must be positive"),
+        (("benchmark", "--duration", "3"), "whole realizations of 2 s"),
+        (("benchmark", "--trials", "0"), "trials"),
+        (("benchmark", "--workers", "0"), "workers must be at least 1"),
+        (("benchmark", "--method", "nothing"), "unknown method 'nothing'"),
+        (("benchmark", "--stiffness", "step"), "step"),
+        (("benchmrk",), "benchmrk"),
+        (("benchmark", "--trails", "3"), "--trails"),
+    ],
+)
+def test_errors_are_one_line(tvsysid, words, message):
+    tvsysid("simulate", "joint.mat", "--duration", 40)
+    code, _, err = tvsysid(*words)
+    assert code == 2
+    assert message in err
+    assert err.startswith("tvsysid: ")
+    assert err.count("\n") == 1
+    assert "Traceback" not in err

@@ -1,0 +1,145 @@
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+import tvsysid as tv
+
+
+@pytest.fixture
+def angle(random):
+    return random.normal(size=500)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"angle": []}, "angle: expected samples, got an empty array"),
+        ({"angle": np.zeros((500, 2))}, r"angle: expected 1 axis \(time\), got an array of shape \(500, 2\)"),
+        ({"angle": ["a"] * 500}, "angle: expected real numbers, got values of type <U1"),
+        ({"angle": np.ones(500, dtype=complex)}, "got values of type complex128"),
+        ({"angle": [[1.0], [1.0, 2.0]]}, "rows of different length"),
+        ({"torque": np.zeros(499)}, r"must have the same shape, got \(500,\) and \(499,\)"),
+        ({"angle": np.full(500, 0.1)}, "all 500 values are 0.1 rad; a joint that is not moved"),
+        ({"sampling_rate": 0}, "expected a positive number of hertz, got 0"),
+        ({"sampling_rate": -100.0}, "expected a positive number of hertz, got -100.0"),
+        ({"sampling_rate": float("nan")}, "positive number of hertz"),
+        ({"sampling_rate": "fast"}, "expected a number of hertz, got 'fast'"),
+        ({"start": float("inf")}, "start: expected the time"),
+        ({"channels": {"emg": np.zeros(3)}}, r"channel 'emg': expected the angle's shape \(500,\), got \(3,\)"),
+        ({"trial_starts": (0, 500)}, "trial_starts: expected increasing"),
+        ({"trial_starts": (5,)}, "trial_starts: expected increasing"),
+    ],
+)
+def test_a_recording_refuses_what_it_cannot_use(angle, change, message):
+    settings = {"angle": angle, "torque": angle, "sampling_rate": 100.0} | change
+    with pytest.raises(tv.InputError, match=message):
+        tv.Recording(**settings)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("name", ["angle", "torque"])
+def test_values_that_are_not_finite_are_counted_and_located(angle, name, bad):
+    values = angle.copy()
+    values[[17, 40]] = bad
+    with pytest.raises(tv.InputError, match=f"{name}: 2 of 500 values are NaN or infinite, the first at time 17"):
+        tv.Recording(**({"angle": angle, "torque": angle, "sampling_rate": 100.0} | {name: values}))
+
+
+def test_huge_finite_values_are_accepted():
+    angle = np.tile([1e308, -1e308, 1.5e308], 10)
+    assert len(tv.Recording(angle, angle, 100.0)) == 30
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"angle": np.zeros(500)}, r"angle: expected 2 axes \(realization, time\), got an array of shape \(500,\)"),
+        ({"torque": np.zeros((10, 49))}, "must have the same shape"),
+        ({"context": 25}, "from 0 to 24"),
+        ({"context": -1}, "from 0 to 24"),
+        ({"context": 1.5}, "whole number of samples"),
+        ({"onsets": [0.0, 1.0]}, "expected one for each of the 10 realizations"),
+        ({"trials": ["a"] * 10}, "trials: expected whole numbers"),
+    ],
+)
+def test_an_ensemble_refuses_what_it_cannot_use(angle, change, message):
+    matrix = angle.reshape(10, 50)
+    settings = {"angle": matrix, "torque": matrix, "sampling_rate": 100.0} | change
+    with pytest.raises(tv.InputError, match=message):
+        tv.Ensemble(**settings)
+
+
+@given(
+    hnp.arrays(
+        st.sampled_from([np.float64, np.float32, np.int32]),
+        hnp.array_shapes(min_dims=2, max_dims=2, min_side=2),
+        elements=st.integers(-1000, 1000),
+    )
+)
+def test_signals_are_kept_as_they_are_and_cannot_be_changed(values):
+    if np.ptp(values) == 0:
+        return
+    before = values.copy()
+    ensemble = tv.Ensemble(values, values, 100.0)
+    assert ensemble.angle.dtype == np.float64
+    np.testing.assert_array_equal(ensemble.angle, values)
+    with pytest.raises(ValueError, match="read-only"):
+        ensemble.angle[0, 0] = 1
+    values[0, 0] = 0  # the caller's own array stays the caller's
+    before[0, 0] = 0
+    np.testing.assert_array_equal(values, before)
+
+
+def test_a_recording_cannot_be_changed(angle):
+    recording = tv.Recording(angle, angle, 100.0, channels={"emg": angle})
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        recording.sampling_rate = 5.0
+    with pytest.raises(TypeError):
+        recording.channels["emg"] = angle
+
+
+def test_time_begins_anew_with_each_trial(angle):
+    recording = tv.Recording(angle, angle, 100.0, start=-0.5, trial_starts=(0, 300))
+    assert recording.trials == (slice(0, 300), slice(300, 500))
+    assert recording.duration == 5.0
+    np.testing.assert_allclose(recording.time[[0, 299, 300]], [-0.5, 2.49, -0.5])
+    assert "in 2 trials at 100 Hz" in repr(recording)
+
+
+def test_context_is_not_counted(angle):
+    ensemble = tv.Ensemble(angle.reshape(5, 100), angle.reshape(5, 100), 100.0, context=20)
+    assert ensemble.samples == 60
+    assert ensemble.duration == 0.6
+    assert ensemble.core == slice(20, 80)
+    np.testing.assert_allclose(ensemble.time[[0, -1]], [0.0, 0.59])
+    dataset = ensemble.to_xarray()
+    assert float(dataset.time[0]) == -0.2
+    assert dataset.angle.attrs["units"] == "rad"
+
+
+def test_runs_join_realizations_that_follow_each_other(angle):
+    matrix = angle.reshape(10, 50)
+
+    def runs(**where):
+        return [list(run) for run in tv.Ensemble(matrix, matrix, 100.0, **where).runs]
+
+    assert runs() == [[i] for i in range(10)]
+    assert runs(onsets=np.arange(10) * 0.5) == [list(range(10))]
+    assert runs(onsets=np.arange(10) * 0.5, trials=[0] * 4 + [1] * 6) == [[0, 1, 2, 3], [4, 5, 6, 7, 8, 9]]
+    gap = np.arange(10) * 0.5 + np.where(np.arange(10) > 6, 0.5, 0.0)
+    assert runs(onsets=gap) == [list(range(7)), [7, 8, 9]]
+    shuffled = np.array([3, 0, 1, 2, 4, 5, 6, 7, 8, 9]) * 0.5
+    assert runs(onsets=shuffled) == [[1, 2, 3, 0, 4, 5, 6, 7, 8, 9]]
+
+
+def test_select_takes_everything_along(angle):
+    matrix = angle.reshape(10, 50)
+    ensemble = tv.Ensemble(matrix, 2 * matrix, 100.0, onsets=np.arange(10.0), channels={"emg": 3 * matrix})
+    chosen = ensemble.select([4, 4, 1])
+    np.testing.assert_array_equal(chosen.onsets, [4, 4, 1])
+    np.testing.assert_array_equal(chosen.channels["emg"], 3 * matrix[[4, 4, 1]])
+    assert len(ensemble.select(np.arange(10) > 6)) == 3

@@ -34,3 +34,66 @@ def test_tonic_stiffness_is_flat_and_as_expected(recordings_folder, muscle, key)
     # Strong reflexes make the plantarflexors' torque vary from realization to realization.
     allowed = 0.25 if muscle == "plantarflexor" else 0.1
     assert model.stiffness.std() / model.stiffness.mean() < allowed
+
+
+@pytest.mark.parametrize("muscle", MUSCLES)
+def test_tonic_stiffness_from_enough_realizations_is_found_by_the_ensemble_alone(recordings_folder, muscle):
+    # 28 realizations of 2 s are hardly more than the 25 lags; half a second gives four times as many.
+    model = tv.EnsembleIRF().identify(tonic(recordings_folder, muscle, 0.5))
+    low, high = EXPECTED[muscle]
+    assert 0.95 * low < model.stiffness.mean() < 1.05 * high
+    assert model.stiffness.std() / model.stiffness.mean() < (0.25 if muscle == "plantarflexor" else 0.1)
+
+
+def test_too_few_realizations_for_the_ensemble_alone_are_told(recordings_folder):
+    with pytest.warns(tv.DoubtfulWarning, match="28 realizations are less than twice the 25 lags"):
+        tv.EnsembleIRF().identify(tonic(recordings_folder, "dorsiflexor"))
+
+
+@pytest.mark.parametrize("muscle", ["dorsiflexor", "dorsiflexor_2"])
+def test_methods_agree_on_the_tonic_dorsiflexors(recordings_folder, muscle):
+    ensemble = tonic(recordings_folder, muscle, 0.5)
+    means = [tv.methods.create(key).identify(ensemble).stiffness.mean() for key in tv.methods.names()]
+    assert max(means) / min(means) < 1.1
+
+
+@pytest.mark.parametrize("key", ["sds", "esm", "kbr"])
+def test_walking_stiffness_is_traced(walking, key):
+    model = tv.methods.create(key).identify(walking)
+    assert len(walking) == 58
+    assert model.stiffness[0] == pytest.approx(19, abs=3)
+    assert model.time[np.argmax(model.stiffness)] == pytest.approx(0.70, abs=0.02)
+    assert 74 < model.stiffness.max() < 87
+    assert model.time[60 + np.argmin(model.stiffness[60:])] == pytest.approx(0.92, abs=0.04)
+    assert 7 < model.stiffness[60:].min() < 15
+    assert model.stiffness[-1] == pytest.approx(24, abs=4)
+
+
+def test_walking_by_impulse_responses_explains_what_was_reported(walking):
+    model = tv.BasisIRF(model="irf").identify(walking)
+    measured = walking.torque[:, walking.core]
+    assert tv.metrics.vaf(measured, model.predict(walking)).mean() == pytest.approx(95, abs=1.5)
+
+
+@pytest.mark.parametrize("key", ["eirf", "birf"])
+def test_walking_by_the_other_methods_rises_and_falls_alike(walking, key):
+    model = tv.methods.create(key).identify(walking)
+    smooth = tv.methods.create("sds").identify(walking).stiffness
+    assert np.corrcoef(model.stiffness, smooth)[0, 1] > 0.75
+
+
+def test_reversed_sign_is_told(recordings_folder):
+    recording = tv.read_recording(
+        recordings_folder / "tonic_ankle.mat",
+        angle="dorsiflexor_angle",
+        torque="dorsiflexor_torque",
+        sampling_rate=1000,
+    )
+    ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
+    with pytest.warns(tv.DoubtfulWarning, match="sign reversed"):
+        tv.ShortDataSegments().identify(tv.preprocess.subtract_mean(ensemble))
+
+
+def test_toolbox_objects_are_named_as_what_they_are(recordings_folder):
+    with pytest.raises(tv.InputError, match=r"moving_ankle_nldat.mat: (io|no channel)"):
+        read(recordings_folder / "moving_ankle_nldat.mat", "io", "sv", 1.0)

@@ -112,11 +112,12 @@ def missing_edge(reach: int, ensemble: Ensemble) -> int:
     return max(0, reach - ensemble.context)
 
 
-def padded(values: NDArray[Number], missing: int) -> NDArray[Number]:
-    """Array with rows of NaN added at either end of its first axis."""
-    if missing == 0:
+def padded(values: NDArray[Number], early: int, late: int | None = None) -> NDArray[Number]:
+    """Array with rows of NaN added at the ends of its first axis; as many late ones as early ones by default."""
+    late = early if late is None else late
+    if early == late == 0:
         return values
-    edges = [(missing, missing)] + [(0, 0)] * (values.ndim - 1)
+    edges = [(early, late)] + [(0, 0)] * (values.ndim - 1)
     return np.pad(values, edges, constant_values=np.nan)
 
 

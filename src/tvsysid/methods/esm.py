@@ -77,9 +77,10 @@ class EnsembleSpectral(Method):
                 f"{ensemble.sampling_rate:g} Hz; give at least {4 / ensemble.sampling_rate:g} s"
             )
         check_window(f"EnsembleSpectral: windows of {self.window:g} s", length, ensemble)
-        missing = missing_edge(length // 2, ensemble)
-        first = ensemble.context + missing - length // 2
-        last = ensemble.context + ensemble.samples - missing + (length - 1) // 2
+        before, after = length // 2, (length - 1) // 2
+        missing = missing_edge(before, ensemble), missing_edge(after, ensemble)
+        first = ensemble.context + missing[0] - before
+        last = ensemble.context + ensemble.samples - missing[1] + after
         spectra = short_time_spectra(ensemble.angle[:, first:last], ensemble.torque[:, first:last], length)
         # A frequency without any input has no response; the smallest number keeps it finite.
         input_power = np.maximum(spectra.uu, np.finfo(float).tiny)
@@ -97,12 +98,12 @@ class EnsembleSpectral(Method):
             method=repr(self),
             sampling_rate=ensemble.sampling_rate,
             time=ensemble.time,
-            stiffness=padded(impedance.stiffness, missing),
-            viscosity=padded(impedance.viscosity, missing),
-            inertia=padded(impedance.inertia, missing),
-            frequency_response=padded(response, missing),
+            stiffness=padded(impedance.stiffness, *missing),
+            viscosity=padded(impedance.viscosity, *missing),
+            inertia=padded(impedance.inertia, *missing),
+            frequency_response=padded(response, *missing),
             frequencies=frequencies,
-            coherence=padded(coherence, missing),
+            coherence=padded(coherence, *missing),
             segment=length,
             diagnostics=Diagnostics(float(length)),
         )

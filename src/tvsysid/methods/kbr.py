@@ -31,7 +31,9 @@ PRESETS: dict[str, dict[str, float]] = {
 
 DEGREES = math.degrees(1.0)
 STRICT = 20.0
-"""Length of the decay, in lengths of the record, from which on it is under 0.25 % and the kernel strictly periodic."""
+"""Length of the decay, in lengths of the record, from which on the kernel is taken as strictly periodic."""
+BLOCK = 2048
+"""Frequencies whose regressors are held at once."""
 EXTERNAL_TERMS = 5
 """Half-cosines over a run, the fastest of two cycles, that make up the smooth external term."""
 LARGEST = 2**31
@@ -71,9 +73,13 @@ class KernelRegression(Method):
     Notes
     -----
     The kernel is used in a low-rank form: Fourier series with known variances times eigenfunctions of the decay
-    (:mod:`tvsysid.numerics.kernels`), which makes the problem a ridge regression with some 80 unknowns. If the decay is
-    long against the record, and a run holds whole periods, a product with a harmonic is a shift in frequency, so
-    that the four signals are all that is ever transformed.
+    (:mod:`tvsysid.numerics.kernels`), which makes the problem a ridge regression with some 110 unknowns. Where a run holds
+    whole periods, a product with a harmonic is a shift in frequency, so that only the signals times the eigenfunctions
+    are ever transformed.
+
+    From a decay of 20 record lengths on, the kernel is taken as strictly periodic, as the paper's 120 000 s is meant.
+    The kernel itself then falls by under 0.25 % over the record; but with gamma in degrees even that lets inertia
+    drift freely, and the dense solution with the decay kept differs by up to 1 N·m/rad of stiffness for 20 s of data.
 
     The external term is a sum of five half-cosines over a run, with the torque's variance as prior variance each.
 
@@ -133,19 +139,20 @@ class KernelRegression(Method):
                 f"{ensemble.sampling_rate:g} Hz after {HALF_WIDTH} at either end for the derivatives, within a band of "
                 f"{self.band[0]:g} to {self.band[1]:g} Hz; give context, longer realizations or a lower band"
             )
-        first = min(run.clock for run in runs)
-        last = max(run.clock + len(run.torque) / ensemble.sampling_rate for run in runs)
-        kernel = Kernel.of(period, self.length_periodic, self.length_decay, first, last, ensemble.sampling_rate)
+        start = min(run.clock for run in runs)
+        stop = max(run.clock + len(run.torque) / ensemble.sampling_rate for run in runs)
+        kernel = Kernel.of(period, self.length_periodic, self.length_decay, start, stop, ensemble.sampling_rate)
 
         size = 3 * kernel.columns + EXTERNAL_TERMS * len(runs)
         gram, cross, square, bins = np.zeros((size, size)), np.zeros(size), 0.0, 0
         for number, run in enumerate(runs):
-            regressors, output = run.in_band(kernel, self.band, ensemble.sampling_rate)
-            used = np.r_[: 3 * kernel.columns, 3 * kernel.columns + EXTERNAL_TERMS * number + np.arange(EXTERNAL_TERMS)]
-            gram[np.ix_(used, used)] += regressors @ regressors.T
-            cross[used] += regressors @ output
-            square += float(output @ output)
-            bins += len(output) // 2
+            first_external = 3 * kernel.columns + EXTERNAL_TERMS * number
+            used = np.r_[: 3 * kernel.columns, first_external : first_external + EXTERNAL_TERMS]
+            for regressors, output in run.in_band(kernel, self.band, ensemble.sampling_rate):
+                gram[np.ix_(used, used)] += regressors @ regressors.T
+                cross[used] += regressors @ output
+                square += float(output @ output)
+                bins += len(output) // 2
         power = float(np.mean(np.concatenate([run.torque for run in runs]) ** 2))
         precision = np.concatenate(
             [np.tile(kernel.precision / self.gamma, 3), np.full(EXTERNAL_TERMS * len(runs), 1 / (power or 1.0))]
@@ -217,27 +224,25 @@ class KernelModel(SecondOrderModel):
 
 @dataclass(frozen=True, eq=False)
 class Kernel:
-    """Features of the locally periodic kernel: a constant without prior, harmonics, times decay if there is one.
+    """Features of the locally periodic kernel: products of a harmonic of the period and a slow function of time.
 
     Parameters
     ----------
     period
         In s.
-    harmonics
-        How many.
     decay
-        Features of the decay; None where the kernel is strictly periodic.
+        The slow functions beside the constant; None where the kernel is strictly periodic.
+    products
+        Harmonic, part (0 for cosine, 1 for sine) and slow function of each column. The first column is the constant
+        without prior.
     precision
-        Prior precision of each column for gamma = 1, shape (column,).
-    kept
-        Which products of harmonic and decay features are columns, beside the first constant.
+        Prior precision of each column for gamma = 1, shape (column,); 0 for the first.
     """
 
     period: float
-    harmonics: int
     decay: DecayFeatures | None
+    products: tuple[tuple[int, int, int], ...]
     precision: Array
-    kept: NDArray[np.bool_]
 
     @classmethod
     def of(cls, period: float, l1: float, l2: float, first: float, last: float, rate: float) -> Kernel:
@@ -245,29 +250,42 @@ class Kernel:
         variances = harmonic_variances(l1)
         # Harmonics beyond the Nyquist frequency would be aliases of slower ones.
         variances = variances[: max(1, math.ceil(period * rate / 2))]
-        each = np.concatenate([variances[:1], np.repeat(variances[1:], 2)])
+        parts = [(harmonic, part) for harmonic in range(len(variances)) for part in ((0, 1) if harmonic else (0,))]
         if l2 >= STRICT * (last - first):
-            # The kernel's own constant adds nothing to the one without prior.
-            kept = np.arange(len(each)) > 0
-            return cls(period, len(variances) - 1, None, np.concatenate([[0.0], 1 / each[1:]]), kept)
+            # Of the constant one column is enough: that without prior.
+            products = [(harmonic, part, 0) for harmonic, part in parts]
+            return cls(period, None, tuple(products), np.array([0.0, *(1 / variances[h] for h, _ in parts[1:])]))
         decay = DecayFeatures(first, last, l2)
-        share = np.outer(each, decay.variances / decay.variances.sum()).ravel()
-        kept = share > TOLERANCE
-        spread = np.repeat(each, len(decay.variances))[kept]
-        return cls(period, len(variances) - 1, decay, np.concatenate([[0.0], 1 / spread]), kept)
+        products = [
+            (harmonic, part, 1 + slow)
+            for harmonic, part in parts
+            for slow, share in enumerate(decay.variances)
+            if variances[harmonic] * share > TOLERANCE
+        ]
+        precision = [0.0, *(1 / variances[harmonic] for harmonic, _, _ in products)]
+        return cls(period, decay, ((0, 0, 0), *products), np.array(precision))
 
     @property
     def columns(self) -> int:
         """Features of each coefficient."""
-        return len(self.precision)
+        return len(self.products)
+
+    @property
+    def harmonics(self) -> int:
+        """Highest harmonic of the period."""
+        return max(harmonic for harmonic, _, _ in self.products)
+
+    def slow_features(self, clock: Array) -> Array:
+        """Constant and slow functions at times of the record in s, shape (function, time)."""
+        constant = np.ones((1, len(clock)))
+        return constant if self.decay is None else np.concatenate([constant, self.decay(clock).T])
 
     def __call__(self, phase: Array, clock: Array) -> Array:
         """Features at times in s: of the periodic behaviour, and of the record; shape (time, column)."""
         periodic = harmonic_features(phase, self.period, self.harmonics)
-        if self.decay is None:
-            return periodic
-        products = (periodic[:, :, None] * self.decay(clock)[:, None, :]).reshape(len(phase), -1)
-        return np.concatenate([np.ones((len(phase), 1)), products[:, self.kept]], axis=1)
+        slow = self.slow_features(clock)
+        place = [max(0, 2 * harmonic - 1 + part) for harmonic, part, _ in self.products]
+        return np.asarray(periodic[:, place] * slow[[slowness for _, _, slowness in self.products]].T)
 
 
 class _Fit(NamedTuple):
@@ -281,7 +299,8 @@ class _Fit(NamedTuple):
 def _fit(gram: Array, cross: Array, square: float, bins: int, precision: Array) -> _Fit:
     r"""Minimise :math:`|E|^2 / \sigma^2 + c^T P c`, the noise variance being that of the complex residual.
 
-    ``gram``, ``cross`` and ``square`` are sums over real and imaginary parts of the bins.
+    ``gram``, ``cross`` and ``square`` are sums over real and imaginary parts of the bins. The cost is the negative log
+    of a posterior density (of a complex normal E) without the usual halves, so that the covariance has one.
     """
     scale = 1 / np.sqrt(np.where(np.diag(gram) > 0, np.diag(gram), 1.0))
     gram, cross, precision = gram * np.outer(scale, scale), cross * scale, precision * scale**2
@@ -301,7 +320,7 @@ def _fit(gram: Array, cross: Array, square: float, bins: int, precision: Array) 
         before, noise = noise, max(2 * residual / max(2 * bins - effective, 1.0), floor)
         if abs(noise - before) <= 1e-6 * noise:
             break
-    return _Fit(mean * scale, noise * inverse * np.outer(scale, scale), noise, effective, iteration)
+    return _Fit(mean * scale, 0.5 * noise * inverse * np.outer(scale, scale), noise, effective, iteration)
 
 
 class _Run(NamedTuple):
@@ -334,61 +353,78 @@ class _Run(NamedTuple):
         onset = float(ensemble.onsets[realizations[0]])
         return cls(signals, torque, onset + shift, clock + shift, len(realizations))
 
-    def in_band(self, kernel: Kernel, band: tuple[float, float], rate: float) -> tuple[Array, Array]:
-        """Regressors (column, bin) and output (bin,): Fourier coefficients in the band, real and imaginary parts."""
+    def in_band(self, kernel: Kernel, band: tuple[float, float], rate: float) -> Iterator[tuple[Array, Array]]:
+        """Regressors (column, bin) and output (bin,): Fourier coefficients in the band, real and imaginary parts.
+
+        Comes in blocks of frequencies, so that memory does not grow with the record times the columns.
+        """
         count = len(self.torque)
         low = math.ceil(band[0] * count / rate - 1e-9)
         high = min(math.floor(band[1] * count / rate + 1e-9), count // 2) + 1
-        root = 1 / math.sqrt(count)
-        columns = 3 * kernel.columns
-        regressors = np.empty((columns + EXTERNAL_TERMS, high - low), dtype=np.complex128)
+        index = np.arange(count)
+        external = [rfft(np.cos(np.pi * term * (index + 0.5) / count))[low:high] for term in range(EXTERNAL_TERMS)]
+        output = rfft(self.torque)[low:high]
         periods = count / rate / kernel.period
         shift = round(periods)
-        if kernel.decay is None and abs(periods - shift) < 1e-9 * periods and (
-            high - 1 + kernel.harmonics * shift <= count // 2
-        ):
-            self._shifted(regressors[:columns], kernel, low, shift)
-        else:
-            self._transformed(regressors[:columns], kernel, low, rate)
-        time = (np.arange(count) + 0.5) / count
-        for term in range(EXTERNAL_TERMS):
-            regressors[columns + term] = rfft(np.cos(np.pi * term * time))[low:high]
-        regressors *= root
-        output = rfft(self.torque)[low:high] * root
-        return regressors.view(np.float64), output.view(np.float64)
+        whole = abs(periods - shift) < 1e-9 * periods and high - 1 + kernel.harmonics * shift <= count // 2
+        blocks = self._shifted if whole else self._transformed
+        root = 1 / math.sqrt(count)
+        for start, regressors in blocks(kernel, low, high, rate):
+            block = slice(start - low, start - low + regressors.shape[1])
+            for term, values in enumerate(external):
+                regressors[3 * kernel.columns + term] = values[block]
+            regressors *= root
+            yield regressors.view(np.float64), (output[block] * root).view(np.float64)
 
-    def _shifted(self, out: ComplexArray, kernel: Kernel, low: int, shift: int) -> None:
+    def _shifted(self, kernel: Kernel, low: int, high: int, rate: float) -> Iterator[tuple[int, ComplexArray]]:
         """Products with harmonics as shifts in frequency: exact where the run holds whole periods."""
-        bins = out.shape[1]
+        shift = round(len(self.torque) / rate / kernel.period)
         reach = kernel.harmonics * shift
-        for order, signal in enumerate(self.signals):
-            spectrum = rfft(signal)
-            below = max(0, reach - low)
-            wide = np.concatenate([spectrum[below:0:-1].conj(), spectrum[max(0, low - reach) : low + bins + reach]])
-            rows = out[order * kernel.columns : (order + 1) * kernel.columns]
-            rows[0] = wide[reach : reach + bins]
-            for harmonic in range(1, kernel.harmonics + 1):
-                turn = 0.5 * np.exp(2j * np.pi * harmonic * self.phase / kernel.period)
-                up = turn * wide[reach - harmonic * shift :][:bins]
-                down = np.conj(turn) * wide[reach + harmonic * shift :][:bins]
-                np.add(up, down, out=rows[2 * harmonic - 1])
-                np.subtract(up, down, out=rows[2 * harmonic])
-                rows[2 * harmonic] *= -1j
+        slow = kernel.slow_features(self.clock + np.arange(len(self.torque)) / rate)
+        below = max(0, reach - low)
 
-    def _transformed(self, out: ComplexArray, kernel: Kernel, low: int, rate: float) -> None:
+        def reaching(x: Array) -> ComplexArray:
+            """Spectrum from bin low - reach to high + reach."""
+            spectrum = rfft(x)
+            return np.concatenate([spectrum[below:0:-1].conj(), spectrum[max(0, low - reach) : high + reach]])
+
+        spectra = [[reaching(signal * feature) for feature in slow] for signal in self.signals]
+        turns = 0.5 * np.exp(2j * np.pi * np.arange(kernel.harmonics + 1) * self.phase / kernel.period)
+        for start in range(low, high, BLOCK):
+            bins = min(BLOCK, high - start)
+            out = np.empty((3 * kernel.columns + EXTERNAL_TERMS, bins), dtype=np.complex128)
+            centre = start - low + reach
+            for order, of_signal in enumerate(spectra):
+                for column, (harmonic, part, slowness) in enumerate(kernel.products):
+                    row, spectrum = out[order * kernel.columns + column], of_signal[slowness]
+                    if harmonic == 0:
+                        row[:] = spectrum[centre : centre + bins]
+                        continue
+                    up = turns[harmonic] * spectrum[centre - harmonic * shift :][:bins]
+                    down = turns[harmonic].conj() * spectrum[centre + harmonic * shift :][:bins]
+                    if part == 0:
+                        np.add(up, down, out=row)
+                    else:
+                        np.subtract(down, up, out=row)
+                        row *= 1j
+            yield start, out
+
+    def _transformed(self, kernel: Kernel, low: int, high: int, rate: float) -> Iterator[tuple[int, ComplexArray]]:
         """Products with any features, each transformed."""
-        if out.nbytes > LARGEST:
+        columns = 3 * kernel.columns + EXTERNAL_TERMS
+        if 16 * columns * (high - low) > LARGEST:
             raise InputError(
-                f"KernelRegression: {out.shape[0]} regressors over {out.shape[1]} frequencies would take "
-                f"{out.nbytes / 2**30:.1f} GiB; give fewer realizations, a longer length_decay or a larger "
-                "length_periodic"
+                f"KernelRegression: {columns} regressors over {high - low} frequencies would take "
+                f"{16 * columns * (high - low) / 2**30:.1f} GiB; give realizations of whole periods, fewer of them, or a "
+                "longer length_decay"
             )
         index = np.arange(len(self.torque)) / rate
         features = kernel(self.phase + index, self.clock + index)
+        out = np.empty((columns, high - low), dtype=np.complex128)
         for column, feature in enumerate(features.T):
             for order, signal in enumerate(self.signals):
-                transformed = rfft(signal * feature)
-                out[order * kernel.columns + column] = transformed[low : low + out.shape[1]]
+                out[order * kernel.columns + column] = rfft(signal * feature)[low:high]
+        yield low, out
 
 
 def _clocks(ensemble: Ensemble) -> Array:

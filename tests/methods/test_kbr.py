@@ -1,0 +1,102 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+import tvsysid as tv
+from tvsysid.methods import kbr
+
+
+def test_shifts_in_frequency_equal_products_in_time(ensemble_of, monkeypatch):
+    ensemble = ensemble_of(40.0, "sine", "prbs")
+    for method in (tv.KernelRegression(), tv.KernelRegression.preset("experiment", band=(1.0, 19.0))):
+        fast = method.identify(ensemble)
+        with monkeypatch.context() as patched:
+            patched.setattr(kbr._Run, "_shifted", kbr._Run._transformed)
+            slow = method.identify(ensemble)
+        np.testing.assert_allclose(fast.stiffness, slow.stiffness, rtol=1e-6)
+        np.testing.assert_allclose(fast.inertia, slow.inertia, rtol=1e-4)
+
+
+def test_block_size_changes_nothing(ensemble_of, monkeypatch):
+    ensemble = ensemble_of(40.0, "sine", "noise")
+    whole = tv.KernelRegression().identify(ensemble)
+    monkeypatch.setattr(kbr, "BLOCK", 97)
+    np.testing.assert_allclose(tv.KernelRegression().identify(ensemble).stiffness, whole.stiffness, rtol=1e-7)
+
+
+def test_gaps_are_gaps(ensemble_of):
+    ensemble = ensemble_of(100.0, "sine", "noise", 30.0)
+    truth = tv.simulate.SineWave()(ensemble.time)
+    for kept in (np.arange(50) % 5 != 2, np.arange(50) % 2 == 0):
+        for method in (tv.KernelRegression(), tv.KernelRegression.preset("experiment")):
+            model = method.identify(ensemble.select(kept))
+            assert np.abs(model.stiffness - truth).max() < 4
+
+
+def test_single_realization_serves(ensemble_of):
+    ensemble = ensemble_of(40.0, "sine", "noise", 30.0).select([3])
+    model = tv.KernelRegression(length_periodic=1.0).identify(ensemble)
+    assert np.abs(model.stiffness - tv.simulate.SineWave()(model.time)).mean() < 6
+
+
+def test_a_realization_may_begin_at_any_phase_and_hold_several_periods():
+    simulation = tv.simulate.joint(
+        90, stiffness=tv.simulate.SineWave(), perturbation=tv.simulate.FilteredNoise(), snr_db=30, seed=3
+    )
+    recording = tv.preprocess.decimate(simulation.recording, 100)
+    late = dataclasses.replace(recording, start=recording.start + 0.37)
+    model = tv.KernelRegression(period=2.0).identify(tv.preprocess.segment(late, 6.0))
+    truth = tv.simulate.SineWave()(model.time - 0.37)
+    assert np.abs(model.stiffness - truth).max() < 4
+
+
+def test_a_stiffness_that_drifts_is_followed_by_a_decaying_kernel():
+    def profile(time):
+        return 100 + 30 * np.sin(np.pi * time) + 0.4 * time
+
+    simulation = tv.simulate.joint(
+        60, stiffness=profile, perturbation=tv.simulate.FilteredNoise(), snr_db=20, seed=3
+    )
+    ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 2.0)
+    truth = np.stack([profile(onset + ensemble.time) for onset in ensemble.onsets])
+    model = tv.KernelRegression.preset("experiment").identify(ensemble)
+    stiffness, _, _ = model.impedance(ensemble)
+    assert stiffness.shape == truth.shape
+    assert np.sqrt(np.mean((stiffness - truth) ** 2)) < 4
+    np.testing.assert_allclose(model.stiffness, stiffness.mean(axis=0), rtol=1e-9)
+    strict = tv.KernelRegression().identify(ensemble)
+    assert np.sqrt(np.mean((strict.stiffness - truth) ** 2)) > 5
+
+
+def test_offset_and_drift_of_the_torque_go_to_the_external_term(ensemble_of):
+    ensemble = ensemble_of(40.0, "sine", "noise", 20.0)
+    clock = ensemble.onsets[:, None] + np.arange(ensemble.angle.shape[1]) / 100
+    drifting = dataclasses.replace(ensemble, torque=ensemble.torque + 2 * np.cos(np.pi * clock / 40))
+    plain = tv.KernelRegression().identify(ensemble)
+    mended = tv.KernelRegression().identify(drifting)
+    assert np.abs(mended.stiffness - plain.stiffness).max() < 2.5
+
+
+def test_covariance_is_that_of_repeated_trials(ensemble_of):
+    method = tv.KernelRegression()
+    models = [method.identify(ensemble_of(40.0, "sine", "noise", seed=seed)) for seed in range(60)]
+    features = models[0].kernel(models[0].time, models[0].time)
+    part = slice(0, features.shape[1])
+    predicted = np.mean([np.sum(features @ m.covariance[part, part] * features, axis=1) for m in models], axis=0)
+    actual = np.var([m.stiffness for m in models], axis=0, ddof=1)
+    assert predicted.mean() == pytest.approx(actual.mean(), rel=0.3)
+
+
+def test_presets_are_the_papers():
+    assert tv.KernelRegression.preset("simulation") == tv.KernelRegression()
+    experiment = tv.KernelRegression.preset("experiment")
+    assert (experiment.length_decay, experiment.gamma) == (30.0, 13.8)
+    assert experiment.length_periodic == pytest.approx(np.exp(-1))
+    assert tv.methods.parse("kbr:preset=experiment,gamma=5") == dataclasses.replace(experiment, gamma=5.0)
+
+
+def test_regressors_that_would_fill_the_memory_are_refused(ensemble_of, monkeypatch):
+    monkeypatch.setattr(kbr, "LARGEST", 1e6)
+    with pytest.raises(tv.InputError, match="GiB; give realizations of whole periods"):
+        tv.KernelRegression(period=1.7).identify(ensemble_of(40.0))

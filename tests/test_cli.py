@@ -30,7 +30,9 @@ IDENTIFY = ("--angle", "angle", "--torque", "torque", "--rate", 1000, "--decimat
 
 
 def test_benchmark(tvsysid, tmp_path):
-    code, out, err = tvsysid("benchmark", "--trials", 2, "--duration", 60, "--method", "sds", "--method", "esm:window=0.4", "--workers", 1)
+    code, out, err = tvsysid(
+        "benchmark", "--trials", 2, "--duration", 60, "--method", "sds", "--method", "esm:window=0.4", "--workers", 1
+    )
     assert (code, err) == (0, "")
     assert "square wave, filtered noise, 60 s, 10 dB, 2 trials" in out
     assert "esm:window=0.4" in out
@@ -129,7 +131,7 @@ def test_help(tvsysid, command):
 
 
 def test_version(tvsysid):
-    assert tvsysid("--version") [:2] == (0, "tvsysid 0.1.0\n")
+    assert tvsysid("--version")[:2] == (0, "tvsysid 0.1.0\n")
 
 
 @pytest.mark.parametrize(

@@ -93,19 +93,19 @@ def tvsysid(
 
 @app.command()
 def benchmark(
-    stiffness: Annotated[
-        list[Profile], typer.Option(help="Stiffness profile of the simulated joint; repeatable.")
-    ] = [Profile.square],  # noqa: B006  # typer copies it
-    perturbation: Annotated[list[Perturbation], typer.Option(help="Angular perturbation; repeatable.")] = [  # noqa: B006
+    stiffness: Annotated[list[Profile], typer.Option(help="Stiffness profile of the simulated joint; repeatable.")] = [
+        Profile.square
+    ],
+    perturbation: Annotated[list[Perturbation], typer.Option(help="Angular perturbation; repeatable.")] = [
         Perturbation.noise,
         Perturbation.prbs,
     ],
     duration: Annotated[
         list[float], typer.Option(metavar="S", help="Seconds of data, a whole number of 2-s realizations; repeatable.")
-    ] = [150.0],  # noqa: B006
+    ] = [150.0],
     snr: Annotated[
         list[float], typer.Option("--snr", metavar="DB", help="Signal-to-noise ratio of the torque in dB; repeatable.")
-    ] = [10.0],  # noqa: B006
+    ] = [10.0],
     method: MethodOption = DEFAULT_METHODS,
     trials: Annotated[int, typer.Option(metavar="N", help="Monte-Carlo trials of each scenario.")] = 20,
     seed: Annotated[int, typer.Option(metavar="N", help="Seed; the same seed gives the same numbers.")] = 0,
@@ -116,8 +116,8 @@ def benchmark(
 ) -> None:
     """Compare methods on simulated data with known stiffness.
 
-    Simulates a joint (inertia 0.02 kg·m², viscosity 2.2 N·m·s/rad) whose stiffness follows the profile, lets every method
-    identify the same data, and scores them against the truth, as van de Ruit et al. (2021) do.
+    Simulates a joint (inertia 0.02 kg·m², viscosity 2.2 N·m·s/rad) whose stiffness follows the profile, lets every
+    method identify the same data, and scores them against the truth, as van de Ruit et al. (2021) do.
 
     Writes to the folder:
 
@@ -169,8 +169,9 @@ def benchmark(
     for label in results.method_key.values:
         told = [text for text in results.doubts.sel(method_key=label).values.ravel() if text]
         if told:
-            share = f"{label}: {len(told)} of {results.doubts.sel(method_key=label).size} trials deserve doubt; the first: "
-            errors.print(f"[yellow]warning:[/] {share}{told[0]}", highlight=False, soft_wrap=True)
+            count = results.doubts.sel(method_key=label).size
+            text = f"{label}: {len(told)} of {count} trials deserve doubt; the first: {told[0]}"
+            errors.print(f"[yellow]warning:[/] {text}", highlight=False, soft_wrap=True)
     _say_written(out, written)
 
 
@@ -194,7 +195,8 @@ def identify(
     ] = 1,
     angle_unit: Annotated[AngleUnit, typer.Option(help="Unit of the angle in the file.")] = AngleUnit.rad,
     start: Annotated[
-        float, typer.Option(metavar="S", help="Time of the first sample; realizations begin at multiples of the period.")
+        float,
+        typer.Option(metavar="S", help="Time of the first sample; realizations begin at multiples of the period."),
     ] = 0.0,
     context: Annotated[
         float,
@@ -210,7 +212,8 @@ def identify(
 
     Writes to the folder:
 
-    - `stiffness.csv`: time_s, method, stiffness (N·m/rad), viscosity (N·m·s/rad), inertia (kg·m²) and time_varying_vaf (%);
+    - `stiffness.csv`: time_s, method, stiffness (N·m/rad), viscosity (N·m·s/rad), inertia (kg·m²) and
+    time_varying_vaf (%);
 
     - `models.nc`: all that was identified, a group for each method (NetCDF; `xarray.open_datatree` reads it);
 

@@ -158,9 +158,7 @@ class Model(ABC):
         """
         import xarray as xr  # noqa: PLC0415  # heavy
 
-        variables: Labelled = {
-            name: (("time",), getattr(self, name)) for name in ("stiffness", "viscosity", "inertia")
-        }
+        variables: Labelled = {name: (("time",), getattr(self, name)) for name in ("stiffness", "viscosity", "inertia")}
         coordinates: Labelled = {"time": (("time",), self.time)}
         if self.diagnostics.rank is not None:
             variables["rank"] = (("time",), self.diagnostics.rank)

@@ -128,7 +128,7 @@ class Recording:
     >>> import numpy as np
     >>> angle = np.sin(np.arange(1000) / 50)
     >>> Recording(angle, 80 * angle, sampling_rate=100)
-    Recording(10 s at 100 Hz; angle RMS 0.704 rad, torque RMS 56.3 N·m)
+    Recording(10 s at 100 Hz; angle RMS 0.7 rad, torque RMS 56 N·m)
     """
 
     angle: Array
@@ -218,7 +218,7 @@ class Ensemble:
     >>> import numpy as np
     >>> angle = np.random.default_rng(0).normal(size=(50, 200))
     >>> Ensemble(angle, 80 * angle, sampling_rate=100)
-    Ensemble(50 realizations of 2 s at 100 Hz, context 0 s; angle RMS 0.995 rad, torque RMS 79.6 N·m)
+    Ensemble(50 realizations of 2 s at 100 Hz, context 0 s; angle RMS 0.998 rad, torque RMS 79.8 N·m)
     """
 
     angle: Array
@@ -313,9 +313,7 @@ class Ensemble:
         assert self.onsets is not None
         assert self.trials is not None
         index = np.asarray(realizations)
-        changes: dict[str, Any] = {
-            name: getattr(self, name)[index] for name in ("angle", "torque", "onsets", "trials")
-        }
+        changes: dict[str, Any] = {name: getattr(self, name)[index] for name in ("angle", "torque", "onsets", "trials")}
         return replace(self, **changes, channels={name: values[index] for name, values in self.channels.items()})
 
     def to_xarray(self) -> Any:

@@ -43,7 +43,9 @@ def test_results_are_labelled_and_whole(results):
     assert results.stiffness.attrs["units"] == "N m/rad"
     for name, values in results.data_vars.items():
         assert (values == "").all() if name == "doubts" else np.isfinite(values).all()
-    np.testing.assert_array_equal(results.true_stiffness.sel(profile="square"), tv.simulate.SquareWave()(results.time.values))
+    np.testing.assert_array_equal(
+        results.true_stiffness.sel(profile="square"), tv.simulate.SquareWave()(results.time.values)
+    )
 
 
 def test_the_number_of_workers_changes_no_number(results):
@@ -53,7 +55,8 @@ def test_the_number_of_workers_changes_no_number(results):
 
 def test_more_methods_trials_and_scenarios_change_no_number(results):
     more = run(
-        Study(duration_s=[60.0, 40.0], trials=4, methods=["esm", "kbr", "sds"], perturbation=["prbs", "noise"]), workers=1
+        Study(duration_s=[60.0, 40.0], trials=4, methods=["esm", "kbr", "sds"], perturbation=["prbs", "noise"]),
+        workers=1,
     )
     part = more.sel(duration_s=[60.0], trial=[0, 1, 2], method_key=["sds", "kbr"], perturbation=["noise", "prbs"])
     xr.testing.assert_equal(part.drop_vars("seconds"), results.drop_vars("seconds"))

@@ -5,9 +5,9 @@ import warnings
 
 import numpy as np
 import pytest
+from tests.conftest import ensemble_of
 
 import tvsysid as tv
-from tests.conftest import ensemble_of
 
 FIVE = [tv.methods.create(key) for key in tv.methods.names()]
 five = pytest.mark.parametrize("method", FIVE, ids=tv.methods.names())

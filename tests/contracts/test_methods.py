@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.conftest import ensemble_of
 
 import tvsysid as tv
-from tests.conftest import ensemble_of
 
 METHODS = {
     "eirf": tv.EnsembleIRF(),

@@ -55,9 +55,7 @@ def test_a_stiffness_that_drifts_is_followed_by_a_decaying_kernel():
     def profile(time):
         return 100 + 30 * np.sin(np.pi * time) + 0.4 * time
 
-    simulation = tv.simulate.joint(
-        60, stiffness=profile, perturbation=tv.simulate.FilteredNoise(), snr_db=20, seed=3
-    )
+    simulation = tv.simulate.joint(60, stiffness=profile, perturbation=tv.simulate.FilteredNoise(), snr_db=20, seed=3)
     ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 2.0)
     truth = np.stack([profile(onset + ensemble.time) for onset in ensemble.onsets])
     model = tv.KernelRegression.preset("experiment").identify(ensemble)

@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 import pytest
+from benchmarks import plain
 
 import tvsysid as tv
-from benchmarks import plain
 from tvsysid.numerics import kernels
 from tvsysid.numerics.bases import evaluate
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate

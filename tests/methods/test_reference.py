@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import tvsysid as tv
-from tvsysid.numerics import bayes, bases
+from tvsysid.numerics import bases, bayes
 
 
 def relative(values, expected):
@@ -56,7 +56,9 @@ def test_basis_irf_equals_the_reference(reference, wrapped, prior, name):
 
 def test_noise_variance_equals_the_reference(reference, wrapped):
     model = tv.BasisIRF(model="irf", prior="ridge").identify(wrapped)
-    assert model.diagnostics.details["noise_variance"] == pytest.approx(float(reference["birf_noise_variance"]), rel=1e-3)
+    assert model.diagnostics.details["noise_variance"] == pytest.approx(
+        float(reference["birf_noise_variance"]), rel=1e-3
+    )
 
 
 @pytest.mark.parametrize(("prior", "suffix"), [("ridge", ""), ("none", "_ols")])
@@ -66,9 +68,7 @@ def test_parametric_regression_equals_the_reference_given_its_derivatives(refere
     columns = [(signals[order][:, :, None] * functions).reshape(-1, 10) for order in (0, 1)]
     regressor = np.concatenate([*columns, signals[2].reshape(-1, 1)], axis=1)
     torque = reference["torque"].ravel()
-    posterior = bayes.PRIORS[prior](
-        regressor.T @ regressor, regressor.T @ torque, float(torque @ torque), len(torque)
-    )
+    posterior = bayes.PRIORS[prior](regressor.T @ regressor, regressor.T @ torque, float(torque @ torque), len(torque))
     stiffness = functions @ posterior.mean[:10]
     assert relative(stiffness, reference[f"birf_parametric_stiffness{suffix}"]) < 1e-6
     if not suffix:

@@ -54,7 +54,10 @@ def test_vectors_of_any_orientation(tmp_path, signals, shape):
 def test_text(tmp_path, signals, ending, separator):
     file = tmp_path / f"ankle{ending}"
     lines = [separator.join(["pos", "tq", "emg"])]
-    lines += [separator.join(f"{value:.17g}" for value in row) for row in zip(*(s.ravel() for s in signals), range(120))]
+    lines += [
+        separator.join(f"{value:.17g}" for value in row)
+        for row in zip(*(s.ravel() for s in signals), range(120), strict=True)
+    ]
     file.write_text("\n".join(lines))
     recording = read(file, channels=["emg"])
     np.testing.assert_array_equal(recording.angle, signals[0].ravel())
@@ -122,7 +125,7 @@ def test_a_file_that_cannot_be_used_is_refused(tmp_path, name, content, message)
 
 
 def test_a_missing_file_and_a_folder_are_refused(tmp_path):
-    with pytest.raises(tv.InputError, match="nowhere.mat: no such file"):
+    with pytest.raises(tv.InputError, match=r"nowhere\.mat: no such file"):
         read(tmp_path / "nowhere.mat")
     (tmp_path / "folder.mat").mkdir()
     with pytest.raises(tv.InputError, match="expected a file, this is a folder"):

@@ -40,9 +40,14 @@ def test_models_are_read_back(tmp_path, ensemble_of):
 def test_a_file_appears_whole_or_not_at_all(tmp_path):
     target = tmp_path / "table.csv"
     target.write_text("before")
-    with pytest.raises(RuntimeError, match="lost"), whole_file(target) as file:
-        file.write_text("half of it")
-        raise RuntimeError("power lost")
+
+    def lose_power():
+        with whole_file(target) as file:
+            file.write_text("half of it")
+            raise RuntimeError("power lost")
+
+    with pytest.raises(RuntimeError, match="lost"):
+        lose_power()
     assert target.read_text() == "before"
     assert list(tmp_path.iterdir()) == [target]
     with whole_file(target) as file:

@@ -59,7 +59,9 @@ def test_torque_is_that_of_the_recorded_angle(perturbation, viscosity):
     rest = simulation.noiseless_torque[middle] - sum(parts)
     limit = 0.03 if isinstance(perturbation, FilteredNoise) else 0.2  # a switch has no bandwidth
     assert np.std(rest) < limit * np.std(simulation.noiseless_torque)
-    fit = np.linalg.lstsq(np.stack([part for part in parts], axis=1), simulation.noiseless_torque[middle], rcond=None)[0]
+    fit = np.linalg.lstsq(np.stack([part for part in parts], axis=1), simulation.noiseless_torque[middle], rcond=None)[
+        0
+    ]
     np.testing.assert_allclose(fit, 1.0, rtol=0.06)
 
 
@@ -78,9 +80,7 @@ def test_actuator_equals_the_differential_equation():
     position, velocity, acceleration = _Actuator(rate)(drive)
     np.testing.assert_allclose(position, solution.y[0], atol=1e-6)
     np.testing.assert_allclose(velocity, solution.y[1], atol=1e-3)
-    np.testing.assert_allclose(
-        acceleration, stiffness * (drive - solution.y[0]) - damping * solution.y[1], atol=1.0
-    )
+    np.testing.assert_allclose(acceleration, stiffness * (drive - solution.y[0]) - damping * solution.y[1], atol=1.0)
 
 
 def test_blocks_make_no_seam():
@@ -126,10 +126,12 @@ def test_other_rates(rate):
     np.testing.assert_array_equal(simulation.stiffness, SquareWave()(simulation.recording.time))
 
 
-@pytest.mark.parametrize("profile", [SquareWave(), SineWave(80, 20, 1.7), Constant(70.0), SquareWave(period=1.4, offset=0.3)])
+@pytest.mark.parametrize(
+    "profile", [SquareWave(), SineWave(80, 20, 1.7), Constant(70.0), SquareWave(period=1.4, offset=0.3)]
+)
 def test_a_profile_repeated_equals_the_profile_evaluated(profile):
     repeated = simulate(10.0, stiffness=profile)
-    plain = simulate(10.0, stiffness=lambda time: profile(time))
+    plain = simulate(10.0, stiffness=profile.__call__)
     np.testing.assert_allclose(repeated.stiffness, plain.stiffness, atol=1e-9)
     np.testing.assert_allclose(repeated.recording.torque, plain.recording.torque, atol=1e-9)
 

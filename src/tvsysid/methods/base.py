@@ -181,5 +181,3 @@ def _mean_torque_ratio(ensemble: Ensemble) -> float:
     mean, variance = torque.mean(axis=0), torque.var(axis=0, ddof=1)
     error = float(variance.mean()) / len(ensemble)
     return float(np.mean(mean**2)) / error if error > 0 else math.inf
-
-

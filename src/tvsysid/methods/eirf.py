@@ -47,13 +47,13 @@ class EnsembleIRF(Method):
         ``"full"``: correlations, full rank; ``"lstsq"``: singular value decomposition of the lagged inputs themselves
         (MacNeil et al. 1992).
     order
-        In which order ``"mdl"`` takes singular values: ``"natural"``, from the largest on, or ``"output"``, by the share
-        of the output that they explain.
+        In which order ``"mdl"`` takes singular values: ``"natural"``, from the largest on, or ``"output"``, by the
+        share of the output that they explain.
 
     Notes
     -----
-    The description length uses the torque's variance about its mean over realizations (with R - 1), as the authors' code
-    does: with the mean square instead, the ranks differ at a quarter of the samples. The two agree in what they
+    The description length uses the torque's variance about its mean over realizations (with R - 1), as the authors'
+    code does: with the mean square instead, the ranks differ at a quarter of the samples. The two agree in what they
     mean where the mean torque was subtracted, as it should be.
 
     Stiffness is the area under the impulse response (equation 20); viscosity and inertia are not identified yet.

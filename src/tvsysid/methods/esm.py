@@ -44,8 +44,8 @@ class EnsembleSpectral(Method):
     window
         Duration of a segment in s, over which the joint is taken as constant.
     stiffness
-        ``"dc"``: real part at 0 Hz, as in the paper. Leakage of the inertia's part from the neighbouring frequencies biases
-        it by some -2 to -3 N·m/rad. ``"fit"``: stiffness, viscosity and inertia from a second-order fit up to
+        ``"dc"``: real part at 0 Hz, as in the paper. Leakage of the inertia's part from the neighbouring frequencies
+        biases it by some -2 to -3 N·m/rad. ``"fit"``: stiffness, viscosity and inertia from a second-order fit up to
         20 Hz, weighted by what noise the coherence leaves.
 
     Notes

@@ -64,18 +64,18 @@ class KernelRegression(Method):
         l2 in s: time over which periods come to differ.
     gamma
         Prior variance of each coefficient about its mean, **angles counted in degrees**: (N·m/deg)², (N·m·s/deg)²
-        and (N·m·s²/deg)². The paper gives no unit. In radians its value of 4.5 would hold stiffness within 2 N·m/rad of a
-        constant; in degrees it allows some 120 N·m/rad, and gives figures like the paper's. This is a convention, not a
-        reconstruction.
+        and (N·m·s²/deg)². The paper gives no unit. In radians its value of 4.5 would hold stiffness within 2 N·m/rad
+        of a constant; in degrees it allows some 120 N·m/rad, and gives figures like the paper's. This is a
+        convention, not a reconstruction.
     band
         Lowest and highest frequency in Hz of the equation error that is fitted.
 
     Notes
     -----
     The kernel is used in a low-rank form: Fourier series with known variances times eigenfunctions of the decay
-    (:mod:`tvsysid.numerics.kernels`), which makes the problem a ridge regression with some 110 unknowns. Where a run holds
-    whole periods, a product with a harmonic is a shift in frequency, so that only the signals times the eigenfunctions
-    are ever transformed.
+    (:mod:`tvsysid.numerics.kernels`), which makes the problem a ridge regression with some 110 unknowns. Where a run
+    holds whole periods, a product with a harmonic is a shift in frequency, so that only the signals times the
+    eigenfunctions are ever transformed.
 
     From a decay of 20 record lengths on, the kernel is taken as strictly periodic, as the paper's 120 000 s is meant.
     The kernel itself then falls by under 0.25 % over the record; but with gamma in degrees even that lets inertia
@@ -107,9 +107,7 @@ class KernelRegression(Method):
         try:
             low, high = (float(edge) for edge in self.band)
         except (TypeError, ValueError) as error:
-            raise InputError(
-                f"KernelRegression: band must be two frequencies in Hz, got {self.band!r}"
-            ) from error
+            raise InputError(f"KernelRegression: band must be two frequencies in Hz, got {self.band!r}") from error
         if not 0 <= low < high < math.inf:
             raise InputError(f"KernelRegression: band must rise from 0 Hz or more, got {self.band!r}")
 
@@ -369,12 +367,12 @@ class _Run(NamedTuple):
         whole = abs(periods - shift) < 1e-9 * periods and high - 1 + kernel.harmonics * shift <= count // 2
         blocks = self._shifted if whole else self._transformed
         root = 1 / math.sqrt(count)
-        for start, regressors in blocks(kernel, low, high, rate):
-            block = slice(start - low, start - low + regressors.shape[1])
+        for start, products in blocks(kernel, low, high, rate):
+            block = slice(start - low, start - low + products.shape[1])
             for term, values in enumerate(external):
-                regressors[3 * kernel.columns + term] = values[block]
-            regressors *= root
-            yield regressors.view(np.float64), (output[block] * root).view(np.float64)
+                products[3 * kernel.columns + term] = values[block]
+            np.multiply(products, root, out=products)
+            yield products.view(np.float64), (output[block] * root).view(np.float64)
 
     def _shifted(self, kernel: Kernel, low: int, high: int, rate: float) -> Iterator[tuple[int, ComplexArray]]:
         """Products with harmonics as shifts in frequency: exact where the run holds whole periods."""
@@ -415,8 +413,8 @@ class _Run(NamedTuple):
         if 16 * columns * (high - low) > LARGEST:
             raise InputError(
                 f"KernelRegression: {columns} regressors over {high - low} frequencies would take "
-                f"{16 * columns * (high - low) / 2**30:.1f} GiB; give realizations of whole periods, fewer of them, or a "
-                "longer length_decay"
+                f"{16 * columns * (high - low) / 2**30:.1f} GiB; give realizations of whole periods, "
+                "fewer of them, or a longer length_decay"
             )
         index = np.arange(len(self.torque)) / rate
         features = kernel(self.phase + index, self.clock + index)

@@ -73,9 +73,9 @@ class ShortDataSegments(Method):
         inner = slice(margin, len(square) - margin)
         samples = sliding_sum(np.ones(len(square)), half, half)[inner]
 
-        def pooled(moments: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> np.ndarray[
-            tuple[int, ...], np.dtype[np.float64]
-        ]:
+        def pooled(
+            moments: np.ndarray[tuple[int, ...], np.dtype[np.float64]],
+        ) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
             total = sliding_sum(moments, half, half)[inner]
             return total / samples.reshape(-1, *[1] * (total.ndim - 1))
 

@@ -96,12 +96,16 @@ def ridge(gram: Array, cross: Array, square: float, samples: int) -> Posterior:
         gamma = float(np.sum(beta * values / precision))
         residual = square - 2 * float(mean @ projections) + float(mean @ (values * mean))
         residual = max(residual, SMALLEST_RESIDUAL * square)
-        before, evidence = evidence, 0.5 * (
-            len(values) * math.log(alpha)
-            + samples * math.log(beta / (2 * math.pi))
-            - beta * residual
-            - alpha * norm
-            - float(np.sum(np.log(precision)))
+        before, evidence = (
+            evidence,
+            0.5
+            * (
+                len(values) * math.log(alpha)
+                + samples * math.log(beta / (2 * math.pi))
+                - beta * residual
+                - alpha * norm
+                - float(np.sum(np.log(precision)))
+            ),
         )
         # An iteration costs next to nothing here, so it goes on until the last digits stand.
         if converged := abs(evidence - before) <= 1e-14 * abs(evidence):
@@ -142,12 +146,16 @@ def relevance(gram: Array, cross: Array, square: float, samples: int) -> Posteri
         sigma, log_determinant = _inverse(beta * sub + np.diag(alpha))
         mean = beta * (sigma @ right)
         residual = _residual(sub, right, square, mean)
-        before, evidence = evidence, 0.5 * (
-            float(np.sum(np.log(alpha)))
-            + samples * math.log(beta / (2 * math.pi * unit**2))
-            - beta * residual
-            - float(alpha @ mean**2)
-            - log_determinant
+        before, evidence = (
+            evidence,
+            0.5
+            * (
+                float(np.sum(np.log(alpha)))
+                + samples * math.log(beta / (2 * math.pi * unit**2))
+                - beta * residual
+                - float(alpha @ mean**2)
+                - log_determinant
+            ),
         )
         gamma = np.clip(1 - alpha * np.diag(sigma), 1e-12, 1.0)
         if converged := abs(evidence - before) <= TOLERANCE * samples:

@@ -89,9 +89,7 @@ def _cross_moments(u: Array, y: Array, length: int) -> Array:
         stop = min(start + BLOCK, times)
         product = u[:, start : stop + length - 1].T @ y[:, start:stop]
         row, column = product.strides
-        moments[start:stop] = as_strided(
-            product, (stop - start, length), (row + column, row), writeable=False
-        )[:, ::-1]
+        moments[start:stop] = as_strided(product, (stop - start, length), (row + column, row), writeable=False)[:, ::-1]
     moments /= len(u)
     return moments
 

@@ -87,8 +87,8 @@ def joint(
 
     The perturbation passes a 40-Hz second-order Bessel filter (the actuator), whose states are angle and velocity and
     give the acceleration, so that nothing is differenced. The angle is scaled to an RMS of 0.5 degrees. The noise is
-    white noise through a 40-Hz second-order Butterworth filter, scaled so that noiseless torque and noise have the ratio
-    of variances asked for. Both scales are those of the samples from time 0 to the duration.
+    white noise through a 40-Hz second-order Butterworth filter, scaled so that noiseless torque and noise have the
+    ratio of variances asked for. Both scales are those of the samples from time 0 to the duration.
 
     Parameters
     ----------
@@ -238,10 +238,6 @@ def _actuator_filter(rate: float) -> tuple[Array, Array, Array, float, float]:
     # (zI - A)^-1 (late z + early); the adjugate of zI - A is [[z - a11, a01], [a10, z - a00]].
     (a00, a01), (a10, a11) = transition
     denominator = np.array([1.0, -(a00 + a11), a00 * a11 - a01 * a10])
-    position = np.array(
-        [late[0], early[0] - a11 * late[0] + a01 * late[1], a01 * early[1] - a11 * early[0]]
-    )
-    velocity = np.array(
-        [late[1], early[1] - a00 * late[1] + a10 * late[0], a10 * early[0] - a00 * early[1]]
-    )
+    position = np.array([late[0], early[0] - a11 * late[0] + a01 * late[1], a01 * early[1] - a11 * early[0]])
+    velocity = np.array([late[1], early[1] - a00 * late[1] + a10 * late[0], a10 * early[0] - a00 * early[1]])
     return position, velocity, denominator, float(stiffness), float(damping)

@@ -1,0 +1,51 @@
+"""What the README says is so."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+import tvsysid as tv
+
+README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+
+
+def blocks(heading):
+    section = re.search(rf"^## {heading}\n(.*?)(?=^## |\Z)", README, re.MULTILINE | re.DOTALL)[1]
+    return re.findall(r"^```\w*\n(.+?)\n^```", section, re.MULTILINE | re.DOTALL)
+
+
+@pytest.mark.parametrize(
+    ("heading", "command"),
+    [
+        ("Run it", "python3 -m venv .venv && .venv/bin/pip install . && .venv/bin/tvsysid benchmark"),
+        ("Test it", 'python3 -m venv .venv && .venv/bin/pip install -e ".[test]" && .venv/bin/python -m pytest'),
+    ],
+)
+def test_commands_are_one_line_each(heading, command):
+    assert blocks(heading) == [command]
+
+
+def test_python_example_runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    simulation = tv.simulate.joint(
+        60, stiffness=tv.simulate.SineWave(), perturbation=tv.simulate.PRBS(), snr_db=20, seed=0
+    )
+    savemat("ankle.mat", {"pos": simulation.recording.angle, "tq": simulation.recording.torque})
+    (code,) = blocks("From Python")
+    names = {}
+    exec(code, names)
+    assert np.isfinite(names["model"].stiffness).all()
+
+
+def test_methods_are_those_of_the_package():
+    section = re.search(r"^## The methods\n(.*?)(?=^## )", README, re.MULTILINE | re.DOTALL)[1]
+    rows = re.findall(r"^\| `(\w+)` \| `(\w+)` \|", section, re.MULTILINE)
+    assert rows == [(key, type(tv.methods.create(key)).__name__) for key in tv.methods.names()]
+
+
+def test_links_lead_somewhere():
+    for target in re.findall(r"\]\((?!http)([^)]+)\)", README):
+        assert (Path(__file__).parents[1] / target).exists(), target

@@ -1,14 +1,15 @@
 """The simulation study's figures, against those of two independent implementations.
 
 They hold the drive of the actuator over each sample, which puts inertia and viscosity into the torque that are not in
-the truth, and so, at the same signal-to-noise ratio, more noise (docs/simulation.md). Their random errors are
-compared after taking that off.
+the truth, and so, at the same signal-to-noise ratio, more noise (docs/simulation.md). Done in their way, the study must
+give their figures; done in ours, their biases and rise times, and no higher random errors.
 """
+
+import sys
 
 import numpy as np
 import pytest
-from scipy.signal import bessel, cont2discrete, dlsim
-from tests.conftest import PERTURBATIONS
+from scipy.signal import bessel, cont2discrete, ss2tf
 
 from tvsysid.benchmark import Study, run, summarize
 
@@ -25,40 +26,50 @@ INDEPENDENT = {
     ("prbs", "esm"): (11.3, 11.3, 3.0, 3.0, 0.12, 0.12),
     ("prbs", "kbr"): (10.7, 12.0, 2.2, 2.6, 0.13, 0.13),
 }
+cells = pytest.mark.parametrize("cell", INDEPENDENT, ids="-".join)
 
 
-def torque_power(perturbation, method):
-    """Mean square of the torque of a joint with stiffness 100 N·m/rad for an angle of unit RMS."""
+def study_figures(trials):
+    table = summarize(run(Study(trials=trials), workers=1))
+    return table.set_index(["perturbation", "method", "metric"]).sort_index().value
+
+
+def held_drive_filter(rate):
+    """Discretisation of the actuator for a drive that is held over each sample."""
     _, (_, damping, stiffness) = bessel(2, 2 * np.pi * 40, analog=True, norm="phase")
-    system = np.array([[0, 1], [-stiffness, -damping]]), np.array([[0], [stiffness]])
-    # Acceleration is the derivative of the second state; stiffness 100, viscosity 2.2, inertia 0.02.
-    torque_row = np.array([100, 2.2]) + 0.02 * system[0][1]
-    output = np.array([[1, 0], torque_row]), np.array([[0], [0.02 * stiffness]])
-    discrete = cont2discrete((*system, *output), 1e-3, method=method)
-    drive = PERTURBATIONS[perturbation].generate(200_000, 1000.0, np.random.default_rng(0))
-    _, signals, _ = dlsim(discrete, drive)
-    angle, torque = signals[2000:].T
-    return np.mean(torque**2) / np.mean(angle**2)
+    system = np.array([[0, 1], [-stiffness, -damping]]), np.array([[0], [stiffness]]), np.eye(2), np.zeros((2, 1))
+    numerators, denominator = ss2tf(*cont2discrete(system, 1 / rate, method="zoh")[:4])
+    return *numerators, denominator, stiffness, damping
 
 
 @pytest.fixture(scope="module")
-def found():
-    return (
-        summarize(run(Study(trials=40), workers=1)).set_index(["perturbation", "method", "metric"]).sort_index().value
-    )
+def ours():
+    return study_figures(20)
 
 
-@pytest.mark.parametrize(("perturbation", "method"), INDEPENDENT)
-def test_errors_are_within_a_tenth(found, perturbation, method):
-    low_bias, high_bias, low_random, high_random, quick, slow = INDEPENDENT[perturbation, method]
-    cell = found[perturbation, method]
-    assert 0.9 * low_bias < cell["bias_error"] < 1.1 * high_bias
-    assert quick - 0.021 < cell["rise_time"] < slow + 0.021
-    excess = np.sqrt(torque_power(perturbation, "zoh") / torque_power(perturbation, "foh"))
-    assert 1.05 < excess < 1.25
-    assert 0.9 * low_random < cell["random_error"] * excess < 1.1 * high_random
+@pytest.fixture(scope="module")
+def theirs():
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(sys.modules["tvsysid.simulate.joint"], "_actuator_filter", held_drive_filter)
+        return study_figures(60)
 
 
-@pytest.mark.parametrize(("perturbation", "method"), INDEPENDENT)
-def test_vaf_is_above_85_per_cent(found, perturbation, method):
-    assert found[perturbation, method, "lowest_vaf"] > 85
+@cells
+def test_with_the_drive_held_errors_are_theirs_within_a_tenth(theirs, cell):
+    low_bias, high_bias, low_random, high_random, quick, slow = INDEPENDENT[cell]
+    assert 0.9 * low_bias < theirs[*cell, "bias_error"] < 1.1 * high_bias
+    assert 0.9 * low_random < theirs[*cell, "random_error"] < 1.1 * high_random
+    assert quick - 0.021 < theirs[*cell, "rise_time"] < slow + 0.021
+
+
+@cells
+def test_biases_and_rise_times_are_theirs_and_random_errors_no_higher(ours, cell):
+    low_bias, high_bias, low_random, high_random, quick, slow = INDEPENDENT[cell]
+    assert 0.9 * low_bias < ours[*cell, "bias_error"] < 1.1 * high_bias
+    assert 0.75 * low_random < ours[*cell, "random_error"] < 1.05 * high_random
+    assert quick - 0.021 < ours[*cell, "rise_time"] < slow + 0.021
+
+
+@cells
+def test_vaf_is_above_85_per_cent(ours, cell):
+    assert ours[*cell, "lowest_vaf"] > 85

@@ -60,7 +60,8 @@ def run(
     xarray.Dataset
         ``stiffness`` and ``time_varying_vaf`` over (profile, perturbation, duration_s, snr_db, method_key,
         trial, time), ``vaf`` and ``bandpassed_vaf`` (means over realizations, against the noiseless torque),
-        ``seconds`` taken and ``doubts`` (the warnings met, or nothing) without time, and ``true_stiffness`` over (profile, time).
+        ``seconds`` taken and ``doubts`` (the warnings met, or nothing) without time, and ``true_stiffness`` over
+        (profile, time).
 
     Raises
     ------

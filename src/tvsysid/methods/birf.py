@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
@@ -24,7 +25,7 @@ from tvsysid.models import Diagnostics, ImpulseResponseModel, Model, SecondOrder
 from tvsysid.numerics.bases import Basis, CubicBSplines, evaluate
 from tvsysid.numerics.bayes import PRIORS, Posterior
 from tvsysid.numerics.differentiation import HALF_WIDTH, derivative_weights
-from tvsysid.numerics.moments import lagged_moments
+from tvsysid.numerics.moments import lagged_moments, time_chunks
 from tvsysid.signals import Ensemble
 
 Array = NDArray[np.float64]
@@ -96,14 +97,19 @@ class BasisIRF(Method):
 
     def _irf(self, ensemble: Ensemble, functions: Array) -> ImpulseResponseModel:
         lags = fitting_lags("BasisIRF", self.max_lag, ensemble)
-        phi_uu, phi_uy, square, missing = _moments(ensemble, lags)
+        missing = missing_edge(lags, ensemble)
         inner = functions[missing : len(functions) - missing]
-        unknowns, count = phi_uu.shape[1], inner.shape[1]
-        products = (inner[:, :, None] * inner[:, None, :]).reshape(len(inner), -1)
-        gram = phi_uu.reshape(len(inner), -1).T @ products
+        unknowns, count = 2 * lags + 1, inner.shape[1]
+        gram, cross, square, power = np.zeros((unknowns**2, count**2)), np.zeros((unknowns, count)), 0.0, 0.0
+        for chunk, phi_uu, phi_uy, squares in _moments(ensemble, lags):
+            at = inner[chunk]
+            gram += phi_uu.reshape(len(at), -1).T @ (at[:, :, None] * at[:, None, :]).reshape(len(at), -1)
+            cross += phi_uy.T @ at
+            square += float(squares.sum())
+            power += float(np.trace(phi_uu.sum(axis=0)))
         gram = gram.reshape(unknowns, unknowns, count, count).transpose(0, 2, 1, 3).reshape(unknowns * count, -1)
-        power = float(np.mean(np.diagonal(phi_uu, axis1=1, axis2=2)))  # unit RMS, so that one prior has no unit
-        posterior = self._solve(gram / power, (phi_uy.T @ inner).ravel() / np.sqrt(power), square, ensemble, missing)
+        power /= unknowns * len(inner)  # to unit RMS, so that one prior has no unit
+        posterior = self._solve(gram / power, cross.ravel() / np.sqrt(power), square, ensemble, missing)
         weights = functions @ posterior.mean.reshape(unknowns, count).T / np.sqrt(power)
         response = padded(weights[missing : len(functions) - missing] * ensemble.sampling_rate, missing)
         unknown = np.full(ensemble.samples, np.nan)
@@ -121,10 +127,15 @@ class BasisIRF(Method):
 
     def _parametric(self, ensemble: Ensemble, functions: Array) -> SecondOrderModel:
         check_window("BasisIRF: the derivatives of the angle", 2 * HALF_WIDTH + 1, ensemble)
-        phi_uu, phi_uy, square, missing = _moments(ensemble, HALF_WIDTH)
+        missing = missing_edge(HALF_WIDTH, ensemble)
         # Angle, velocity and acceleration are sums of lagged angles, so their moments follow.
         derivative = derivative_weights() * ensemble.sampling_rate ** np.arange(3.0)[:, None]
-        moments, cross = derivative @ phi_uu @ derivative.T, phi_uy @ derivative.T
+        parts = [
+            (derivative @ phi_uu @ derivative.T, phi_uy @ derivative.T, squares)
+            for _, phi_uu, phi_uy, squares in _moments(ensemble, HALF_WIDTH)
+        ]
+        moments, cross, squares = (np.concatenate(values) for values in zip(*parts, strict=True))
+        square = float(squares.sum())
         rms = np.sqrt(np.maximum(np.mean(np.diagonal(moments, axis1=1, axis2=2), axis=0), np.finfo(float).tiny))
         moments, cross = moments / np.outer(rms, rms), cross / rms
         inner = functions[missing : len(functions) - missing]
@@ -165,13 +176,14 @@ class BasisIRF(Method):
         return PRIORS[self.prior](gram * count, cross * count, square * count, samples)
 
 
-def _moments(ensemble: Ensemble, lags: int) -> tuple[Array, Array, float, int]:
-    """Lagged moments where a realization with its context has them, torque's square, samples missing at an end."""
-    missing = missing_edge(lags, ensemble)
-    first = ensemble.context + missing - lags
-    reach = slice(first, ensemble.angle.shape[1] - first)
-    phi_uu, phi_uy, square, _ = lagged_moments(ensemble.angle[:, reach], ensemble.torque[:, reach], lags)
-    return phi_uu, phi_uy, float(square.sum()), missing
+def _moments(ensemble: Ensemble, lags: int) -> Iterator[tuple[slice, Array, Array, Array]]:
+    """Lagged moments and the torque's mean square, for a few times after another where the context has the lags."""
+    first = max(0, ensemble.context - lags)
+    angle, torque = (values[:, first : values.shape[1] - first] for values in (ensemble.angle, ensemble.torque))
+    for chunk in time_chunks(angle.shape[1] - 2 * lags, 2 * lags + 1):
+        within = slice(chunk.start, chunk.stop + 2 * lags)
+        phi_uu, phi_uy, square, _ = lagged_moments(angle[:, within], torque[:, within], lags)
+        yield chunk, phi_uu, phi_uy, square
 
 
 def _diagnostics(posterior: Posterior) -> Diagnostics:

@@ -7,24 +7,16 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
-from tvsysid.impedance import static_stiffness
-from tvsysid.methods.base import (
-    EXCITED_ABOVE,
-    Method,
-    check_choice,
-    check_positive,
-    fitting_lags,
-    missing_edge,
-    padded,
-    whole_samples,
-)
-from tvsysid.models import Diagnostics, ImpulseResponseModel
+from tvsysid.methods.base import EXCITED_ABOVE, Method, check_choice, check_positive, fitting_lags, whole_samples
+from tvsysid.methods.correlations import impulse_response_model, solve_windows
+from tvsysid.models import ImpulseResponseModel
 from tvsysid.numerics import pseudoinverse
-from tvsysid.numerics.moments import lagged_moments
 from tvsysid.numerics.pseudoinverse import Order, Solution
 from tvsysid.signals import Ensemble
 
+Array = NDArray[np.float64]
 Solver = Literal["mdl", "full", "lstsq"]
 
 
@@ -78,20 +70,18 @@ class EnsembleIRF(Method):
 
     def _identify(self, ensemble: Ensemble) -> ImpulseResponseModel:
         lags = fitting_lags("EnsembleIRF", self.max_lag, ensemble)
-        missing = missing_edge(lags, ensemble)
-        reach = slice(ensemble.context + missing - lags, ensemble.angle.shape[1] - (ensemble.context + missing - lags))
-        angle, torque = ensemble.angle[:, reach], ensemble.torque[:, reach]
         if self.solver == "lstsq":
-            solution = pseudoinverse.direct(angle, torque, lags)
+            first = max(0, ensemble.context - lags)
+            reach = slice(first, ensemble.angle.shape[1] - first)
+            solution = pseudoinverse.direct(ensemble.angle[:, reach], ensemble.torque[:, reach], lags)
         else:
-            phi_uu, phi_uy, square, mean = lagged_moments(angle, torque, lags)
-            if self.solver == "full":
-                solution = pseudoinverse.full(phi_uu, phi_uy)
-            else:
-                count = len(ensemble)
-                variance = (square - mean**2) * (count / max(count - 1, 1))
-                solution = pseudoinverse.truncated(phi_uu, phi_uy, variance, count, self.order)
-        return impulse_response_model(repr(self), ensemble, solution, lags, missing)
+            solution = solve_windows(ensemble, lags, 0, self._solve)
+        return impulse_response_model(repr(self), ensemble, solution, lags)
+
+    def _solve(self, phi_uu: Array, phi_uy: Array, variance: Array, count: Array) -> Solution:
+        if self.solver == "full":
+            return pseudoinverse.full(phi_uu, phi_uy)
+        return pseudoinverse.truncated(phi_uu, phi_uy, variance, count, self.order)
 
     def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
         return 1 / (2 * self.max_lag), EXCITED_ABOVE
@@ -104,22 +94,3 @@ class EnsembleIRF(Method):
                 f"{len(ensemble)} realizations are {few} the {unknowns} lags: the fit at each time is hardly "
                 "determined and its random error explodes; record more, shorten max_lag, or use sds or birf"
             )
-
-
-def impulse_response_model(
-    method: str, ensemble: Ensemble, solution: Solution, lags: int, missing: int
-) -> ImpulseResponseModel:
-    """Model from the weights at each time; ``missing`` samples at either end become NaN."""
-    response = padded(solution.weights * ensemble.sampling_rate, missing)
-    unknown = np.full(ensemble.samples, np.nan)
-    return ImpulseResponseModel(
-        method=method,
-        sampling_rate=ensemble.sampling_rate,
-        time=ensemble.time,
-        stiffness=static_stiffness(response, 1 / ensemble.sampling_rate),
-        viscosity=unknown,
-        inertia=unknown,
-        impulse_response=response,
-        lags=np.arange(-lags, lags + 1) / ensemble.sampling_rate,
-        diagnostics=Diagnostics(float(solution.rank.mean()), padded(solution.rank.astype(float), missing)),
-    )

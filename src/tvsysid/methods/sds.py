@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
 from tvsysid.errors import InputError
-from tvsysid.methods.base import EXCITED_ABOVE, Method, check_positive, fitting_lags, missing_edge, whole_samples
-from tvsysid.methods.eirf import impulse_response_model
+from tvsysid.methods.base import EXCITED_ABOVE, Method, check_positive, fitting_lags, whole_samples
+from tvsysid.methods.correlations import impulse_response_model, solve_windows
 from tvsysid.models import ImpulseResponseModel
-from tvsysid.numerics import pseudoinverse
-from tvsysid.numerics.moments import lagged_moments, sliding_sum
+from tvsysid.numerics.pseudoinverse import truncated
 from tvsysid.signals import Ensemble
 
 
@@ -63,26 +60,7 @@ class ShortDataSegments(Method):
                 f"ShortDataSegments: a window of {self.window:g} s ({2 * half + 1} samples) is longer than a "
                 f"realization of {ensemble.samples} samples; give a shorter one"
             )
-        missing = missing_edge(lags, ensemble)
-        # Beyond the realization, the window may use the context that the lags leave.
-        margin = min(half, max(0, ensemble.context - lags))
-        first = ensemble.context + missing - margin - lags
-        reach = slice(first, ensemble.angle.shape[1] - first)
-        phi_uu, phi_uy, square, mean = lagged_moments(ensemble.angle[:, reach], ensemble.torque[:, reach], lags)
-
-        inner = slice(margin, len(square) - margin)
-        samples = sliding_sum(np.ones(len(square)), half, half)[inner]
-
-        def pooled(
-            moments: np.ndarray[tuple[int, ...], np.dtype[np.float64]],
-        ) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
-            total = sliding_sum(moments, half, half)[inner]
-            return total / samples.reshape(-1, *[1] * (total.ndim - 1))
-
-        count = samples * len(ensemble)
-        variance = (pooled(square) - pooled(mean) ** 2) * count / np.maximum(count - 1, 1)
-        solution = pseudoinverse.truncated(pooled(phi_uu), pooled(phi_uy), variance, count)
-        return impulse_response_model(repr(self), ensemble, solution, lags, missing)
+        return impulse_response_model(repr(self), ensemble, solve_windows(ensemble, lags, half, truncated), lags)
 
     def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
         return 1 / (2 * self.max_lag), EXCITED_ABOVE

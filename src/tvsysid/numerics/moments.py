@@ -7,6 +7,8 @@ therefore serves all times, and long realizations are done in blocks, so that me
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
@@ -15,6 +17,17 @@ Array = NDArray[np.float64]
 
 BLOCK = 100
 """Samples a block: larger ones waste products far from the diagonal, smaller ones waste calls."""
+
+
+CHUNK = 2**22
+"""Values of correlation matrices held at once (32 MiB)."""
+
+
+def time_chunks(times: int, unknowns: int) -> Iterator[slice]:
+    """Consecutive slices of time, short enough for their (unknowns, unknowns) matrices to be held at once."""
+    length = max(16, CHUNK // unknowns**2)
+    for start in range(0, times, length):
+        yield slice(start, min(start + length, times))
 
 
 def window_moments(a: Array, b: Array, before: int, after: int) -> Array:

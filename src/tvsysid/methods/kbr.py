@@ -17,6 +17,7 @@ from tvsysid.methods.base import EXCITED_ABOVE, Method, check_positive, missing_
 from tvsysid.models import Diagnostics, SecondOrderModel
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.kernels import TOLERANCE, DecayFeatures, harmonic_features, harmonic_variances
+from tvsysid.numerics.spectra import half_cosine_spectrum
 from tvsysid.signals import Ensemble
 
 Array = NDArray[np.float64]
@@ -359,8 +360,7 @@ class _Run(NamedTuple):
         count = len(self.torque)
         low = math.ceil(band[0] * count / rate - 1e-9)
         high = min(math.floor(band[1] * count / rate + 1e-9), count // 2) + 1
-        index = np.arange(count)
-        external = [rfft(np.cos(np.pi * term * (index + 0.5) / count))[low:high] for term in range(EXTERNAL_TERMS)]
+        external = [half_cosine_spectrum(term, count, low, high) for term in range(EXTERNAL_TERMS)]
         output = rfft(self.torque)[low:high]
         periods = count / rate / kernel.period
         shift = round(periods)

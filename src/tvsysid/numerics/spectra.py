@@ -71,6 +71,38 @@ def short_time_spectra(u: Array, y: Array, length: int) -> ShortTimeSpectra:
     return ShortTimeSpectra(density(u, u).real, density(y, u), density(y, y).real)
 
 
+def half_cosine_spectrum(half_cycles: int, length: int, low: int, high: int) -> ComplexArray:
+    r"""Fourier transform of so many half-cycles of a cosine over a record, without transforming it.
+
+    .. math:: \sum_{n=0}^{N-1} \cos\frac{\pi q (n + 1/2)}{N}\, e^{-2\pi j k n / N}, \qquad low \le k < high
+
+    a geometric series for each k.
+
+    Parameters
+    ----------
+    half_cycles
+        q.
+    length
+        Samples of the record, N.
+    low, high
+        First bin, and the one after the last.
+
+    Returns
+    -------
+    ComplexArray
+        Shape (high - low,).
+    """
+    bins = np.arange(low, high)
+    total = np.zeros(high - low, dtype=np.complex128)
+    for sign in (1, -1):
+        start = 0.5 * np.exp(0.5j * np.pi * sign * half_cycles / length)
+        if half_cycles % 2:  # e^{jN(...)} is -1
+            total += start * -2 / np.expm1(1j * np.pi * (sign * half_cycles - 2 * bins) / length)
+        else:  # orthogonal to all bins but one
+            total += start * length * ((2 * bins - sign * half_cycles) % (2 * length) == 0)
+    return total
+
+
 def hann(length: int) -> Array:
     """Hann window that is symmetric about sample length // 2; shape (length,).
 

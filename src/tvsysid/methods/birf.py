@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
-from tvsysid.impedance import static_stiffness
 from tvsysid.methods.base import (
     EXCITED_ABOVE,
     Method,
@@ -21,6 +20,7 @@ from tvsysid.methods.base import (
     missing_edge,
     padded,
 )
+from tvsysid.methods.correlations import impulse_response_model
 from tvsysid.models import Diagnostics, ImpulseResponseModel, Model, SecondOrderModel
 from tvsysid.numerics.bases import Basis, CubicBSplines, evaluate
 from tvsysid.numerics.bayes import PRIORS, Posterior
@@ -110,20 +110,8 @@ class BasisIRF(Method):
         gram = gram.reshape(unknowns, unknowns, count, count).transpose(0, 2, 1, 3).reshape(unknowns * count, -1)
         power /= unknowns * len(inner)  # to unit RMS, so that one prior has no unit
         posterior = self._solve(gram / power, cross.ravel() / np.sqrt(power), square, ensemble, missing)
-        weights = functions @ posterior.mean.reshape(unknowns, count).T / np.sqrt(power)
-        response = padded(weights[missing : len(functions) - missing] * ensemble.sampling_rate, missing)
-        unknown = np.full(ensemble.samples, np.nan)
-        return ImpulseResponseModel(
-            method=repr(self),
-            sampling_rate=ensemble.sampling_rate,
-            time=ensemble.time,
-            stiffness=static_stiffness(response, 1 / ensemble.sampling_rate),
-            viscosity=unknown,
-            inertia=unknown,
-            impulse_response=response,
-            lags=np.arange(-lags, lags + 1) / ensemble.sampling_rate,
-            diagnostics=_diagnostics(posterior),
-        )
+        weights = inner @ posterior.mean.reshape(unknowns, count).T / np.sqrt(power)
+        return impulse_response_model(repr(self), ensemble, weights, lags, _diagnostics(posterior))
 
     def _parametric(self, ensemble: Ensemble, functions: Array) -> SecondOrderModel:
         check_window("BasisIRF: the derivatives of the angle", 2 * HALF_WIDTH + 1, ensemble)

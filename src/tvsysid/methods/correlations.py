@@ -1,4 +1,4 @@
-"""From correlations at each time to an impulse response at each time: what eIRF and SDS share."""
+"""From correlations at each time to an impulse response at each time: what the impulse-response methods share."""
 
 from __future__ import annotations
 
@@ -62,10 +62,17 @@ def solve_windows(ensemble: Ensemble, lags: int, half: int, solve: Solver) -> So
     return Solution(*(np.concatenate(values) for values in zip(*parts, strict=True)))
 
 
-def impulse_response_model(method: str, ensemble: Ensemble, solution: Solution, lags: int) -> ImpulseResponseModel:
-    """Model from the weights at the times whose lags lie within the context; NaN at the others."""
-    missing = missing_edge(lags, ensemble)
-    response = padded(solution.weights * ensemble.sampling_rate, missing)
+def rank_diagnostics(ensemble: Ensemble, solution: Solution, lags: int) -> Diagnostics:
+    """Diagnostics of a solution that has a rank at each time whose lags lie within the context."""
+    rank = padded(solution.rank.astype(float), missing_edge(lags, ensemble))
+    return Diagnostics(float(solution.rank.mean()), rank)
+
+
+def impulse_response_model(
+    method: str, ensemble: Ensemble, weights: Array, lags: int, diagnostics: Diagnostics
+) -> ImpulseResponseModel:
+    """Model from weights (time, lag) at the times whose lags lie within the context; NaN at the others."""
+    response = padded(weights * ensemble.sampling_rate, missing_edge(lags, ensemble))
     unknown = np.full(ensemble.samples, np.nan)
     return ImpulseResponseModel(
         method=method,
@@ -76,5 +83,5 @@ def impulse_response_model(method: str, ensemble: Ensemble, solution: Solution, 
         inertia=unknown,
         impulse_response=response,
         lags=np.arange(-lags, lags + 1) / ensemble.sampling_rate,
-        diagnostics=Diagnostics(float(solution.rank.mean()), padded(solution.rank.astype(float), missing)),
+        diagnostics=diagnostics,
     )

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid.methods.base import EXCITED_ABOVE, Method, check_choice, check_positive, fitting_lags, whole_samples
-from tvsysid.methods.correlations import impulse_response_model, solve_windows
+from tvsysid.methods.correlations import impulse_response_model, rank_diagnostics, solve_windows
 from tvsysid.models import ImpulseResponseModel
 from tvsysid.numerics import pseudoinverse
 from tvsysid.numerics.pseudoinverse import Order, Solution
@@ -76,7 +76,8 @@ class EnsembleIRF(Method):
             solution = pseudoinverse.direct(ensemble.angle[:, reach], ensemble.torque[:, reach], lags)
         else:
             solution = solve_windows(ensemble, lags, 0, self._solve)
-        return impulse_response_model(repr(self), ensemble, solution, lags)
+        diagnostics = rank_diagnostics(ensemble, solution, lags)
+        return impulse_response_model(repr(self), ensemble, solution.weights, lags, diagnostics)
 
     def _solve(self, phi_uu: Array, phi_uy: Array, variance: Array, count: Array) -> Solution:
         if self.solver == "full":

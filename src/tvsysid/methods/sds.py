@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from tvsysid.errors import InputError
 from tvsysid.methods.base import EXCITED_ABOVE, Method, check_positive, fitting_lags, whole_samples
-from tvsysid.methods.correlations import impulse_response_model, solve_windows
+from tvsysid.methods.correlations import impulse_response_model, rank_diagnostics, solve_windows
 from tvsysid.models import ImpulseResponseModel
 from tvsysid.numerics.pseudoinverse import truncated
 from tvsysid.signals import Ensemble
@@ -60,7 +60,9 @@ class ShortDataSegments(Method):
                 f"ShortDataSegments: a window of {self.window:g} s ({2 * half + 1} samples) is longer than a "
                 f"realization of {ensemble.samples} samples; give a shorter one"
             )
-        return impulse_response_model(repr(self), ensemble, solve_windows(ensemble, lags, half, truncated), lags)
+        solution = solve_windows(ensemble, lags, half, truncated)
+        diagnostics = rank_diagnostics(ensemble, solution, lags)
+        return impulse_response_model(repr(self), ensemble, solution.weights, lags, diagnostics)
 
     def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
         return 1 / (2 * self.max_lag), EXCITED_ABOVE

@@ -24,6 +24,10 @@ def angle(random):
         ({"angle": [[1.0], [1.0, 2.0]]}, "rows of different length"),
         ({"torque": np.zeros(499)}, r"must have the same shape, got \(500,\) and \(499,\)"),
         ({"angle": np.full(500, 0.1)}, "all 500 values are 0.1 rad; a joint that is not moved"),
+        ({"torque": np.full(500, 5.0)}, "torque: all 500 values are 5 N·m; a torque that does not answer"),
+        ({"sampling_rate": True}, "expected a number of hertz, got True"),
+        ({"trial_starts": (0, 100.5)}, "trial_starts: expected whole numbers"),
+        ({"start": "now"}, "start: expected the time"),
         ({"sampling_rate": 0}, "expected a positive number of hertz, got 0"),
         ({"sampling_rate": -100.0}, "expected a positive number of hertz, got -100.0"),
         ({"sampling_rate": float("nan")}, "positive number of hertz"),
@@ -100,6 +104,24 @@ def test_a_recording_cannot_be_changed(angle):
         recording.sampling_rate = 5.0
     with pytest.raises(TypeError):
         recording.channels["emg"] = angle
+
+
+def test_what_the_caller_does_later_changes_nothing(angle):
+    values = angle.copy()
+    recording = tv.Recording(values, values, 100.0)
+    values[0] = np.nan
+    assert recording.angle[0] == angle[0]
+    onsets = np.arange(10.0)
+    ensemble = tv.Ensemble(angle.reshape(10, 50), angle.reshape(10, 50), 100.0, onsets=onsets)
+    onsets[0] = 7
+    assert ensemble.onsets[0] == 0
+
+
+@pytest.mark.parametrize("index", [[], [10], [[1]], [True, False]])
+def test_select_refuses_what_is_not_there(angle, index):
+    ensemble = tv.Ensemble(angle.reshape(10, 50), angle.reshape(10, 50), 100.0)
+    with pytest.raises(tv.InputError, match="select: expected"):
+        ensemble.select(index)
 
 
 def test_time_begins_anew_with_each_trial(angle):

@@ -72,6 +72,8 @@ class Diagnostics:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "details", MappingProxyType(dict(self.details)))
+        if self.rank is not None:
+            self.rank.flags.writeable = False
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -221,7 +223,8 @@ class FrequencyResponseModel(Model):
     """Frequency response at each time.
 
     Its prediction convolves the angle with the response's inverse Fourier transform: as many lags as the segments
-    that it was estimated from have samples, half of them negative.
+    that it was estimated from have samples, half of them negative. Frequencies without input are left out. It is good
+    where the perturbation reaches a fair part of the Nyquist frequency, as at 100 Hz; decimate first.
 
     Parameters
     ----------
@@ -231,6 +234,8 @@ class FrequencyResponseModel(Model):
         In Hz, shape (frequency,).
     coherence
         Share of the torque's power that is linearly related to the angle, 0 to 1, shape (time, frequency).
+    excited
+        Where the angle has at least a millionth of its strongest frequency's power, shape (time, frequency).
     segment
         Samples of the segments.
     """
@@ -238,10 +243,13 @@ class FrequencyResponseModel(Model):
     frequency_response: ComplexArray
     frequencies: Array
     coherence: Array
+    excited: NDArray[np.bool_]
     segment: int
 
     def _predict(self, ensemble: Ensemble) -> Array:
-        weights = np.fft.fftshift(np.fft.irfft(self.frequency_response, self.segment, axis=1), axes=1)
+        response = np.where(self.excited, self.frequency_response, 0.0)
+        weights = np.fft.fftshift(np.fft.irfft(response, self.segment, axis=1), axes=1)
+        weights[np.isnan(self.frequency_response).any(axis=1)] = np.nan
         return _convolve(ensemble, weights, self.segment // 2, (self.segment - 1) // 2)
 
     def _identified(self) -> tuple[Labelled, Labelled]:

@@ -31,7 +31,7 @@ def checked_array(name: str, values: ArrayLike, axes: tuple[str, ...]) -> Array:
     Returns
     -------
     Array
-        C-ordered and read-only; no copy where none is needed.
+        C-ordered and read-only; shares memory only with an array that is read-only itself.
 
     Raises
     ------
@@ -49,7 +49,9 @@ def checked_array(name: str, values: ArrayLike, axes: tuple[str, ...]) -> Array:
     expected = f"{len(axes)} axis ({axes[0]})" if len(axes) == 1 else f"{len(axes)} axes ({', '.join(axes)})"
     if array.ndim != len(axes):
         raise InputError(f"{name}: expected {expected}, got an array of shape {array.shape}; reshape or index it")
-    array = np.ascontiguousarray(array, dtype=np.float64).view()
+    given, array = array, np.ascontiguousarray(array, dtype=np.float64)
+    # What the caller can still write to is copied; what nobody can is shared.
+    array = array.copy() if array.flags.writeable and np.may_share_memory(array, given) else array.view()
     finite = np.isfinite(array)
     if not finite.all():
         first = np.argwhere(~finite)[0]
@@ -64,6 +66,8 @@ def checked_array(name: str, values: ArrayLike, axes: tuple[str, ...]) -> Array:
 
 def checked_rate(sampling_rate: float) -> float:
     """Return the sampling rate as a float, if it is a positive finite number of hertz."""
+    if isinstance(sampling_rate, bool):
+        raise InputError(f"sampling_rate: expected a number of hertz, got {sampling_rate!r}")
     try:
         rate = float(sampling_rate)
     except (TypeError, ValueError) as error:
@@ -83,6 +87,11 @@ def _checked_pair(angle: Array, torque: Array) -> None:
         raise InputError(
             f"angle: all {angle.size} values are {angle.flat[0]:g} rad; a joint that is not moved cannot be "
             "identified. Is this the right channel?"
+        )
+    if torque.min() == torque.max():
+        raise InputError(
+            f"torque: all {torque.size} values are {torque.flat[0]:g} N·m; a torque that does not answer cannot be "
+            "identified from. Is this the right channel?"
         )
 
 
@@ -145,9 +154,11 @@ class Recording:
         object.__setattr__(self, "sampling_rate", checked_rate(self.sampling_rate))
         _checked_pair(self.angle, self.torque)
         object.__setattr__(self, "channels", _checked_channels(self.channels, self.angle, axes))
-        if not math.isfinite(self.start):
+        if not (isinstance(self.start, (int, float, np.number)) and math.isfinite(self.start)):
             raise InputError(f"start: expected the time of the first sample in seconds, got {self.start!r}")
         starts = self.trial_starts
+        if not all(isinstance(first, (int, np.integer)) for first in starts):
+            raise InputError(f"trial_starts: expected whole numbers, got {starts!r}")
         if not starts or starts[0] != 0 or any(b <= a for a, b in zip(starts, (*starts[1:], len(self)), strict=True)):
             raise InputError(
                 f"trial_starts: expected increasing sample indices from 0 to below {len(self)}, got {starts!r}"
@@ -237,7 +248,8 @@ class Ensemble:
         object.__setattr__(self, "sampling_rate", checked_rate(self.sampling_rate))
         _checked_pair(self.angle, self.torque)
         object.__setattr__(self, "channels", _checked_channels(self.channels, self.angle, axes))
-        if int(self.context) != self.context or not 0 <= 2 * self.context < self.angle.shape[1]:
+        whole = isinstance(self.context, (int, np.integer)) and not isinstance(self.context, bool)
+        if not whole or not 0 <= 2 * self.context < self.angle.shape[1]:
             raise InputError(
                 f"context: expected a whole number of samples from 0 to {(self.angle.shape[1] - 1) // 2} (half of the "
                 f"{self.angle.shape[1]} samples given), got {self.context!r}"
@@ -256,9 +268,11 @@ class Ensemble:
                 f"onsets and trials: expected one for each of the {count[0]} realizations, "
                 f"got shapes {onsets.shape} and {trials.shape}"
             )
-        for name, values in (("onsets", onsets.view()), ("trials", trials.astype(np.int64))):
+        trials = trials.astype(np.int64)
+        for values in (onsets, trials):
             values.flags.writeable = False
-            object.__setattr__(self, name, values)
+        object.__setattr__(self, "onsets", onsets)
+        object.__setattr__(self, "trials", trials)
 
     def __len__(self) -> int:
         return len(self.angle)
@@ -313,6 +327,12 @@ class Ensemble:
         assert self.onsets is not None
         assert self.trials is not None
         index = np.asarray(realizations)
+        if index.ndim != 1 or not index.size:
+            raise InputError(f"select: expected the indices of some realizations, got shape {index.shape}")
+        if index.dtype.kind == "b" and len(index) != len(self):
+            raise InputError(f"select: expected a mask of {len(self)} realizations, got {len(index)}")
+        if index.dtype.kind in "iu" and not (-len(self) <= index.min() and index.max() < len(self)):
+            raise InputError(f"select: expected indices below {len(self)}, got {index.max()}")
         changes: dict[str, Any] = {name: getattr(self, name)[index] for name in ("angle", "torque", "onsets", "trials")}
         return replace(self, **changes, channels={name: values[index] for name, values in self.channels.items()})
 

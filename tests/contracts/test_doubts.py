@@ -84,3 +84,36 @@ def test_input_too_fast(method, random):
 def test_period_that_does_not_fit_the_realization():
     text = doubts(tv.KernelRegression(period=1.7), ensemble_of(150.0))
     assert "not a whole number of periods of 1.7 s" in text
+
+
+def test_a_common_offset_is_found_even_in_few_realizations():
+    for duration, offset in ((40.0, 0.5), (150.0, 0.2)):
+        ensemble = ensemble_of(duration)
+        shifted = dataclasses.replace(ensemble, torque=ensemble.torque + offset)
+        assert "mean over realizations" in doubts(tv.BasisIRF(), shifted)
+
+
+@five
+def test_an_angle_that_is_still_for_a_while(method):
+    ensemble = ensemble_of(150.0)
+    angle = ensemble.angle.copy()
+    angle[:, 50:100] = 0.0
+    text = doubts(method, dataclasses.replace(ensemble, angle=angle))
+    assert "still in all realizations at 50 of 200 samples, the first at 0 s" in text
+
+
+@pytest.mark.parametrize("method", [tv.ShortDataSegments(), tv.EnsembleSpectral()])
+def test_too_few_realizations_for_a_window(method):
+    assert "hardly determined" in doubts(method, ensemble_of(40.0).select([3, 4]))
+
+
+def test_a_rate_far_above_the_perturbation_for_spectra():
+    simulation = tv.simulate.joint(
+        60, stiffness=tv.simulate.SineWave(), perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1
+    )
+    text = doubts(tv.EnsembleSpectral(), tv.preprocess.segment(simulation.recording, 2.0))
+    assert "hardly any power above 250 Hz" in text
+    recording = tv.preprocess.decimate(simulation.recording, 250)
+    ensemble = tv.preprocess.segment(recording, 2.0)
+    predicted = tv.EnsembleSpectral().identify(ensemble).predict(ensemble)
+    assert tv.metrics.vaf(ensemble.torque[:, ensemble.core], predicted).mean() > 80

@@ -1,4 +1,5 @@
 import dataclasses
+import warnings
 
 import numpy as np
 import pytest
@@ -84,6 +85,32 @@ def test_covariance_is_that_of_repeated_trials(ensemble_of):
     predicted = np.mean([np.sum(features @ m.covariance[part, part] * features, axis=1) for m in models], axis=0)
     actual = np.var([m.stiffness for m in models], axis=0, ddof=1)
     assert predicted.mean() == pytest.approx(actual.mean(), rel=0.3)
+
+
+@pytest.mark.parametrize("duration", [2.0, 3.0, 1.5])
+@pytest.mark.parametrize("decay", [120_000.0, 300.0])
+def test_prediction_is_at_the_phase_of_each_realization(duration, decay):
+    simulation = tv.simulate.joint(
+        90, stiffness=tv.simulate.SineWave(), perturbation=tv.simulate.FilteredNoise(), snr_db=60, seed=3
+    )
+    recording = tv.preprocess.decimate(simulation.recording, 100)
+    method, ensemble = tv.KernelRegression(period=2.0, length_decay=decay), tv.preprocess.segment(recording, duration)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", tv.DoubtfulWarning)
+        model = method.identify(ensemble)
+    assert tv.metrics.vaf(ensemble.torque[:, ensemble.core], model.predict(ensemble)).min() > 98
+    # Realizations that begin at another phase than those identified from are predicted at theirs.
+    late = dataclasses.replace(recording, start=recording.start - 0.5)
+    other = tv.preprocess.segment(late, duration)
+    other = dataclasses.replace(other, onsets=other.onsets + 0.5)
+    assert tv.metrics.vaf(other.torque[:, other.core], model.predict(other)).min() > 98
+
+
+def test_runs_transformed_together_equal_runs_one_by_one(ensemble_of, monkeypatch):
+    ensemble = ensemble_of(100.0, "sine", "noise").select(np.arange(0, 50, 2))
+    together = tv.KernelRegression().identify(ensemble)
+    monkeypatch.setattr(kbr, "STACK", 3)
+    np.testing.assert_allclose(tv.KernelRegression().identify(ensemble).stiffness, together.stiffness, rtol=1e-8)
 
 
 def test_presets_are_the_papers():

@@ -65,10 +65,13 @@ def test_channels_come_along():
     [
         ({"period": 20.0}, "no realization of 20 s with 0.5 s of context on both sides fits into 10 s"),
         ({"period": 1.005}, "1.005 s is not a whole number of samples at 100 Hz; the nearest that is: 1 s"),
-        ({"period": 0.0}, "period must be positive"),
-        ({"period": -2.0}, "period must be positive"),
-        ({"period": float("nan")}, "not a whole number of samples"),
-        ({"period": 2.0, "context": -1.0}, "context must be zero or more"),
+        ({"period": 0.0}, "a period of 0.0 s is shorter than a sample"),
+        ({"period": -2.0}, "period must be a number of seconds, zero or more"),
+        ({"period": float("nan")}, "period must be a number of seconds, zero or more"),
+        ({"period": "long"}, "period must be a number of seconds"),
+        ({"period": 0.001}, "shorter than a sample at 100 Hz"),
+        ({"period": 2.0, "context": float("nan")}, "context must be a number of seconds"),
+        ({"period": 2.0, "context": -1.0}, "context must be a number of seconds, zero or more"),
     ],
 )
 def test_what_cannot_be_cut_is_refused(settings, message):
@@ -88,6 +91,18 @@ def test_subtracting_the_mean_leaves_none(realizations, samples, offset):
     np.testing.assert_array_equal(ensemble.angle, before)
     again = tv.preprocess.subtract_mean(centred)
     np.testing.assert_allclose(again.angle, centred.angle, atol=1e-10)
+
+
+def test_realizations_that_are_all_alike_are_refused(random):
+    row = random.normal(size=20) * 0.1
+    ensemble = tv.Ensemble(np.tile(row, (7, 1)), random.normal(size=(7, 20)), 100.0)
+    with pytest.raises(tv.InputError, match="the angle is the same in all 7 realizations"):
+        tv.preprocess.subtract_mean(ensemble)
+
+
+def test_trials_without_context_are_told_what_to_do():
+    with pytest.raises(tv.InputError, match="give less context \\(0 keeps every realization\\)"):
+        tv.preprocess.segment(recording_of(400, trial_starts=(0, 200)), 2.0)
 
 
 def test_the_mean_of_one_realization_is_not_subtracted():

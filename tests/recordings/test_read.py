@@ -115,6 +115,7 @@ def file_with(folder, name, content):
         ("header.csv", b"pos,tq\n", "got an empty array"),
         ("words.csv", b"pos,tq\n1,2\nhigh,4\n", "words.csv: pos: expected real numbers"),
         ("gap.csv", b"pos,tq\n1,2\n,4\n5,6\n", "1 of 3 values are NaN or infinite, the first at time 1"),
+        ("longer.csv", b"pos,tq\n1,2,3\n3,4,5\n", "not a text table with a header line"),
         ("ragged.csv", b"pos,tq\n1,2\n3,4,5,6\n", "not a text table with a header line"),
         ("other.xls", b"pos,tq\n", r"unknown ending '.xls'; files that can be read end in .mat, .csv, .tsv"),
     ],

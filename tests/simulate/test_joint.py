@@ -143,7 +143,8 @@ def test_any_callable_is_a_profile():
 
 def test_a_simulation_cannot_be_changed():
     simulation = simulate()
-    for values in (simulation.noiseless_torque, simulation.stiffness, simulation.viscosity, simulation.recording.angle):
+    varying = simulate(viscosity=SineWave(2.0, 1.0)).viscosity
+    for values in (simulation.noiseless_torque, simulation.stiffness, varying, simulation.recording.angle):
         with pytest.raises(ValueError, match="read-only"):
             values[0] = 1
     with pytest.raises(dataclasses.FrozenInstanceError):
@@ -176,6 +177,13 @@ def test_filtered_noise_has_its_cutoff():
         ({"duration": 0.0}, "duration must be positive"),
         ({"duration": float("nan")}, "duration must be positive"),
         ({"inertia": -1.0}, "inertia must be positive"),
+        ({"seed": -1}, "seed must be a whole number of zero or more, got -1"),
+        ({"snr_db": -1e9}, "decibels above -300"),
+        ({"duration": "long"}, "duration must be a number"),
+        ({"duration": 1e-5}, "shorter than a sample"),
+        ({"stiffness": 100.0}, "stiffness must be a callable"),
+        ({"perturbation": "prbs"}, "perturbation must be FilteredNoise, PRBS"),
+        ({"viscosity": float("nan")}, "viscosity must be a finite number or a callable"),
         ({"rate": 50.0}, "rate must be above 80 Hz"),
         ({"rate": float("inf")}, "positive number of hertz"),
         ({"snr_db": float("nan")}, "snr_db must be a number of decibels"),

@@ -5,11 +5,13 @@ from __future__ import annotations
 import multiprocessing
 import os
 import shutil
+import signal
 import tempfile
 import time
 import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -129,7 +131,7 @@ def _outcomes(
         return
     # A fresh interpreter for each worker: forking one with BLAS and progress threads may hang.
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=context, initializer=_one_thread) as pool:
+    with ProcessPoolExecutor(workers, mp_context=context, initializer=_start_worker) as pool:
         queue = iter(tasks)
         pending: dict[Future[Outcome], tuple[Scenario, int]] = {}
         try:
@@ -143,12 +145,21 @@ def _outcomes(
                 done, _ = wait(pending, return_when=FIRST_COMPLETED)
                 for future in done:
                     yield pending.pop(future), future.result()
+        except BrokenProcessPool as error:
+            raise InputError(
+                "run: the worker processes died. A script must call run from under "
+                "`if __name__ == '__main__':`, because each worker imports it; or give workers=1"
+            ) from error
         finally:
             pool.shutdown(cancel_futures=True)
 
 
-def _one_thread() -> None:
-    """Keep a worker to its core. Lives here, so that BLAS is loaded by the time it is limited."""
+def _start_worker() -> None:
+    """Keep a worker to its core, and leave an interruption to the parent.
+
+    Lives here, so that BLAS is loaded by the time it is limited.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     threadpool_limits(1)
 
 
@@ -185,7 +196,7 @@ def _collect(study: Study, methods: list[str], outcomes: dict[tuple[Scenario, in
             "trial": np.arange(study.trials),
             "time": ("time", times, {"units": "s"}),
         },
-        attrs={"seed": study.seed},
+        attrs={"seed": str(study.seed)},
     )
 
 

@@ -2,6 +2,6 @@
 
 from tvsysid.figures.comparison import method_comparison
 from tvsysid.figures.identification import identified_stiffness
-from tvsysid.figures.style import colour, save
+from tvsysid.figures.style import lines, save
 
-__all__ = ["colour", "identified_stiffness", "method_comparison", "save"]
+__all__ = ["identified_stiffness", "lines", "method_comparison", "save"]

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tvsysid.figures.style import TRUTH, colour, plain
+from tvsysid.figures.style import TRUTH, lines, plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,13 +34,14 @@ def method_comparison(cell: Any, title: str = "") -> Figure:
     methods = [str(name) for name in cell.method_key.values]
     figure = Figure(figsize=(max(2.3 * len(methods), 4.0) + 0.6, 4.6), layout="constrained")
     grid = figure.subplots(2, len(methods), sharex=True, sharey="row", squeeze=False)
-    time = cell.time.values
+    time, hues = cell.time.values, lines(methods)
     for column, method in enumerate(methods):
         upper, lower = plain(grid[0, column]), plain(grid[1, column])
         shown = cell.sel(method_key=method)
         upper.plot(time, cell.true_stiffness.values, color=TRUTH, linewidth=1.0, linestyle="--", label="truth")
-        _band(upper, time, shown.stiffness.values, colour(method, column))
-        _band(lower, time, shown.time_varying_vaf.values, colour(method, column))
+        hue = hues[method][0]
+        _band(upper, time, shown.stiffness.values, hue)
+        _band(lower, time, shown.time_varying_vaf.values, hue)
         upper.set_title(method if len(method) <= 24 else f"{method[:22]}…", fontsize=10)
         lower.set_xlabel("time (s)")
     grid[0, 0].set_ylabel("stiffness (N·m/rad)")
@@ -49,7 +50,8 @@ def method_comparison(cell: Any, title: str = "") -> Figure:
     span = max(float(np.ptp(truth)), 0.5 * float(np.abs(truth).max()))
     grid[0, 0].set_ylim(min(0.0, float(truth.min()) - 0.5 * span), float(truth.max()) + 0.6 * span)
     grid[1, 0].set_ylim(max(0.0, min(60.0, float(cell.time_varying_vaf.quantile(0.01)) - 5)), 102)
-    grid[0, -1].legend(frameon=False, fontsize=8, loc="lower right")
+    handles, labels = grid[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, frameon=False, fontsize=9, loc="outside lower center", ncols=3)
     figure.suptitle(title, fontsize=11)
     return figure
 

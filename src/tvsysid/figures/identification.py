@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.figures.style import colour, plain
+from tvsysid.figures.style import lines, plain
 from tvsysid.models import Model
 
 if TYPE_CHECKING:
@@ -38,10 +38,9 @@ def identified_stiffness(
 
     figure = Figure(figsize=(7.0, 5.6), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
-    for place, (label, model) in enumerate(models.items()):
-        hue = colour(label, place)
-        plain(upper).plot(model.time, model.stiffness, color=hue, linewidth=1.4, label=label)
-        plain(lower).plot(model.time, vaf[label], color=hue, linewidth=1.4)
+    for (label, model), (hue, style) in zip(models.items(), lines(list(models)).values(), strict=True):
+        plain(upper).plot(model.time, model.stiffness, color=hue, linestyle=style, linewidth=1.4, label=label)
+        plain(lower).plot(model.time, vaf[label], color=hue, linestyle=style, linewidth=1.4)
     shown = np.concatenate([model.stiffness for model in models.values()])
     if np.isfinite(shown).any():
         # A method that is out of its depth has spikes; they shall not hide the others.
@@ -53,7 +52,10 @@ def identified_stiffness(
     lower.set_xlabel("time within a realization (s)")
     lower.set_ylim(0, 102)
     figure.legend(
-        *upper.get_legend_handles_labels(), frameon=False, loc="outside lower center", ncols=min(len(models), 5)
+        *upper.get_legend_handles_labels(),
+        frameon=False,
+        loc="outside lower center",
+        ncols=max(1, min(len(models), 60 // (6 + max(map(len, models))))),
     )
     figure.suptitle(title, fontsize=11)
     return figure

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,12 +18,23 @@ PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 TRUTH = "#444444"
 
 
-def colour(method: str, place: int = 0) -> str:
-    """Colour of a method: its own for one of the five, else by its place among those shown."""
-    key = method.partition(":")[0]
+STYLES = ("-", "--", ":", "-.")
+
+
+def lines(methods: Sequence[str]) -> dict[str, tuple[str, str]]:
+    """Colour and line style of each method shown: a method's own colour, and a style for each of its settings."""
     known = names()
-    index = known.index(key) if method in known else (len(known) + place)
-    return PALETTE[index % len(PALETTE)]
+    others: list[str] = []
+    seen: dict[str, int] = {}
+    shown = {}
+    for method in methods:
+        key = method.partition(":")[0]
+        if key not in known and key not in others:
+            others.append(key)
+        index = known.index(key) if key in known else len(known) + others.index(key)
+        seen[key] = seen.get(key, -1) + 1
+        shown[method] = (PALETTE[index % len(PALETTE)], STYLES[seen[key] % len(STYLES)])
+    return shown
 
 
 def plain(axes: Axes) -> Axes:
@@ -34,5 +46,8 @@ def plain(axes: Axes) -> Axes:
 
 def save(figure: Figure, path: str | Path) -> None:
     """Write a figure whole; its format is told by the ending."""
-    with whole_file(path) as temporary:
+    from matplotlib import rc_context  # noqa: PLC0415  # heavy
+
+    # Journals refuse the Type 3 fonts that are Matplotlib's default.
+    with whole_file(path) as temporary, rc_context({"pdf.fonttype": 42}):
         figure.savefig(temporary, dpi=150)

@@ -12,6 +12,7 @@ from typing import ClassVar, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import stdtr
 
 from tvsysid.errors import DoubtfulWarning, InputError
 from tvsysid.models import Model
@@ -145,14 +146,20 @@ def _doubts_of_all(ensemble: Ensemble, model: Model, low: float, high: float) ->
             f"stiffness is negative at {100 * np.mean(known < 0):.0f} % of the samples: "
             "is the torque's sign reversed? (torque_sign=-1 when reading)"
         )
-    ratio = _mean_torque_ratio(ensemble)
-    if ratio > MEAN_TORQUE_LIMIT:
+    if _has_mean_torque(ensemble):
         mean = float(np.sqrt(np.mean(ensemble.torque.mean(axis=0) ** 2)))
         yield (
-            f"the torque has a mean over realizations of {mean:.2g} N·m RMS, {math.sqrt(ratio):.0f} times what chance "
-            "would leave: it is not an answer to the perturbation and biases the stiffness; use "
-            "tvsysid.preprocess.subtract_mean first"
+            f"the torque has a mean over realizations of {mean:.2g} N·m RMS, more than chance would leave: it is no "
+            "answer to the perturbation and biases the stiffness; use tvsysid.preprocess.subtract_mean first"
         )
+    if len(ensemble) > 1:
+        over_time = np.mean(np.square(ensemble.angle[:, ensemble.core]), axis=0)
+        still = np.flatnonzero(over_time < STILL * over_time.mean())
+        if len(still):
+            yield (
+                f"the angle is still in all realizations at {len(still)} of {ensemble.samples} samples, the first at "
+                f"{still[0] / ensemble.sampling_rate:.3g} s: nothing is identified there, and the values mean nothing"
+            )
     angle = ensemble.angle[:: max(1, len(ensemble) // 64)]
     below = power_share(angle, ensemble.sampling_rate, 0.0, low)
     above = power_share(angle, ensemble.sampling_rate, high, math.inf)
@@ -168,16 +175,25 @@ def _doubts_of_all(ensemble: Ensemble, model: Model, low: float, high: float) ->
 
 MEAN_TORQUE_LIMIT = 6.0
 """Squared mean over its squared standard error, averaged over time; 1 is expected of a torque without mean."""
+MEAN_TORQUE_CHANCE = 1e-6
+"""Probability below which the offset of all realizations counts as no chance."""
+STILL = 1e-6
+"""Share of the angle's mean power over realizations below which it does not move."""
 POWER_LIMIT = 0.01
 """Share of the angle's power below which a band counts as not excited."""
 EXCITED_ABOVE = 1.0
 """Frequency in Hz above which viscosity and inertia show beside a joint's stiffness at all."""
 
 
-def _mean_torque_ratio(ensemble: Ensemble) -> float:
-    if len(ensemble) < 5:
-        return 0.0
+def _has_mean_torque(ensemble: Ensemble) -> bool:
+    """Whether the mean over realizations is more than chance, either over the whole time or as a common offset."""
+    count = len(ensemble)
+    if count < 5:
+        return False
     torque = ensemble.torque[:, ensemble.core]
-    mean, variance = torque.mean(axis=0), torque.var(axis=0, ddof=1)
-    error = float(variance.mean()) / len(ensemble)
-    return float(np.mean(mean**2)) / error if error > 0 else math.inf
+    mean, offsets = torque.mean(axis=0), torque.mean(axis=1)
+    error = float(torque.var(axis=0, ddof=1).mean()) / count
+    if float(np.mean(mean**2)) > MEAN_TORQUE_LIMIT * error:
+        return True
+    spread = float(offsets.std(ddof=1)) / math.sqrt(count)
+    return spread > 0 and 2 * float(stdtr(count - 1, -abs(offsets.mean()) / spread)) < MEAN_TORQUE_CHANCE

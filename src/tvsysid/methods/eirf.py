@@ -90,8 +90,12 @@ class EnsembleIRF(Method):
     def _doubts(self, ensemble: Ensemble) -> Iterator[str]:
         unknowns = 2 * whole_samples(self.max_lag, ensemble) + 1
         if len(ensemble) < 2 * unknowns:
-            few = "fewer than" if len(ensemble) < unknowns else "less than twice"
+            few, fault = (
+                ("fewer than", "the fit at each time is not determined and its random error explodes")
+                if len(ensemble) < unknowns
+                else ("less than twice", "the random error is large")
+            )
             yield (
-                f"{len(ensemble)} realizations are {few} the {unknowns} lags: the fit at each time is hardly "
-                "determined and its random error explodes; record more, shorten max_lag, or use sds or birf"
+                f"{len(ensemble)} realizations are {few} the {unknowns} lags: {fault}; record more, shorten max_lag, "
+                "or use sds or birf"
             )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
@@ -21,11 +23,17 @@ from tvsysid.methods.base import (
     whole_samples,
 )
 from tvsysid.models import Diagnostics, FrequencyResponseModel
-from tvsysid.numerics.spectra import short_time_spectra
+from tvsysid.numerics.spectra import power_share, short_time_spectra
 from tvsysid.signals import Ensemble
 
 Stiffness = Literal["dc", "fit"]
 
+FEWEST = 10
+"""Realizations below which averaged spectra say little."""
+OVERSAMPLED = 1e-6
+"""Share of the angle's power in the upper half of the band below which it counts as sampled too fast."""
+EXCITED = 1e-6
+"""Share of the strongest frequency's input power from which on a frequency counts as excited."""
 FIT_BAND = 20.0
 """Highest frequency in Hz of the second-order fit."""
 
@@ -82,6 +90,7 @@ class EnsembleSpectral(Method):
         first = ensemble.context + missing[0] - before
         last = ensemble.context + ensemble.samples - missing[1] + after
         spectra = short_time_spectra(ensemble.angle[:, first:last], ensemble.torque[:, first:last], length)
+        excited = (spectra.uu > EXCITED * spectra.uu.max(axis=1, keepdims=True)).astype(np.float64)
         # A frequency without any input has no response; the smallest number keeps it finite.
         input_power = np.maximum(spectra.uu, np.finfo(float).tiny)
         response: NDArray[np.complex128] = spectra.yu / input_power
@@ -104,9 +113,23 @@ class EnsembleSpectral(Method):
             frequency_response=padded(response, *missing),
             frequencies=frequencies,
             coherence=padded(coherence, *missing),
+            excited=padded(excited, *missing) > 0,
             segment=length,
             diagnostics=Diagnostics(float(length)),
         )
+
+    def _doubts(self, ensemble: Ensemble) -> Iterator[str]:
+        rate = ensemble.sampling_rate
+        if power_share(ensemble.angle[:: max(1, len(ensemble) // 64)], rate, rate / 4, math.inf) < OVERSAMPLED:
+            yield (
+                f"the angle has hardly any power above {rate / 4:.4g} Hz: at {rate:g} Hz the response there is noise, "
+                "and so is the prediction of torque; decimate first, to 100 Hz for instance"
+            )
+        if len(ensemble) < FEWEST:
+            yield (
+                f"spectra are averaged over only {len(ensemble)} realizations: the response is hardly determined; "
+                "record more, or use kbr"
+            )
 
     def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
         return 1 / self.window, EXCITED_ABOVE

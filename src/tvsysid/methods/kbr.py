@@ -35,10 +35,12 @@ STRICT = 20.0
 """Length of the decay, in lengths of the record, from which on the kernel is taken as strictly periodic."""
 BLOCK = 2048
 """Frequencies whose regressors are held at once."""
+STACK = 128
+"""Runs of one length that are transformed together."""
 EXTERNAL_TERMS = 5
 """Half-cosines over a run, the fastest of two cycles, that make up the smooth external term."""
 LARGEST = 2**31
-"""Bytes of regressors above which a decay that is short for the record is refused."""
+"""Bytes above which regressors, or their Gram matrix, are refused."""
 
 
 @dataclass(frozen=True)
@@ -83,6 +85,8 @@ class KernelRegression(Method):
     drift freely, and the dense solution with the decay kept differs by up to 1 N·m/rad of stiffness for 20 s of data.
 
     The external term is a sum of five half-cosines over a run, with the torque's variance as prior variance each.
+
+    Its cost grows with the square of the record where the decay is short against it: 600 s at 30 s take some 20 s.
 
     The noise variance is estimated from the residual, with the effective number of parameters taken off, and the fit
     repeated until it stands.
@@ -131,7 +135,7 @@ class KernelRegression(Method):
     def _identify(self, ensemble: Ensemble) -> KernelModel:
         period = ensemble.duration if self.period is None else self.period
         runs = [_Run.of(ensemble, realizations, clock) for realizations, clock in _runs_with_clock(ensemble)]
-        runs = [run for run in runs if len(run.torque) >= 2]
+        runs = [run for run in runs if run.torque.shape[1] >= 2]
         if not runs or self.band[0] >= ensemble.sampling_rate / 2:
             raise InputError(
                 f"KernelRegression: nothing is left of realizations of {ensemble.samples} samples at "
@@ -139,30 +143,35 @@ class KernelRegression(Method):
                 f"{self.band[0]:g} to {self.band[1]:g} Hz; give context, longer realizations or a lower band"
             )
         start = min(run.clock for run in runs)
-        stop = max(run.clock + len(run.torque) / ensemble.sampling_rate for run in runs)
+        stop = max(run.clock + run.torque.shape[1] / ensemble.sampling_rate for run in runs)
         kernel = Kernel.of(period, self.length_periodic, self.length_decay, start, stop, ensemble.sampling_rate)
 
-        size = 3 * kernel.columns + EXTERNAL_TERMS * len(runs)
+        size = 3 * kernel.columns
+        if 8 * size**2 > LARGEST:
+            raise InputError(
+                f"KernelRegression: a decay of {self.length_decay:g} s over a record of {stop - start:g} s needs "
+                f"{size} coefficients, too many to solve for; give fewer realizations or a longer length_decay"
+            )
         gram, cross, square, bins = np.zeros((size, size)), np.zeros(size), 0.0, 0
-        for number, run in enumerate(runs):
-            first_external = 3 * kernel.columns + EXTERNAL_TERMS * number
-            used = np.r_[: 3 * kernel.columns, first_external : first_external + EXTERNAL_TERMS]
-            for regressors, output in run.in_band(kernel, self.band, ensemble.sampling_rate):
-                gram[np.ix_(used, used)] += regressors @ regressors.T
-                cross[used] += regressors @ output
-                square += float(output @ output)
-                bins += len(output) // 2
-        power = float(np.mean(np.concatenate([run.torque for run in runs]) ** 2))
-        precision = np.concatenate(
-            [np.tile(kernel.precision / self.gamma, 3), np.full(EXTERNAL_TERMS * len(runs), 1 / (power or 1.0))]
-        )
-        fit = _fit(gram, cross, square, bins, precision)
+        externals = []
+        for run in _stacked(runs, kernel):
+            external = _External.none(size, len(run.torque))
+            for regressors, terms, output in run.in_band(kernel, self.band, ensemble.sampling_rate):
+                flat = regressors.reshape(size, -1)
+                gram += flat @ flat.T
+                cross += flat @ output.ravel()
+                square += float(np.sum(output * output))
+                bins += output.size // 2
+                external = external.with_bins(regressors, terms, output)
+            externals.append(external)
+        power = sum(float(np.sum(run.torque**2)) for run in runs) / sum(run.torque.size for run in runs)
+        precision = np.tile(kernel.precision / self.gamma, 3)
+        fit = _fit(gram, cross, square, bins, precision, externals, 1 / (power or 1.0))
 
         unit = DEGREES
-        coefficients = fit.mean[: 3 * kernel.columns] * unit
-        covariance = fit.covariance[: 3 * kernel.columns, : 3 * kernel.columns] * unit**2
+        coefficients, covariance = fit.mean * unit, fit.covariance * unit**2
         # Where the derivatives lack samples at the ends of every run, nothing was identified.
-        missing = missing_edge(HALF_WIDTH, ensemble) if all(run.realizations == 1 for run in runs) else 0
+        missing = missing_edge(HALF_WIDTH, ensemble) if all(len(run) == 1 for run in ensemble.runs) else 0
         features = np.mean([kernel(*_times(ensemble, r)) for r in _distinct(ensemble, kernel)], axis=0)
         impedance = features @ coefficients.reshape(3, kernel.columns).T
         inner = padded(impedance[missing : len(impedance) - missing], missing)
@@ -178,6 +187,7 @@ class KernelRegression(Method):
             covariance=covariance,
             labels=labels,
             kernel=kernel,
+            phase=_common_phase(ensemble, period),
             diagnostics=Diagnostics(
                 fit.effective, details={"noise_variance": fit.noise_variance, "iterations": fit.iterations}
             ),
@@ -206,13 +216,16 @@ class KernelModel(SecondOrderModel):
     ----------
     kernel
         Features of time that the coefficients multiply.
+    phase
+        Phase in s at which all realizations that it was identified from begin; NaN if they begin at different ones.
     """
 
     kernel: Kernel
+    phase: float
 
     def impedance(self, ensemble: Ensemble) -> tuple[Array, Array, Array]:
         """Stiffness, viscosity and inertia at the ensemble's own times, (time,) or (realization, time)."""
-        if self.kernel.decay is None:
+        if self.kernel.decay is None and _common_phase(ensemble, self.kernel.period) == self.phase:
             return super().impedance(ensemble)
         clocks = _clocks(ensemble)
         coefficients = self.coefficients.reshape(3, self.kernel.columns).T
@@ -295,41 +308,82 @@ class _Fit(NamedTuple):
     iterations: int
 
 
-def _fit(gram: Array, cross: Array, square: float, bins: int, precision: Array) -> _Fit:
+class _External(NamedTuple):
+    """What is needed of the external terms of a few runs of one length: each run has its own.
+
+    ``gram`` (term, term), with the regressors ``mixed`` (column, run, term), with the output ``cross`` (run, term).
+    """
+
+    gram: Array
+    mixed: Array
+    cross: Array
+
+    @classmethod
+    def none(cls, columns: int, runs: int) -> _External:
+        """No frequencies yet."""
+        terms = EXTERNAL_TERMS
+        return cls(np.zeros((terms, terms)), np.zeros((columns, runs, terms)), np.zeros((runs, terms)))
+
+    def with_bins(self, regressors: Array, terms: Array, output: Array) -> _External:
+        """With more frequencies: regressors (column, run, bin), external terms (term, bin), output (run, bin)."""
+        return _External(self.gram + terms @ terms.T, self.mixed + regressors @ terms.T, self.cross + output @ terms.T)
+
+
+def _fit(
+    gram: Array, cross: Array, square: float, bins: int, precision: Array, externals: list[_External], weak: float
+) -> _Fit:
     r"""Minimise :math:`|E|^2 / \sigma^2 + c^T P c`, the noise variance being that of the complex residual.
 
-    ``gram``, ``cross`` and ``square`` are sums over real and imaginary parts of the bins. The cost is the negative log
-    of a posterior density (of a complex normal E) without the usual halves, so that the covariance has one.
+    ``gram``, ``cross`` and ``square`` are sums over real and imaginary parts of the bins, ``weak`` is the precision of
+    the external terms. These are eliminated run by run, so that effort grows with the number of runs only. The cost
+    is the negative log of a posterior density (of a complex normal E) without the usual halves, so that the
+    covariance has one.
     """
     scale = 1 / np.sqrt(np.where(np.diag(gram) > 0, np.diag(gram), 1.0))
     gram, cross, precision = gram * np.outer(scale, scale), cross * scale, precision * scale**2
+    mixed = [(external.mixed * scale[:, None, None]).reshape(len(scale), -1) for external in externals]
     floor = 1e-14 * square / bins
     noise, iteration = max(square / bins * 1e-3, floor), 0
     for iteration in range(1, 31):
-        system = gram + np.diag(noise * precision)
+        system, right = gram + np.diag(noise * precision), cross
+        shares = []  # of the regressors that the external terms explain: mixed @ (external gram + prior)^-1
+        for external, between in zip(externals, mixed, strict=True):
+            inverse = np.linalg.inv(external.gram + noise * weak * np.eye(EXTERNAL_TERMS))
+            shares.append((between.reshape(-1, EXTERNAL_TERMS) @ inverse).reshape(between.shape))
+            system = system - shares[-1] @ between.T
+            right = right - shares[-1] @ external.cross.ravel()
         factor, failed = lapack.dpotrf(system, lower=1)
         if failed:  # columns without power, or alike to rounding
             factor, _ = lapack.dpotrf(system + 1e-11 * np.eye(len(system)), lower=1)
-        mean = lapack.dpotrs(factor, cross, lower=1)[0]
-        inverse = lapack.dpotri(factor, lower=1)[0]
-        lower = np.tril(inverse, -1)
-        inverse = lower + lower.T + np.diag(np.diag(inverse))
-        effective = float(np.sum(inverse * gram))
-        residual = max(square - 2 * float(mean @ cross) + float(mean @ gram @ mean), 0.0)
-        before, noise = noise, max(2 * residual / max(2 * bins - effective, 1.0), floor)
+        mean = lapack.dpotrs(factor, right, lower=1)[0]
+        lower = np.tril(lapack.dpotri(factor, lower=1)[0])
+        covariance = lower + np.tril(lower, -1).T
+        effective = len(mean) - noise * float(precision @ np.diag(covariance))
+        residual = square - 2 * float(mean @ cross) + float(mean @ gram @ mean)
+        for external, between, share in zip(externals, mixed, shares, strict=True):
+            inverse = np.linalg.inv(external.gram + noise * weak * np.eye(EXTERNAL_TERMS))
+            explained = (mean @ between).reshape(external.cross.shape)
+            terms = (external.cross - explained) @ inverse
+            residual += float(np.sum(terms * (2 * explained - 2 * external.cross + terms @ external.gram)))
+            spread = len(terms) * float(np.trace(inverse)) + float(np.sum(covariance * (share @ share.T)))
+            effective += terms.size - noise * weak * spread
+        before, noise = noise, max(2 * max(residual, 0.0) / max(2 * bins - effective, 1.0), floor)
         if abs(noise - before) <= 1e-6 * noise:
             break
-    return _Fit(mean * scale, 0.5 * noise * inverse * np.outer(scale, scale), noise, effective, iteration)
+    return _Fit(mean * scale, 0.5 * noise * covariance * np.outer(scale, scale), noise, effective, iteration)
 
 
 class _Run(NamedTuple):
-    """An unbroken stretch of record: angle and its derivatives (in degrees), torque, and when it was."""
+    """Unbroken stretches of record of one length: angle and its derivatives (in degrees), torque, and when they were.
+
+    ``signals`` (order, run, time), ``torque`` (run, time), ``phase`` and ``clock`` in s of the first sample (of the
+    first run, if the kernel makes no difference between them).
+    """
 
     signals: Array
     torque: Array
     phase: float
     clock: float
-    realizations: int
 
     @classmethod
     def of(cls, ensemble: Ensemble, realizations: NDArray[np.int64], clock: float) -> _Run:
@@ -350,56 +404,62 @@ class _Run(NamedTuple):
             signals = differentiate(joined(ensemble.angle), ensemble.sampling_rate) * DEGREES
         shift = lost / ensemble.sampling_rate
         onset = float(ensemble.onsets[realizations[0]])
-        return cls(signals, torque, onset + shift, clock + shift, len(realizations))
+        return cls(signals[:, None], torque[None], onset + shift, clock + shift)
 
-    def in_band(self, kernel: Kernel, band: tuple[float, float], rate: float) -> Iterator[tuple[Array, Array]]:
-        """Regressors (column, bin) and output (bin,): Fourier coefficients in the band, real and imaginary parts.
+    def in_band(self, kernel: Kernel, band: tuple[float, float], rate: float) -> Iterator[tuple[Array, ...]]:
+        """Fourier coefficients in the band, real and imaginary parts.
 
-        Comes in blocks of frequencies, so that memory does not grow with the record times the columns.
+        Regressors (column, run, bin), external terms (term, bin) and output (run, bin), in blocks of frequencies, so
+        that memory does not grow with the record times the columns.
         """
-        count = len(self.torque)
+        count = self.torque.shape[1]
         low = math.ceil(band[0] * count / rate - 1e-9)
         high = min(math.floor(band[1] * count / rate + 1e-9), count // 2) + 1
-        external = [half_cosine_spectrum(term, count, low, high) for term in range(EXTERNAL_TERMS)]
-        output = rfft(self.torque)[low:high]
+        root = 1 / math.sqrt(count)
+        external = root * np.stack([half_cosine_spectrum(term, count, low, high) for term in range(EXTERNAL_TERMS)])
+        output = root * rfft(self.torque)[:, low:high]
         periods = count / rate / kernel.period
         shift = round(periods)
         whole = abs(periods - shift) < 1e-9 * periods and high - 1 + kernel.harmonics * shift <= count // 2
         blocks = self._shifted if whole else self._transformed
-        root = 1 / math.sqrt(count)
         for start, products in blocks(kernel, low, high, rate):
-            block = slice(start - low, start - low + products.shape[1])
-            for term, values in enumerate(external):
-                products[3 * kernel.columns + term] = values[block]
+            block = slice(start - low, start - low + products.shape[2])
             np.multiply(products, root, out=products)
-            yield products.view(np.float64), (output[block] * root).view(np.float64)
+            yield tuple(
+                np.ascontiguousarray(values).view(np.float64)
+                for values in (products, external[:, block], output[:, block])
+            )
 
     def _shifted(self, kernel: Kernel, low: int, high: int, rate: float) -> Iterator[tuple[int, ComplexArray]]:
         """Products with harmonics as shifts in frequency: exact where the run holds whole periods."""
-        shift = round(len(self.torque) / rate / kernel.period)
+        runs, count = self.torque.shape
+        shift = round(count / rate / kernel.period)
         reach = kernel.harmonics * shift
-        slow = kernel.slow_features(self.clock + np.arange(len(self.torque)) / rate)
+        slow = kernel.slow_features(self.clock + np.arange(count) / rate)
         below = max(0, reach - low)
 
         def reaching(x: Array) -> ComplexArray:
             """Spectrum from bin low - reach to high + reach."""
             spectrum = rfft(x)
-            return np.concatenate([spectrum[below:0:-1].conj(), spectrum[max(0, low - reach) : high + reach]])
+            ends = spectrum[:, below:0:-1].conj(), spectrum[:, max(0, low - reach) : high + reach]
+            return np.concatenate(ends, axis=1)
 
         spectra = [[reaching(signal * feature) for feature in slow] for signal in self.signals]
         turns = 0.5 * np.exp(2j * np.pi * np.arange(kernel.harmonics + 1) * self.phase / kernel.period)
-        for start in range(low, high, BLOCK):
-            bins = min(BLOCK, high - start)
-            out = np.empty((3 * kernel.columns + EXTERNAL_TERMS, bins), dtype=np.complex128)
+        length = max(1, BLOCK // runs)
+        for start in range(low, high, length):
+            bins = min(length, high - start)
+            out = np.empty((3 * kernel.columns, runs, bins), dtype=np.complex128)
             centre = start - low + reach
             for order, of_signal in enumerate(spectra):
                 for column, (harmonic, part, slowness) in enumerate(kernel.products):
                     row, spectrum = out[order * kernel.columns + column], of_signal[slowness]
                     if harmonic == 0:
-                        row[:] = spectrum[centre : centre + bins]
+                        row[:] = spectrum[:, centre : centre + bins]
                         continue
-                    up = turns[harmonic] * spectrum[centre - harmonic * shift :][:bins]
-                    down = turns[harmonic].conj() * spectrum[centre + harmonic * shift :][:bins]
+                    first, second = centre - harmonic * shift, centre + harmonic * shift
+                    up = turns[harmonic] * spectrum[:, first : first + bins]
+                    down = turns[harmonic].conj() * spectrum[:, second : second + bins]
                     if part == 0:
                         np.add(up, down, out=row)
                     else:
@@ -409,20 +469,37 @@ class _Run(NamedTuple):
 
     def _transformed(self, kernel: Kernel, low: int, high: int, rate: float) -> Iterator[tuple[int, ComplexArray]]:
         """Products with any features, each transformed."""
-        columns = 3 * kernel.columns + EXTERNAL_TERMS
-        if 16 * columns * (high - low) > LARGEST:
+        runs, count = self.torque.shape
+        columns = 3 * kernel.columns
+        size = 16 * columns * runs * (high - low)
+        if size > LARGEST:
             raise InputError(
                 f"KernelRegression: {columns} regressors over {high - low} frequencies would take "
-                f"{16 * columns * (high - low) / 2**30:.1f} GiB; give realizations of whole periods, "
-                "fewer of them, or a longer length_decay"
+                f"{size / 2**30:.1f} GiB; give realizations of whole periods, fewer of them, or a longer length_decay"
             )
-        index = np.arange(len(self.torque)) / rate
+        index = np.arange(count) / rate
         features = kernel(self.phase + index, self.clock + index)
-        out = np.empty((columns, high - low), dtype=np.complex128)
+        out = np.empty((columns, runs, high - low), dtype=np.complex128)
         for column, feature in enumerate(features.T):
             for order, signal in enumerate(self.signals):
-                out[order * kernel.columns + column] = rfft(signal * feature)[low:high]
+                out[order * kernel.columns + column] = rfft(signal * feature)[:, low:high]
         yield low, out
+
+
+def _stacked(runs: list[_Run], kernel: Kernel) -> Iterator[_Run]:
+    """Runs of one length and phase together, where the kernel makes no other difference between them."""
+    if kernel.decay is not None:
+        yield from runs
+        return
+    alike: dict[tuple[int, float], list[_Run]] = {}
+    for run in runs:
+        phase = round(run.phase % kernel.period, 9) % kernel.period
+        alike.setdefault((run.torque.shape[1], phase), []).append(run)
+    for group in alike.values():
+        for first in range(0, len(group), STACK):
+            part = group[first : first + STACK]
+            signals, torque = zip(*((run.signals, run.torque) for run in part), strict=True)
+            yield part[0]._replace(signals=np.concatenate(signals, axis=1), torque=np.concatenate(torque))
 
 
 def _clocks(ensemble: Ensemble) -> Array:
@@ -447,9 +524,14 @@ def _times(ensemble: Ensemble, realization: int, clocks: Array | None = None) ->
     return ensemble.onsets[realization] + ensemble.time, clocks[realization] + ensemble.time
 
 
+def _common_phase(ensemble: Ensemble, period: float) -> float:
+    """Phase in s at which every realization begins; NaN if they begin at different ones."""
+    assert ensemble.onsets is not None
+    phases = np.round(ensemble.onsets % period, 9) % period
+    return float(phases[0]) if np.ptp(phases) < 1e-9 else math.nan
+
+
 def _distinct(ensemble: Ensemble, kernel: Kernel) -> range | list[int]:
     """Realizations whose features differ: one where all begin at the same phase of a strictly periodic kernel."""
-    assert ensemble.onsets is not None
-    turns = ensemble.onsets / kernel.period
-    same = kernel.decay is None and np.ptp(turns - np.round(turns)) < 1e-9
+    same = kernel.decay is None and not math.isnan(_common_phase(ensemble, kernel.period))
     return [0] if same else range(len(ensemble))

@@ -87,6 +87,9 @@ def parse(text: str) -> Method:
     if key not in METHODS:
         return create(key)
     _check_names(METHODS[key], settings)
+    for name in ("basis", "band"):
+        if name in settings:
+            raise InputError(f"method {text!r}: {name} can be set from Python only, with tvsysid.methods.create")
     for name, value in settings.items():
         if isinstance(getattr(METHODS[key], name, None), float) or name == "period":
             try:

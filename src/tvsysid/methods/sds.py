@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -63,6 +64,15 @@ class ShortDataSegments(Method):
         solution = solve_windows(ensemble, lags, half, truncated)
         diagnostics = rank_diagnostics(ensemble, solution, lags)
         return impulse_response_model(repr(self), ensemble, solution.weights, lags, diagnostics)
+
+    def _doubts(self, ensemble: Ensemble) -> Iterator[str]:
+        unknowns = 2 * whole_samples(self.max_lag, ensemble) + 1
+        samples = (2 * whole_samples(self.window / 2, ensemble) + 1) * len(ensemble)
+        if samples < 4 * unknowns:
+            yield (
+                f"a window holds {samples} samples of all realizations for {unknowns} lags: the fit is hardly "
+                "determined; record more, or lengthen window"
+            )
 
     def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
         return 1 / (2 * self.max_lag), EXCITED_ABOVE

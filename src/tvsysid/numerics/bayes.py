@@ -87,7 +87,7 @@ def ridge(gram: Array, cross: Array, square: float, samples: int) -> Posterior:
     projections = vectors.T @ cross
     start = projections * _reciprocal(values, len(values) * np.finfo(float).eps * values[-1])
     alpha = len(values) / max(float(start @ start), np.finfo(float).tiny)
-    beta = samples / max(square - float(start @ projections), SMALLEST_RESIDUAL * square)
+    beta = samples / max(square - float(start @ projections), SMALLEST_RESIDUAL * square, np.finfo(float).tiny)
     evidence, converged, iteration = -math.inf, False, 0
     for iteration in range(1, 501):
         precision = alpha + beta * values

@@ -39,11 +39,12 @@ def segment(recording: Recording, period: float, context: float = 0.5) -> Ensemb
         If the period is not a whole number of samples, or longer than the record.
     """
     rate = recording.sampling_rate
+    for name, seconds in (("period", period), ("context", context)):
+        if not (isinstance(seconds, (int, float, np.number)) and math.isfinite(seconds) and seconds >= 0):
+            raise InputError(f"segment: {name} must be a number of seconds, zero or more, got {seconds!r}")
+    if round(period * rate) < 1:
+        raise InputError(f"segment: a period of {period!r} s is shorter than a sample at {rate:g} Hz")
     samples, margin = _whole_samples("period", period, rate), round(context * rate)
-    if not (math.isfinite(context) and margin >= 0):
-        raise InputError(f"segment: context must be zero or more seconds, got {context!r}")
-    if samples < 1:
-        raise InputError(f"segment: period must be positive, got {period!r} s")
     firsts: list[int] = []
     trials: list[int] = []
     left_out = 0
@@ -58,9 +59,10 @@ def segment(recording: Recording, period: float, context: float = 0.5) -> Ensemb
         trials += [number] * len(with_context)
     if not firsts:
         longest = max(trial.stop - trial.start for trial in recording.trials) / rate
+        advice = "give less context (0 keeps every realization)" if left_out else "give a shorter period"
         raise InputError(
             f"segment: no realization of {period:g} s with {context:g} s of context on both sides fits into "
-            f"{longest:g} s of record from {recording.start:g} s on; give a shorter period, or less context"
+            f"{longest:g} s of record from {recording.start:g} s on; {advice}"
         )
     index = np.array(firsts)
     trial_of = np.array(trials)
@@ -83,11 +85,10 @@ def segment(recording: Recording, period: float, context: float = 0.5) -> Ensemb
 
 def _whole_samples(name: str, seconds: float, rate: float) -> int:
     samples = seconds * rate
-    if not math.isfinite(samples) or abs(samples - round(samples)) > 1e-6 * max(1.0, abs(samples)):
-        nearest = round(samples) / rate if math.isfinite(samples) else math.nan
+    if abs(samples - round(samples)) > 1e-6 * max(1.0, samples):
         raise InputError(
             f"segment: {name} {seconds:g} s is not a whole number of samples at {rate:g} Hz; "
-            f"the nearest that is: {nearest:g} s"
+            f"the nearest that is: {round(samples) / rate:g} s"
         )
     return round(samples)
 
@@ -115,8 +116,13 @@ def subtract_mean(ensemble: Ensemble) -> Ensemble:
     """
     if len(ensemble) < 2:
         raise InputError("subtract_mean: expected at least two realizations, got one; its mean is the signal itself")
-    return replace(
-        ensemble,
-        angle=ensemble.angle - ensemble.angle.mean(axis=0),
-        torque=ensemble.torque - ensemble.torque.mean(axis=0),
-    )
+    deviations = {}
+    for name in ("angle", "torque"):
+        values = getattr(ensemble, name)
+        deviations[name] = values - values.mean(axis=0)
+        if np.abs(deviations[name]).max() <= 1e-12 * np.abs(values).max():
+            raise InputError(
+                f"subtract_mean: the {name} is the same in all {len(ensemble)} realizations, so that nothing is left; "
+                "the perturbation must differ from realization to realization"
+            )
+    return replace(ensemble, **deviations)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +24,23 @@ def read_tsv(file: Path) -> dict[str, NDArray[Any]]:
 
 def _read(file: Path, separator: str) -> dict[str, NDArray[Any]]:
     try:
-        table = pd.read_csv(file, sep=separator, skipinitialspace=True, encoding="utf-8-sig", low_memory=False)
-    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError, ValueError) as error:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", pd.errors.ParserWarning)  # rows longer than the header
+            table = pd.read_csv(
+                file,
+                sep=separator,
+                skipinitialspace=True,
+                encoding="utf-8-sig",
+                index_col=False,
+                low_memory=False,
+            )
+    except (
+        pd.errors.ParserWarning,
+        pd.errors.ParserError,
+        pd.errors.EmptyDataError,
+        UnicodeDecodeError,
+        ValueError,
+    ) as error:
         reason = str(error).strip().splitlines()[0]
         raise InputError(f"{file}: not a text table with a header line ({reason})") from error
     return {str(name).strip(): table[name].to_numpy() for name in table.columns}

@@ -133,16 +133,13 @@ def joint(
     Simulation(Recording(42 s at 1000 Hz; ...); stiffness 50 to 150 N·m/rad, inertia 0.02 kg·m²)
     """
     rate = checked_rate(rate)
-    if rate <= 2 * BANDWIDTH:
-        raise InputError(f"joint: rate must be above {2 * BANDWIDTH:g} Hz, got {rate:g} Hz")
-    for name, value in (("duration", duration), ("inertia", inertia)):
-        if not (math.isfinite(value) and value > 0):
-            raise InputError(f"joint: {name} must be positive, got {value!r}")
-    if math.isnan(snr_db) or snr_db == -math.inf:
-        raise InputError(f"joint: snr_db must be a number of decibels, got {snr_db!r}")
+    _check_settings(rate, stiffness, perturbation, duration=duration, inertia=inertia, snr_db=snr_db)
     run_in, margin, inside = (round(seconds * rate) for seconds in (RUN_IN, MARGIN, duration))
     samples = inside + 2 * margin
-    random, noise_random = np.random.default_rng(seed).spawn(2)
+    try:
+        random, noise_random = np.random.default_rng(seed).spawn(2)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"joint: seed must be a whole number of zero or more, got {seed!r}") from error
 
     drive = np.asarray(perturbation.generate(run_in + samples, rate, random))
     angle, torque, noise = np.empty(samples), np.empty(samples), np.empty(samples)
@@ -150,8 +147,10 @@ def joint(
     k = _profile("stiffness", stiffness, time_index, rate)
     if callable(viscosity):
         b = _profile("viscosity", viscosity, time_index, rate)
-    else:
+    elif isinstance(viscosity, (int, float, np.number)) and math.isfinite(viscosity):
         b = np.broadcast_to(np.float64(viscosity), samples)
+    else:
+        raise InputError(f"joint: viscosity must be a finite number or a callable of time, got {viscosity!r}")
 
     noise_filter = butter(2, BANDWIDTH, fs=rate)
     actuator, noise_state = _Actuator(rate), np.zeros(2)
@@ -180,10 +179,28 @@ def joint(
     torque *= scale
     noise *= float(np.std(torque[inner]) / np.std(noise[inner])) * 10 ** (-snr_db / 20)
     noise += torque
-    for values in (torque, k):
+    for values in (angle, noise, torque, k, b):
         values.flags.writeable = False
     recording = Recording(angle, noise, rate, start=-margin / rate)
     return Simulation(recording, torque, k, b, float(inertia))
+
+
+def _check_settings(rate: float, stiffness: object, perturbation: object, **numbers: float) -> None:
+    if rate <= 2 * BANDWIDTH:
+        raise InputError(f"joint: rate must be above {2 * BANDWIDTH:g} Hz, got {rate:g} Hz")
+    for name, value in numbers.items():
+        if not isinstance(value, (int, float, np.number)):
+            raise InputError(f"joint: {name} must be a number, got {value!r}")
+        if name != "snr_db" and not (math.isfinite(value) and value > 0):
+            raise InputError(f"joint: {name} must be positive, got {value!r}")
+    if round(numbers["duration"] * rate) < 1:
+        raise InputError(f"joint: a duration of {numbers['duration']:g} s is shorter than a sample at {rate:g} Hz")
+    if not numbers["snr_db"] > -300:
+        raise InputError(f"joint: snr_db must be a number of decibels above -300, got {numbers['snr_db']!r}")
+    if not callable(getattr(perturbation, "generate", None)):
+        raise InputError(f"joint: perturbation must be FilteredNoise, PRBS or have generate(), got {perturbation!r}")
+    if not callable(stiffness):
+        raise InputError(f"joint: stiffness must be a callable of time, such as Constant(100), got {stiffness!r}")
 
 
 def _profile(name: str, profile: Profile, index: NDArray[np.int64], rate: float) -> Array:

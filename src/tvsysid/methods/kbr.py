@@ -164,7 +164,7 @@ class KernelRegression(Method):
                 bins += output.size // 2
                 external = external.with_bins(regressors, terms, output)
             externals.append(external)
-        power = sum(float(np.sum(run.torque**2)) for run in runs) / sum(run.torque.size for run in runs)
+        power = sum(float(np.vdot(run.torque, run.torque)) for run in runs) / sum(run.torque.size for run in runs)
         precision = np.tile(kernel.precision / self.gamma, 3)
         fit = _fit(gram, cross, square, bins, precision, externals, 1 / (power or 1.0))
 
@@ -401,7 +401,8 @@ class _Run(NamedTuple):
         torque = torque[lost : len(torque) - lost]
         signals = np.zeros((3, 0))
         if len(torque):
-            signals = differentiate(joined(ensemble.angle), ensemble.sampling_rate) * DEGREES
+            signals = differentiate(joined(ensemble.angle), ensemble.sampling_rate)
+            signals *= DEGREES
         shift = lost / ensemble.sampling_rate
         onset = float(ensemble.onsets[realizations[0]])
         return cls(signals[:, None], torque[None], onset + shift, clock + shift)
@@ -435,7 +436,8 @@ class _Run(NamedTuple):
         runs, count = self.torque.shape
         shift = round(count / rate / kernel.period)
         reach = kernel.harmonics * shift
-        slow = kernel.slow_features(self.clock + np.arange(count) / rate)
+        # The constant, which comes first, needs no product.
+        slow = () if kernel.decay is None else kernel.slow_features(self.clock + np.arange(count) / rate)[1:]
         below = max(0, reach - low)
 
         def reaching(x: Array) -> ComplexArray:
@@ -444,7 +446,7 @@ class _Run(NamedTuple):
             ends = spectrum[:, below:0:-1].conj(), spectrum[:, max(0, low - reach) : high + reach]
             return np.concatenate(ends, axis=1)
 
-        spectra = [[reaching(signal * feature) for feature in slow] for signal in self.signals]
+        spectra = [[reaching(signal), *(reaching(signal * feature) for feature in slow)] for signal in self.signals]
         turns = 0.5 * np.exp(2j * np.pi * np.arange(kernel.harmonics + 1) * self.phase / kernel.period)
         length = max(1, BLOCK // runs)
         for start in range(low, high, length):

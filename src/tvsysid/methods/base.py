@@ -153,7 +153,8 @@ def _doubts_of_all(ensemble: Ensemble, model: Model, low: float, high: float) ->
             "answer to the perturbation and biases the stiffness; use tvsysid.preprocess.subtract_mean first"
         )
     if len(ensemble) > 1:
-        over_time = np.mean(np.square(ensemble.angle[:, ensemble.core]), axis=0)
+        core = ensemble.angle[:, ensemble.core]
+        over_time = np.einsum("rt,rt->t", core, core)
         still = np.flatnonzero(over_time < STILL * over_time.mean())
         if len(still):
             yield (
@@ -192,8 +193,8 @@ def _has_mean_torque(ensemble: Ensemble) -> bool:
         return False
     torque = ensemble.torque[:, ensemble.core]
     mean, offsets = torque.mean(axis=0), torque.mean(axis=1)
-    error = float(torque.var(axis=0, ddof=1).mean()) / count
-    if float(np.mean(mean**2)) > MEAN_TORQUE_LIMIT * error:
+    variance = (np.einsum("rt,rt->t", torque, torque) - count * mean**2) / (count - 1)
+    if float(np.mean(mean**2)) > MEAN_TORQUE_LIMIT * float(variance.mean()) / count:
         return True
     spread = float(offsets.std(ddof=1)) / math.sqrt(count)
     return spread > 0 and 2 * float(stdtr(count - 1, -abs(offsets.mean()) / spread)) < MEAN_TORQUE_CHANCE

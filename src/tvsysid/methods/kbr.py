@@ -33,7 +33,7 @@ PRESETS: dict[str, dict[str, float]] = {
 DEGREES = math.degrees(1.0)
 STRICT = 20.0
 """Length of the decay, in lengths of the record, from which on the kernel is taken as strictly periodic."""
-BLOCK = 2048
+BLOCK = 6144
 """Frequencies whose regressors are held at once."""
 STACK = 128
 """Runs of one length that are transformed together."""

@@ -85,7 +85,6 @@ MethodOption = Annotated[
 
 @app.callback(invoke_without_command=True)
 def tvsysid(
-    context: typer.Context,
     version: Annotated[bool, typer.Option("--version", help="Print the version and stop.")] = False,
 ) -> None:
     """Parse what stands before the command."""
@@ -94,7 +93,6 @@ def tvsysid(
 
         output.print(f"tvsysid {__version__}", highlight=False)
         raise typer.Exit
-    del context
 
 
 @app.command()
@@ -349,9 +347,10 @@ def simulate(
         "stiffness": simulation.stiffness[inner],
     }
     write_simulation(file, columns, rate)
+    decimate = " --decimate 100" if rate > 100 and rate % 100 == 0 else ""
     output.print(
         f"wrote {file}: {duration:g} s at {rate:g} Hz; identify it with\n"
-        f"tvsysid identify {file} --angle angle --torque torque --rate {rate:g} --decimate 100 --period 2",
+        f"tvsysid identify {file} --angle angle --torque torque --rate {rate:g}{decimate} --period 2",
         highlight=False,
         soft_wrap=True,
     )
@@ -378,7 +377,9 @@ def main() -> None:
         _stop(f"{message()} (see tvsysid --help)")
     else:
         if code == INTERRUPTED:
-            errors.print("tvsysid: interrupted; nothing was written", highlight=False)
+            errors.print(
+                "tvsysid: interrupted; a file that is there is whole, the others were not written", highlight=False
+            )
         sys.exit(code if isinstance(code, int) else 0)
 
 

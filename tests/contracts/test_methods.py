@@ -77,6 +77,14 @@ def test_result_is_whole_and_immutable(method):
     assert method.key in {"eirf", "sds", "birf", "esm", "kbr"}
 
 
+def test_what_a_model_holds_cannot_be_changed():
+    kernel = tv.KernelRegression().identify(ensemble_of()).kernel
+    rank = tv.EnsembleIRF().identify(ensemble_of()).diagnostics.rank
+    for values in (kernel.precision, rank):
+        with pytest.raises(ValueError, match="read-only"):
+            values[0] = 9.0
+
+
 @parametrize()
 def test_input_is_untouched_and_the_answer_repeats(method):
     ensemble = ensemble_of()

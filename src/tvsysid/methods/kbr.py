@@ -256,6 +256,9 @@ class Kernel:
     products: tuple[tuple[int, int, int], ...]
     precision: Array
 
+    def __post_init__(self) -> None:
+        self.precision.flags.writeable = False
+
     @classmethod
     def of(cls, period: float, l1: float, l2: float, first: float, last: float, rate: float) -> Kernel:
         """Features that matter over the record, from its first to its last time in s."""
@@ -346,10 +349,10 @@ def _fit(
     noise, iteration = max(square / bins * 1e-3, floor), 0
     for iteration in range(1, 31):
         system, right = gram + np.diag(noise * precision), cross
-        shares = []  # of the regressors that the external terms explain: mixed @ (external gram + prior)^-1
+        inverses, shares = [], []  # (external gram + prior)^-1, and what of the regressors it explains: mixed @ inverse
         for external, between in zip(externals, mixed, strict=True):
-            inverse = np.linalg.inv(external.gram + noise * weak * np.eye(EXTERNAL_TERMS))
-            shares.append((between.reshape(-1, EXTERNAL_TERMS) @ inverse).reshape(between.shape))
+            inverses.append(np.linalg.inv(external.gram + noise * weak * np.eye(EXTERNAL_TERMS)))
+            shares.append((between.reshape(-1, EXTERNAL_TERMS) @ inverses[-1]).reshape(between.shape))
             system = system - shares[-1] @ between.T
             right = right - shares[-1] @ external.cross.ravel()
         factor, failed = lapack.dpotrf(system, lower=1)
@@ -360,8 +363,7 @@ def _fit(
         covariance = lower + np.tril(lower, -1).T
         effective = len(mean) - noise * float(precision @ np.diag(covariance))
         residual = square - 2 * float(mean @ cross) + float(mean @ gram @ mean)
-        for external, between, share in zip(externals, mixed, shares, strict=True):
-            inverse = np.linalg.inv(external.gram + noise * weak * np.eye(EXTERNAL_TERMS))
+        for external, between, inverse, share in zip(externals, mixed, inverses, shares, strict=True):
             explained = (mean @ between).reshape(external.cross.shape)
             terms = (external.cross - explained) @ inverse
             residual += float(np.sum(terms * (2 * explained - 2 * external.cross + terms @ external.gram)))

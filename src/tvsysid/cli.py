@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import os
+import shlex
+import signal
 import sys
 import warnings
 from collections.abc import Iterator
@@ -14,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from tvsysid.errors import DoubtfulWarning, InputError
@@ -37,8 +40,12 @@ output = Console()
 errors = Console(stderr=True)
 
 DEFAULT_METHODS = ["eirf", "sds", "birf", "esm", "kbr"]  # those of tvsysid.methods.names(), which takes long to import
+MOST_TABLES = 4
+"""Scenarios whose table is printed; the report has all."""
 INTERRUPTED = 130
 """Exit code after Ctrl-C."""
+STORE = "results.zarr"
+"""Where a benchmark keeps its trials, in its folder."""
 SLOW_RATE = 250.0
 """Hz from which on identifying without decimation takes minutes."""
 
@@ -62,6 +69,22 @@ class Perturbation(StrEnum):
 
     noise = "noise"
     prbs = "prbs"
+
+
+class Preset(StrEnum):
+    """Studies by name."""
+
+    quick = "quick"
+    paper = "paper"
+    snr = "snr"
+    viscosity = "viscosity"
+
+
+class Viscosity(StrEnum):
+    """Viscosities that can be simulated."""
+
+    constant = "constant"
+    covarying = "covarying"
 
 
 class Profile(StrEnum):
@@ -97,25 +120,50 @@ def tvsysid(
 
 @app.command()
 def benchmark(
-    stiffness: Annotated[list[Profile], typer.Option(help="Stiffness profile of the simulated joint; repeatable.")] = [
-        Profile.square
-    ],
-    perturbation: Annotated[list[Perturbation], typer.Option(help="Angular perturbation; repeatable.")] = [
-        Perturbation.noise,
-        Perturbation.prbs,
-    ],
+    study_file: Annotated[
+        Path | None, typer.Argument(metavar="[STUDY.toml]", help="TOML file with the study's settings.")
+    ] = None,
+    preset: Annotated[
+        Preset | None,
+        typer.Option(
+            help="`quick` (the default), `paper` (van de Ruit et al. 2021: 40 to 600 s, 100 trials, and their sine), "
+            "`snr` (0 to 30 dB), `viscosity` (constant, and rising with stiffness). Options below take the place of its "
+            "settings."
+        ),
+    ] = None,
+    stiffness: Annotated[
+        list[Profile] | None, typer.Option(help="Stiffness profile of the simulated joint; repeatable. [square]")
+    ] = None,
+    perturbation: Annotated[
+        list[Perturbation] | None, typer.Option(help="Angular perturbation; repeatable. [noise and prbs]")
+    ] = None,
     duration: Annotated[
-        list[float], typer.Option(metavar="S", help="Seconds of data, a whole number of 2-s realizations; repeatable.")
-    ] = [150.0],
+        list[float] | None,
+        typer.Option(metavar="S", help="Seconds of data, a whole number of 2-s realizations; repeatable. [150]"),
+    ] = None,
     snr: Annotated[
-        list[float], typer.Option("--snr", metavar="DB", help="Signal-to-noise ratio of the torque in dB; repeatable.")
-    ] = [10.0],
-    method: MethodOption = DEFAULT_METHODS,
-    trials: Annotated[int, typer.Option(metavar="N", help="Monte-Carlo trials of each scenario.")] = 20,
-    seed: Annotated[int, typer.Option(metavar="N", help="Seed; the same seed gives the same numbers.")] = 0,
+        list[float] | None,
+        typer.Option("--snr", metavar="DB", help="Signal-to-noise ratio of the torque in dB; repeatable. [10]"),
+    ] = None,
+    viscosity: Annotated[
+        list[Viscosity] | None,
+        typer.Option(help="2.2 N·m·s/rad, or from 1 to 3 N·m·s/rad with the stiffness; repeatable. [constant]"),
+    ] = None,
+    method: MethodOption = [],
+    trials: Annotated[int | None, typer.Option(metavar="N", help="Monte-Carlo trials of each scenario. [20]")] = None,
+    seed: Annotated[
+        int | None, typer.Option(metavar="N", help="Seed; the same seed gives the same numbers. [0]")
+    ] = None,
     workers: Annotated[
         int | None, typer.Option(metavar="N", help="Processes; as many as there are cores by default.")
     ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Run on a Dask cluster instead, such as tcp://host:8786 (tvsysid[dask])."),
+    ] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Print what would be run, with an estimate of time and size, and stop.")
+    ] = False,
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results.")] = Path("tvsysid-benchmark"),
 ) -> None:
     """Compare methods on simulated data with known stiffness.
@@ -127,58 +175,63 @@ def benchmark(
 
     Writes to the folder:
 
-    - `summary.csv`: a row for each scenario, method and metric, with its value and unit;
+    - `report.html`: everything below in one page: ranking, figures, the paper's claims held against the figures;
 
-    - `results.nc`: stiffness and VAF of every trial (NetCDF; open it with xarray);
+    - `summary.csv`: a row for each scenario, method and metric, with value, standard error and unit;
 
-    - `stiffness-PROFILE-PERTURBATION-….png` and `.pdf`: stiffness and time-varying VAF, mean ± 2 SD.
+    - `claims.csv`: each claim of the paper, with figures and verdict;
+
+    - `figures/`: each as PNG, PDF and SVG;
+
+    - `results.zarr`: stiffness, VAF, time taken and warnings of every trial; `xarray.open_zarr` reads it.
+
+    Every trial is kept when it is done. If the command is interrupted or killed, the same command goes on from there.
 
     Example: `tvsysid benchmark --method sds --method sds:window=0.2 --trials 50`
-    """
-    from tvsysid.benchmark import Study, run, summarize
-    from tvsysid.figures import method_comparison, save
-    from tvsysid.recordings import whole_file
 
-    study = Study(
-        stiffness=[str(item) for item in stiffness],
-        perturbation=[str(item) for item in perturbation],
-        duration_s=duration,
-        snr_db=snr,
-        methods=method,
-        trials=trials,
-        seed=seed,
-    )
+    Example: `tvsysid benchmark --preset paper --out paper`
+    """
+    from tvsysid.benchmark import Study
+
+    options = {
+        "stiffness": stiffness and [str(item) for item in stiffness],
+        "perturbation": perturbation and [str(item) for item in perturbation],
+        "duration_s": duration,
+        "snr_db": snr,
+        "viscosity": viscosity and [str(item) for item in viscosity],
+        "methods": list(dict.fromkeys(method)),
+        "trials": trials,
+        "seed": seed,
+    }
+    given = {name: value for name, value in options.items() if value not in (None, [])}
+    if study_file is not None and preset is not None:
+        raise InputError(f"{study_file} and --preset {preset}: give one of them")
+    study = Study.from_toml(study_file, **given) if study_file else Study.preset(preset or "quick", **given)
+    if dry_run:
+        _print_plan(study, workers or os.cpu_count() or 1)
+        return
     _check_folder(out)
-    count = sum(1 for _ in study.scenarios)
-    with _progress(f"{count} scenarios x {trials} trials x {len(method)} methods") as advance:
-        results = run(study, workers=workers, progress=advance)
-    summary = summarize(results)
-    with whole_file(out / "summary.csv") as file:
-        summary.to_csv(file, index=False, float_format="%.6g")
-    with whole_file(out / "results.nc") as file:
-        results.to_netcdf(file, engine="h5netcdf")
-    written = ["summary.csv", "results.nc"]
-    for scenario in study.scenarios:
-        cell = {
-            "profile": scenario.stiffness,
-            "perturbation": scenario.perturbation,
-            "duration_s": scenario.duration_s,
-            "snr_db": scenario.snr_db,
-        }
-        name = f"stiffness-{scenario.stiffness}-{scenario.perturbation}-{scenario.duration_s:g}s-{scenario.snr_db:g}dB"
-        title = _scenario_title(scenario, trials)
-        output.print(_benchmark_table(summary, cell, title))
-        figure = method_comparison(results.sel(cell), title)
-        for ending in ("png", "pdf"):
-            save(figure, out / f"{name}.{ending}")
-        written += [f"{name}.png", f"{name}.pdf"]
-    for label in results.method_key.values:
-        told = [text for text in results.doubts.sel(method_key=label).values.ravel() if text]
-        if told:
-            count = results.doubts.sel(method_key=label).size
-            text = f"{label}: {len(told)} of {count} trials deserve doubt; the first: {told[0]}"
-            errors.print(f"[yellow]warning:[/] {text}", highlight=False, soft_wrap=True)
-    _say_written(out, written)
+    results = _run_study(study, out, workers, scheduler)
+    complete = _write_study(results, out, _command_line())
+    if not complete:
+        sys.exit(1)
+
+
+@app.command()
+def report(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder that a benchmark wrote.")],
+) -> None:
+    """Write report, tables and figures anew from a benchmark's results.
+
+    Reads `results.zarr` in the folder, finished or not, and writes `report.html`, `summary.csv`, `claims.csv` and
+    `figures/` beside it.
+
+    Example: `tvsysid report tvsysid-benchmark`
+    """
+    from tvsysid.benchmark import read_results
+
+    _check_folder(folder)
+    _write_study(read_results(folder / STORE), folder, "")
 
 
 @app.command()
@@ -361,6 +414,8 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a terminal that lacks a character shows another in its place
             stream.reconfigure(errors="replace")
+    # What ends a job on a cluster ends it as cleanly as a key.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         code = app(prog_name="tvsysid", standalone_mode=False)
     except InputError as error:
@@ -401,14 +456,36 @@ def _check_folder(out: Path) -> None:
 def _progress(title: str) -> Iterator[Any]:
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    shown = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    shown = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[rate]}"),
+        TimeRemainingColumn(elapsed_when_finished=True),
+    )
     with Progress(*shown, console=errors, transient=True, disable=not errors.is_terminal) as bar:
-        task = bar.add_task(title, total=None)
+        task = bar.add_task(title, total=None, rate="")
 
         def advance(done: int, total: int) -> None:
-            bar.update(task, completed=done, total=total)
+            speed = bar.tasks[0].speed
+            bar.update(task, completed=done, total=total, rate=f"{speed:.1f}/s" if speed else "")
 
         yield advance
+
+
+@contextmanager
+def _waiting(title: str) -> Iterator[None]:
+    """Show that something goes on whose end is not known."""
+    if errors.is_terminal:
+        with errors.status(title):
+            yield
+    else:
+        yield
+
+
+def _command_line() -> str:
+    """This command, as it may be typed again."""
+    return shlex.join(["tvsysid", *sys.argv[1:]])
 
 
 @contextmanager
@@ -423,20 +500,146 @@ def _shown_warnings() -> Iterator[None]:
                 errors.print(f"[yellow]warning:[/] {text}", highlight=False, soft_wrap=True)
 
 
-def _scenario_title(scenario: Any, trials: int) -> str:
-    profile = {"square": "square wave", "sine": "sine wave", "constant": "constant"}[scenario.stiffness]
-    perturbation = {"noise": "filtered noise", "prbs": "PRBS"}[scenario.perturbation]
-    repeats = "1 trial" if trials == 1 else f"{trials} trials"
-    return f"{profile}, {perturbation}, {scenario.duration_s:g} s, {scenario.snr_db:g} dB, {repeats}"
+def _print_plan(study: Any, workers: int) -> None:
+    from tvsysid.benchmark import plan
+
+    with _waiting("timing a trial of the shortest and the longest scenario"):
+        taken = plan(study)
+    table = Table(title="the study", title_justify="left")
+    for heading in ("stiffness", "perturbation", "duration (s)", "SNR (dB)", "viscosity"):
+        table.add_column(heading)
+    for scenario in study.scenarios:
+        table.add_row(
+            scenario.stiffness,
+            scenario.perturbation,
+            f"{scenario.duration_s:g}",
+            f"{scenario.snr_db:g}",
+            scenario.viscosity,
+        )
+    output.print(table)
+    output.print(
+        f"methods: {', '.join(study.named_methods)}\n"
+        f"{study.trials} trials of each of {len(study.scenarios)} scenarios, seed {study.seed}: {taken.trials} trials, "
+        f"{taken.simulated_s:,.0f} s of data\n"
+        f"about {_duration(taken.work_s / workers)} with {workers} process{'es' if workers > 1 else ''}, "
+        f"and {taken.size_bytes / 1e6:,.1f} MB of results; nothing was run",
+        highlight=False,
+        soft_wrap=True,
+    )
 
 
-def _benchmark_table(summary: pd.DataFrame, cell: dict[str, Any], title: str) -> Table:
-    rows = summary[
-        (summary.stiffness == cell["profile"])
-        & (summary.perturbation == cell["perturbation"])
-        & (summary.duration_s == cell["duration_s"])
-        & (summary.snr_db == cell["snr_db"])
-    ]
+def _run_study(study: Any, out: Path, workers: int | None, scheduler: str | None) -> Any:
+    """Results, with progress; what ends it early says how to go on."""
+    from tvsysid.benchmark import run
+
+    count = len(study.scenarios)
+    title = f"{count} scenario{'s' if count > 1 else ''} x {study.trials} trials x {len(study.methods)} methods"
+    kept = [0, 0]
+    try:
+        with _progress(title) as advance, _executor(scheduler) as (executor, threads):
+
+            def count_kept(done: int, total: int) -> None:
+                kept[:] = done, total
+                advance(done, total)
+
+            return run(study, store=out / STORE, workers=workers or threads, executor=executor, progress=count_kept)
+    except KeyboardInterrupt:
+        errors.print(
+            f"tvsysid: interrupted; {kept[0]} of {kept[1]} trials are in {out / STORE}, the same command goes on from there",
+            highlight=False,
+            soft_wrap=True,
+        )
+        sys.exit(INTERRUPTED)
+    except OSError as error:
+        raise InputError(
+            f"{error.filename or out}: {error.strerror or error}; {kept[0]} of {kept[1]} trials are kept: once this is "
+            "mended, the same command goes on from there"
+        ) from error
+
+
+@contextmanager
+def _executor(scheduler: str | None) -> Iterator[tuple[Any, int | None]]:
+    """Executor of a Dask cluster and the number of its threads, or None twice."""
+    if scheduler is None:
+        yield None, None
+        return
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise InputError("--scheduler needs Dask: pip install 'tvsysid[dask]'") from error
+    try:
+        client = Client(scheduler, timeout="10s")
+    except (OSError, ValueError, TypeError) as error:
+        raise InputError(f"--scheduler {scheduler}: no Dask scheduler answers there: {error}") from error
+    with client:
+        threads = sum(client.nthreads().values())
+        if not threads:
+            raise InputError(f"--scheduler {scheduler}: this cluster has no workers; start some with `dask worker`")
+        yield client.get_executor(pure=False), threads
+
+
+def _write_study(results: Any, out: Path, command: str) -> bool:
+    """Write tables, figures and report, and print the essence; whether every method gave a result in every trial."""
+    from tvsysid.benchmark import example_responses, judge, score, summarize
+    from tvsysid.figures import save, study_figures
+    from tvsysid.recordings import whole_file
+    from tvsysid.report import write_report
+
+    with _waiting("scoring and drawing"):
+        for name in ("seconds", "stage_seconds", "doubts", "failure", "checksums"):
+            results[name].load()  # small, and needed more than once
+        scores = score(results)
+        summary, claims = summarize(scores), judge(scores)
+        for name, table in (("summary.csv", summary), ("claims.csv", claims)):
+            with whole_file(out / name) as file:
+                table.to_csv(file, index=False, float_format="%.6g")
+        square = bool((results.profile == "square").any())
+        illustrations = study_figures(results, summary, example_responses() if square else None)
+        for name, item in illustrations.items():
+            for ending in ("png", "pdf", "svg"):
+                save(item.figure, out / "figures" / f"{name}.{ending}")
+        write_report(out / "report.html", results, summary, claims, illustrations, command)
+    labels = list(dict.fromkeys(summary.scenario))
+    for label in labels[:MOST_TABLES]:
+        output.print(_benchmark_table(summary[summary.scenario == label]))
+    if len(labels) > MOST_TABLES:
+        output.print(f"and {len(labels) - MOST_TABLES} more scenarios in summary.csv and report.html", highlight=False)
+    output.print(_claims_table(claims))
+    output.print(_time_table(results))
+    complete = _print_troubles(results)
+    _say_written(out, ["report.html", "summary.csv", "claims.csv", f"figures/ ({len(illustrations)})", STORE])
+    return complete
+
+
+def _print_troubles(results: Any) -> bool:
+    """Print doubts, failures and missing trials; whether there were neither of the latter."""
+    there = results.checksums.values.any(axis=-1)
+    if not there.all():
+        text = f"{there.sum()} of {there.size} trials are there so far; the benchmark's command goes on from there"
+        errors.print(f"[yellow]warning:[/] {text}", highlight=False, soft_wrap=True)
+    failures = 0
+    for label in results.method_key.values:
+        own = results.sel(method_key=label)
+        for name, what in (("doubts", "deserve doubt"), ("failure", "failed and are left out")):
+            told = [text for text in own[name].values.ravel() if text]
+            failures += len(told) if name == "failure" else 0
+            if told:
+                colour, kind = ("red", "error") if name == "failure" else ("yellow", "warning")
+                text = f"{label}: {len(told)} of {there.sum()} trials {what}; the first: {told[0]}"
+                errors.print(f"[{colour}]{kind}:[/] {escape(text)}", highlight=False, soft_wrap=True)
+    return not failures
+
+
+def _scenario_title(row: Any) -> str:
+    profile = {"square": "square wave", "sine": "sine wave", "constant": "constant"}[row.stiffness]
+    perturbation = {"noise": "filtered noise", "prbs": "PRBS"}[row.perturbation]
+    repeats = "1 trial" if row.trials == 1 else f"{row.trials} trials"
+    covarying = ", viscosity covarying" if row.viscosity == "covarying" else ""
+    return f"{profile}, {perturbation}, {row.duration_s:g} s, {row.snr_db:g} dB{covarying}, {repeats}"
+
+
+def _benchmark_table(rows: pd.DataFrame) -> Table:
+    """Main metrics of one scenario."""
     shown = {
         "bias_error": ("bias\n(N·m/rad)", "{:.1f}"),
         "random_error": ("random\n(N·m/rad)", "{:.1f}"),
@@ -447,16 +650,52 @@ def _benchmark_table(summary: pd.DataFrame, cell: dict[str, Any], title: str) ->
         "seconds": ("time\n(ms)", "{:.0f}"),
     }
     present = [name for name in shown if (rows.metric == name).any()]
-    table = Table(title=title, title_justify="left")
+    most = rows.loc[rows.trials.idxmax()]
+    table = Table(title=_scenario_title(most), title_justify="left")
     table.add_column("method", overflow="fold")
     for name in present:
         table.add_column(shown[name][0], justify="right")
     for method, group in rows.groupby("method", sort=False):
         values = dict(zip(group.metric, group.value, strict=True))
         values["seconds"] *= 1000
+        if most.trials == 1:
+            values["random_error"] = float("nan")  # one trial has no spread
         texts = [shown[name][1].format(values[name]) if values[name] == values[name] else "-" for name in present]
-        table.add_row(str(method), *texts)
+        table.add_row(escape(str(method)), *texts)
     return table
+
+
+def _claims_table(claims: pd.DataFrame) -> Table:
+    table = Table(title="what the paper says of its simulations", title_justify="left")
+    table.add_column("claim", overflow="fold")
+    table.add_column("verdict", overflow="fold")
+    symbols = {"holds": "✓", "does not hold": "✗", "undecided": "?", "not studied": "·"}
+    for row in claims.itertuples():
+        table.add_row(row.claim, f"{symbols[row.verdict]} {row.verdict}")
+    return table
+
+
+def _time_table(results: Any) -> Table:
+    """Where the time of the trials went, and how much data each stage gets through."""
+    there = results.checksums.values.any(axis=-1)
+    simulated = float((results.duration_s.values * there.sum(axis=1)).sum())
+    spent = {str(name): float(results.stage_seconds.sel(stage=name).sum()) for name in results.stage.values}
+    methods = {str(name): float(results.seconds.sel(method_key=name).sum()) for name in results.method_key.values}
+    spent = {name: spent[name] for name in ("simulation", "preprocessing")} | methods | {"scoring": spent["scoring"]}
+    total = sum(spent.values())
+    table = Table(title=f"where the time went: {_duration(total)} in all workers", title_justify="left")
+    table.add_column("stage", overflow="fold")
+    for heading in ("time (s)", "share (%)", "simulated s per s"):
+        table.add_column(heading, justify="right")
+    for name, seconds in spent.items():
+        rate = f"{simulated / seconds:,.0f}" if seconds else "-"
+        table.add_row(escape(name), f"{seconds:.1f}", f"{100 * seconds / total if total else 0:.0f}", rate)
+    return table
+
+
+def _duration(seconds: float) -> str:
+    minutes = seconds / 60
+    return f"{seconds:.0f} s" if minutes < 2 else f"{minutes:.0f} min" if minutes < 120 else f"{minutes / 60:.1f} h"
 
 
 def _identification_table(models: dict[str, Model], shares: dict[str, Any], ensemble: Ensemble) -> Table:

@@ -1,108 +1,105 @@
-import dataclasses
+import json
 
-import numpy as np
 import pytest
-import xarray as xr
 
 import tvsysid as tv
-from tvsysid.benchmark import Study, run, summarize
-from tvsysid.benchmark.summary import COLUMNS
-
-SMALL = {"duration_s": [60.0], "trials": 3, "methods": ["sds", "kbr"]}
+from tvsysid.benchmark import PRESETS, Study
 
 
-@dataclasses.dataclass(frozen=True)
-class Mine:
-    """A researcher's own method: stiffness of a constant joint by regression on the angle alone."""
-
-    gain: float = 1.0
-
-    def identify(self, ensemble):
-        angle, torque = ensemble.angle[:, ensemble.core], ensemble.torque[:, ensemble.core]
-        return MyModel(np.full(ensemble.samples, self.gain * np.sum(angle * torque) / np.sum(angle * angle)))
+def test_the_default_is_the_quick_study():
+    assert Study() == Study.preset("quick")
+    assert [scenario.label for scenario in Study().scenarios] == ["square-noise-150s-10dB", "square-prbs-150s-10dB"]
+    assert list(Study().named_methods) == ["eirf", "sds", "birf", "esm", "kbr"]
 
 
-@dataclasses.dataclass(frozen=True)
-class MyModel:
-    stiffness: np.ndarray
-
-    def predict(self, ensemble):
-        return ensemble.angle[:, ensemble.core] * self.stiffness
-
-
-@pytest.fixture(scope="module")
-def results():
-    return run(Study(**SMALL), workers=1)
+def test_the_paper_s_study():
+    study = Study.preset("paper")
+    square = {(s.perturbation, s.duration_s) for s in study.scenarios if s.stiffness == "square"}
+    assert square == {(p, d) for p in ("noise", "prbs") for d in (40.0, 80.0, 150.0, 300.0, 600.0)}
+    sine = [(s.perturbation, s.duration_s) for s in study.scenarios if s.stiffness == "sine"]
+    assert sine == [("noise", 150.0), ("prbs", 150.0)]
+    assert {(s.snr_db, s.viscosity) for s in study.scenarios} == {(10.0, "constant")}
+    assert study.trials == 100
+    assert sum(s.duration_s for s in study.scenarios if s.stiffness == "square") * study.trials == 234_000
 
 
-def test_results_are_labelled_and_whole(results):
-    assert results.stiffness.dims == (
-        "profile", "perturbation", "duration_s", "snr_db", "method_key", "trial", "time",
+def test_snr_and_viscosity_presets():
+    assert Study.preset("snr").snr_db[0] == 0
+    assert Study.preset("snr").snr_db[-1] == 30
+    assert Study.preset("viscosity").viscosity == ("constant", "covarying")
+    assert Study.preset("viscosity").scenarios[1].label == "square-noise-150s-10dB-covarying"
+
+
+def test_covarying_viscosity_lies_between_1_and_3():
+    scenario = Study(viscosity="covarying").scenarios[0]
+    simulation = tv.simulate.joint(
+        4.0, stiffness=scenario.profile, viscosity=scenario.viscosity_profile, perturbation=tv.simulate.PRBS(),
+        snr_db=10, seed=0,
     )  # fmt: skip
-    assert results.sizes["time"] == 200
-    assert results.stiffness.attrs["units"] == "N m/rad"
-    for name, values in results.data_vars.items():
-        assert (values == "").all() if name == "doubts" else np.isfinite(values).all()
-    np.testing.assert_array_equal(
-        results.true_stiffness.sel(profile="square"), tv.simulate.SquareWave()(results.time.values)
+    assert set(simulation.viscosity[simulation.stiffness == 50]) == {1.0}
+    assert set(simulation.viscosity[simulation.stiffness == 150]) == {3.0}
+
+
+def test_settings_take_the_place_of_a_preset_s_everywhere():
+    study = Study.preset("paper", duration_s=[40.0], trials=3)
+    assert {s.duration_s for s in study.scenarios} == {40.0}
+    assert {s.stiffness for s in study.scenarios} == {"square", "sine"}
+    assert study.trials == 3
+    assert {s.stiffness for s in Study.preset("paper", stiffness="sine").scenarios} == {"sine"}
+
+
+def test_a_study_from_toml(tmp_path):
+    path = tmp_path / "study.toml"
+    path.write_text(
+        'duration_s = [40, 80]\nperturbation = "prbs"\nsnr_db = [10, inf]\nmethods = ["sds:window=0.2", "kbr"]\n'
+        'trials = 7\n[[also]]\nstiffness = ["sine"]\nsnr_db = 0\n'
     )
+    study = Study.from_toml(path)
+    assert [s.label for s in study.scenarios] == [
+        "square-prbs-40s-10dB", "square-prbs-40s-infdB", "square-prbs-80s-10dB", "square-prbs-80s-infdB",
+        "sine-prbs-40s-0dB", "sine-prbs-80s-0dB",
+    ]  # fmt: skip
+    assert list(study.named_methods) == ["sds:window=0.2", "kbr"]
+    assert Study.from_toml(path, trials=2).trials == 2
+    assert json.loads(study.to_json())["also"] == [{"stiffness": ["sine"], "snr_db": [0.0]}]
 
 
-def test_the_number_of_workers_changes_no_number(results):
-    again = run(Study(**SMALL), workers=2)
-    xr.testing.assert_identical(again.drop_vars("seconds"), results.drop_vars("seconds"))
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "trails = 3",
+            r"study.toml: study: trails: unknown key; did you mean trials\? \(settings of a study: stiffness",
+        ),
+        ("duration_ms = [40000]", r"duration_ms: unknown key; did you mean duration_s\?"),
+        ('duration_s = ["150 s"]', r"duration_s.0: .*valid number.*got '150 s' \(expected numbers of seconds\)"),
+        ("duration_s = 0.04", "duration_s: expected at least two whole realizations of 2 s; got "),
+        ("[[also]]\ntrials = 5", r"also.0.trials: unknown key.*settings of a study: stiffness, .* viscosity\)"),
+        ("trials = ", "study.toml: not a TOML file: "),
+        ('also = "sine"', "also"),
+        ("also = [3]", "also"),
+    ],
+)
+def test_a_wrong_file_is_refused_and_the_key_named(tmp_path, text, message):
+    path = tmp_path / "study.toml"
+    path.write_text(text)
+    with pytest.raises(tv.InputError, match=message):
+        Study.from_toml(path)
 
 
-def test_more_methods_trials_and_scenarios_change_no_number(results):
-    more = run(
-        Study(duration_s=[60.0, 40.0], trials=4, methods=["esm", "kbr", "sds"], perturbation=["prbs", "noise"]),
-        workers=1,
-    )
-    part = more.sel(duration_s=[60.0], trial=[0, 1, 2], method_key=["sds", "kbr"], perturbation=["noise", "prbs"])
-    xr.testing.assert_equal(part.drop_vars("seconds"), results.drop_vars("seconds"))
-    other = run(Study(**SMALL | {"seed": 1}), workers=1)
-    assert not np.array_equal(other.stiffness, results.stiffness)
+def test_a_missing_file_and_an_unknown_preset_are_refused(tmp_path):
+    with pytest.raises(tv.InputError, match=r"nothing.toml: No such file or directory; give a TOML file"):
+        Study.from_toml(tmp_path / "nothing.toml")
+    with pytest.raises(tv.InputError, match=f"the presets are {', '.join(PRESETS)}"):
+        Study.preset("journal")
 
 
-def test_progress_is_reported():
-    seen = []
-    run(Study(**SMALL | {"perturbation": ["prbs"]}), workers=1, progress=lambda done, total: seen.append((done, total)))
-    assert seen == [(1, 3), (2, 3), (3, 3)]
-
-
-def test_own_method_enters(results):
-    both = run(Study(**SMALL | {"methods": ["sds", Mine()]}), workers=1)
-    assert list(both.method_key.values) == ["sds", "Mine(gain=1.0)"]
-    xr.testing.assert_equal(both.stiffness.sel(method_key="sds"), results.stiffness.sel(method_key="sds"))
-    table = summarize(both)
-    assert len(table[table.method == "Mine(gain=1.0)"]) == len(table[table.method == "sds"])
-
-
-def test_summary_holds_every_metric(results):
-    table = summarize(results)
-    assert tuple(table.columns) == COLUMNS
-    cell = table[(table.method == "sds") & (table.perturbation == "prbs")].set_index("metric").value
-    estimates = results.stiffness.sel(profile="square", perturbation="prbs", method_key="sds").values.reshape(3, 200)
-    truth = results.true_stiffness.values[0]
-    assert cell["bias_error"] == tv.metrics.bias_error(estimates, truth)
-    assert cell["total_error"] ** 2 == pytest.approx(cell["bias_error"] ** 2 + cell["random_error"] ** 2)
-    assert cell["rise_time"] == tv.metrics.rise_time(results.time.values, estimates)
-    assert cell["vaf"] == pytest.approx(float(results.vaf.sel(perturbation="prbs", method_key="sds").mean()))
-    assert cell["lowest_vaf"] <= cell["vaf"]
-    assert cell["left_out"] == 0
-    assert set(table.trials) == {3}
-    assert "rise_time" not in set(summarize(run(Study(**SMALL | {"stiffness": ["sine"]}), workers=1)).metric)
-
-
-def test_store_is_written_whole_and_never_over_another(tmp_path, results):
-    store = tmp_path / "results.zarr"
-    small = Study(**SMALL | {"perturbation": ["prbs"]})
-    written = run(small, workers=1, store=store)
-    read = xr.open_zarr(store).load()
-    xr.testing.assert_equal(read, written)
-    assert [item.name for item in tmp_path.iterdir()] == ["results.zarr"]
-    with pytest.raises(tv.InputError, match="the store exists already"):
-        run(small, workers=1, store=store)
+def test_seeds_differ_by_scenario_and_trial_and_pair_viscosities():
+    study = Study(viscosity=["constant", "covarying"], perturbation=["noise", "prbs"])
+    states = [study.seed_of(s, trial).generate_state(4).tobytes() for s in study.scenarios for trial in range(3)]
+    assert len(set(states)) == 6
+    constant, covarying = study.scenarios[:2]
+    assert study.seed_of(constant, 1).spawn_key == study.seed_of(covarying, 1).spawn_key
 
 
 @pytest.mark.parametrize(
@@ -114,6 +111,7 @@ def test_store_is_written_whole_and_never_over_another(tmp_path, results):
         ({"methods": [3]}, r"object with identify\(ensemble\)"),
         ({"methods": []}, "methods: .*at least 1"),
         ({"methods": ["sds", "sds"]}, "the same value is given twice"),
+        ({"viscosity": ["high"]}, "unknown name 'high'; expected one of constant, covarying"),
         ({"trials": 0}, "trials: .*greater than or equal to 1"),
         ({"trials": "many"}, "trials: .*valid integer"),
         ({"seed": -1}, "seed: "),
@@ -121,19 +119,9 @@ def test_store_is_written_whole_and_never_over_another(tmp_path, results):
         ({"duration_s": [-2.0]}, "whole realizations of 2 s"),
         ({"duration_s": [float("nan")]}, "whole realizations of 2 s"),
         ({"snr_db": [float("nan")]}, "expected decibels"),
-        ({"trails": 3}, "settings of a study: stiffness, perturbation, duration_s, snr_db, methods, trials, seed"),
+        ({"trails": 3}, "unknown key; did you mean trials"),
     ],
 )
 def test_a_wrong_study_is_refused(settings, message):
     with pytest.raises(tv.InputError, match=message):
         Study(**settings)
-
-
-def test_wrong_workers_are_refused():
-    with pytest.raises(tv.InputError, match="workers must be at least 1"):
-        run(Study(**SMALL), workers=0)
-
-
-def test_settings_that_do_not_fit_the_data_are_refused_from_a_worker():
-    with pytest.raises(tv.InputError, match="longer than a realization"):
-        run(Study(**SMALL | {"methods": ["sds:window=5"]}), workers=2)

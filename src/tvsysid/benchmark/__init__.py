@@ -1,7 +1,23 @@
-"""Comparing methods on simulated data: what is studied, and running it."""
+"""Comparing methods on simulated data: what is studied, running it, where results are kept, and what they say."""
 
+from tvsysid.benchmark.claims import judge
+from tvsysid.benchmark.example import example_responses
+from tvsysid.benchmark.plan import plan
 from tvsysid.benchmark.run import run
-from tvsysid.benchmark.study import PERTURBATIONS, PROFILES, Study
-from tvsysid.benchmark.summary import summarize
+from tvsysid.benchmark.scores import score, summarize
+from tvsysid.benchmark.store import read_results
+from tvsysid.benchmark.study import PERTURBATIONS, PRESETS, PROFILES, Study
 
-__all__ = ["PERTURBATIONS", "PROFILES", "Study", "run", "summarize"]
+__all__ = [
+    "PERTURBATIONS",
+    "PRESETS",
+    "PROFILES",
+    "Study",
+    "example_responses",
+    "judge",
+    "plan",
+    "read_results",
+    "run",
+    "score",
+    "summarize",
+]

@@ -1,39 +1,32 @@
-"""Run a study: each worker simulates one trial and lets every method identify it."""
+"""Run a study: trials go to workers, and what comes back goes into the store."""
 
 from __future__ import annotations
 
 import multiprocessing
 import os
-import shutil
 import signal
 import tempfile
-import time
-import warnings
-from collections.abc import Callable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
+from contextlib import contextmanager, nullcontext
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
-
-from tvsysid import metrics
-from tvsysid.benchmark.study import PERIOD, PERTURBATIONS, PROFILES, RATE, Scenario, Study
-from tvsysid.errors import DoubtfulWarning, InputError
-from tvsysid.preprocess import decimate, segment
-from tvsysid.simulate import joint
+from tvsysid.benchmark.store import Store, open_store, read_results
+from tvsysid.benchmark.study import Study
+from tvsysid.benchmark.trial import Outcome, Trial, all_failed, pickled, run_trial
+from tvsysid.errors import InputError
 
 if TYPE_CHECKING:
     import xarray as xr
 
-Array = NDArray[np.float64]
-Outcome = dict[str, NDArray[Any]]
-
-DTYPES = {"doubts": np.dtypes.StringDType()}
-MEASURED = ("stiffness", "time_varying_vaf", "vaf", "bandpassed_vaf", "seconds", "doubts")
+AHEAD = 2
+"""Trials that wait for each worker: enough to keep it busy; more would only take memory."""
+UNKNOWN_WORKERS = 32
+"""Workers assumed of an executor that does not say how many it has."""
 
 
 def run(
@@ -41,171 +34,214 @@ def run(
     *,
     store: str | Path | None = None,
     workers: int | None = None,
+    executor: Executor | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> xr.Dataset:
-    """Run a study and collect what its metrics are made from.
+    """Run a study, or what is missing of it, and collect what its metrics are made from.
 
     Parameters
     ----------
     study
         What to run.
     store
-        Zarr store to write the results to when all are there; must not exist yet.
+        Zarr store for the results. Each trial is written when it is done. A store of the same study is gone on with:
+        only trials that are missing, cut short or failed are run. None keeps the results in memory.
     workers
         Processes; None takes as many as there are cores, 1 works in this one. Each uses one thread. The results do not
         depend on it.
+    executor
+        Runs the trials in place of local processes: that of a Dask cluster (``client.get_executor()``), of MPI, Ray or
+        submitit. Then ``workers`` is the number of trials that it runs at a time.
     progress
-        Called with the numbers of trials done and in all, after each.
+        Called with the numbers of trials there and in all, first before any is run.
 
     Returns
     -------
     xarray.Dataset
-        ``stiffness`` and ``time_varying_vaf`` over (profile, perturbation, duration_s, snr_db, method_key,
-        trial, time), ``vaf`` and ``bandpassed_vaf`` (means over realizations, against the noiseless torque),
-        ``seconds`` taken and ``doubts`` (the warnings met, or nothing) without time, and ``true_stiffness`` over
-        (profile, time).
+        Over (scenario, trial, method_key) and, where it applies, time, statistic (over the realizations of a trial) or
+        stage: ``stiffness``, ``time_varying_vaf``, ``vaf`` and ``bandpassed_vaf`` (against the noiseless torque),
+        ``parameters`` (their effective number), ``seconds`` and ``stage_seconds`` (time taken), ``doubts`` (the
+        warnings met, or nothing), ``failure`` (why there is no result, or nothing), and ``true_stiffness`` over
+        (scenario, time). Read from the store when used.
 
     Raises
     ------
     InputError
-        If the store exists already, or a method's settings do not fit the data.
+        If the store holds something else, a method cannot be sent to a worker, or the executor gives up. A method that
+        fails raises nothing: its results are NaN, and ``failure`` says why.
+
+    Examples
+    --------
+    >>> results = run(Study(duration_s=40, trials=2, methods="sds"), workers=1)
+    >>> dict(results.stiffness.sizes)
+    {'scenario': 2, 'trial': 2, 'method_key': 1, 'time': 200}
     """
-    if store is not None and Path(store).exists():
-        raise InputError(f"{store}: the store exists already; remove it or give another")
     if workers is not None and workers < 1:
         raise InputError(f"workers must be at least 1, got {workers!r}")
-    tasks = [(scenario, trial) for scenario in study.scenarios for trial in range(study.trials)]
-    methods = study.named_methods
-    outcomes: dict[tuple[Scenario, int], Outcome] = {}
-    for task, outcome in _outcomes(study, methods, tasks, workers or os.cpu_count() or 1):
-        outcomes[task] = outcome
+    methods = pickled(study.named_methods)
+    with tempfile.TemporaryDirectory() if store is None else nullcontext(store) as folder:
+        path = Path(folder) / "results.zarr" if store is None else Path(folder)
+        with open_store(path, study) as opened:
+            _run_missing(study, methods, opened, workers, executor, progress)
+        results = read_results(path)
+        return results.load() if store is None else results
+
+
+def _run_missing(
+    study: Study,
+    methods: dict[str, bytes],
+    store: Store,
+    workers: int | None,
+    executor: Executor | None,
+    progress: Callable[[int, int], None] | None,
+) -> None:
+    total = len(study.scenarios) * study.trials
+    places = store.missing()
+    numbers = {scenario: number for number, scenario in enumerate(study.scenarios)}
+    trials = [
+        Trial(study.scenarios[place], number, study.seed_of(study.scenarios[place], number), methods)
+        for place, number in places
+    ]
+    done = total - len(trials)
+    if progress is not None:
+        progress(done, total)
+    for trial, outcome in _outcomes(trials, workers, executor):
+        store.write(numbers[trial.scenario], trial.number, outcome)
+        done += 1
         if progress is not None:
-            progress(len(outcomes), len(tasks))
-    results = _collect(study, list(methods), outcomes)
-    if store is not None:
-        _write(results, Path(store))
-    return results
+            progress(done, total)
 
 
-def run_trial(scenario: Scenario, seed: np.random.SeedSequence, methods: dict[str, Any]) -> Outcome:
-    """Simulate one trial and identify it by each method; each value of shape (method,) or (method, time)."""
-    simulation = joint(
-        scenario.duration_s,
-        stiffness=PROFILES[scenario.stiffness],
-        perturbation=PERTURBATIONS[scenario.perturbation],
-        snr_db=scenario.snr_db,
-        seed=seed,
-    )
-    ensemble = segment(decimate(simulation.recording, RATE), PERIOD)
-    noiseless = segment(decimate(simulation.noiseless, RATE), PERIOD)
-    torque = noiseless.torque[:, noiseless.core]
-    rows = [_measure(method, ensemble, torque) for method in methods.values()]
-    return {name: np.array([row[name] for row in rows], dtype=DTYPES.get(name)) for name in MEASURED}
-
-
-def _measure(method: Any, ensemble: Any, torque: Array) -> dict[str, Any]:
-    started = time.perf_counter()
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", DoubtfulWarning)
-        model = method.identify(ensemble)
-    seconds = time.perf_counter() - started
-    predicted = model.predict(ensemble)
-    return {
-        "stiffness": model.stiffness,
-        "time_varying_vaf": metrics.time_varying_vaf(torque, predicted),
-        "vaf": np.nanmean(metrics.vaf(torque, predicted)),
-        "bandpassed_vaf": np.nanmean(metrics.bandpassed_vaf(torque, predicted, RATE)),
-        "seconds": seconds,
-        "doubts": "; ".join(str(w.message) for w in caught if issubclass(w.category, DoubtfulWarning)),
-    }
-
-
-def _outcomes(
-    study: Study, methods: dict[str, Any], tasks: list[tuple[Scenario, int]], workers: int
-) -> Iterator[tuple[tuple[Scenario, int], Outcome]]:
-    workers = min(workers, len(tasks))
-    if workers == 1:
-        with threadpool_limits(1):
-            for scenario, trial in tasks:
-                yield (scenario, trial), run_trial(scenario, study.seed_of(scenario, trial), methods)
+def _outcomes(trials: list[Trial], workers: int | None, executor: Executor | None) -> Iterator[tuple[Trial, Outcome]]:
+    if executor is not None:
+        try:
+            yield from _from(executor, trials, workers or getattr(executor, "_max_workers", UNKNOWN_WORKERS))
+        except BrokenExecutor as error:
+            raise InputError(
+                f"run: the executor gave up: {error}; what was finished is in the store, the same call goes on from there"
+            ) from error
         return
+    workers = min(workers or os.cpu_count() or 1, len(trials))
+    if workers <= 1:
+        yield from ((trial, run_trial(trial)) for trial in trials)
+    else:
+        yield from _from_processes(trials, workers)
+
+
+def _from(executor: Executor, trials: Sequence[Trial], workers: int) -> Iterator[tuple[Trial, Outcome]]:
+    """Outcomes as they come; never more than a few trials are under way."""
+    queue = iter(trials)
+    pending: dict[Future[Outcome], Trial] = {}
+    try:
+        while True:
+            for trial in islice(queue, (1 + AHEAD) * workers - len(pending)):
+                pending[executor.submit(run_trial, trial)] = trial
+            if not pending:
+                return
+            done, _ = wait(pending, return_when=FIRST_COMPLETED)
+            for future in done:
+                trial = pending[future]
+                try:
+                    outcome = future.result()
+                except (BrokenExecutor, InputError):
+                    raise
+                except Exception as error:
+                    reason = f"the worker failed: {type(error).__name__}: {error}"
+                    outcome = all_failed(len(trial.methods), reason)
+                del pending[future]
+                yield trial, outcome
+    finally:
+        for future in pending:
+            future.cancel()
+
+
+def _from_processes(trials: list[Trial], workers: int) -> Iterator[tuple[Trial, Outcome]]:
+    """Outcomes from local processes; where one dies, its trials are run again, each by itself."""
+    left = {(trial.scenario, trial.number): trial for trial in trials}
+    killers: dict[str, str] = {}
+    while left:
+        under_way = [replace(trial, left_out=killers) for trial in left.values()]
+        try:
+            with _processes(min(workers, len(left))) as pool:
+                for trial, outcome in _from(pool, under_way, workers):
+                    yield trial, outcome
+                    del left[trial.scenario, trial.number]
+        except BrokenExecutor:
+            # It was one of the first ones left; the others among them only shared its pool.
+            for trial in under_way[: (1 + AHEAD) * workers]:
+                if (trial.scenario, trial.number) in left:
+                    yield trial, _alone(trial, killers)
+                    del left[trial.scenario, trial.number]
+
+
+def _alone(trial: Trial, killers: dict[str, str]) -> Outcome:
+    """Outcome of a trial in a process of its own; a method that kills it is found, marked and not tried again."""
+    labels = list(trial.methods)
+    while True:
+        try:
+            return _in_one_process(replace(trial, left_out=dict(killers)))
+        except BrokenExecutor:
+            for label in labels:
+                if label in killers:
+                    continue
+                others = dict.fromkeys((other for other in labels if other != label), "not tried")
+                try:
+                    _in_one_process(replace(trial, left_out=others))
+                except BrokenExecutor:
+                    killers[label] = (
+                        f"its worker process died in {trial}, so it was not tried again: it crashed, or took more "
+                        "memory than there is"
+                    )
+                    break
+            else:
+                return all_failed(len(labels), "the worker process died, though each method by itself does not kill it")
+
+
+def _in_one_process(trial: Trial) -> Outcome:
+    with _processes(1) as pool:
+        return pool.submit(run_trial, trial).result()
+
+
+@contextmanager
+def _processes(workers: int) -> Iterator[ProcessPoolExecutor]:
     # A fresh interpreter for each worker: forking one with BLAS and progress threads may hang.
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=context, initializer=_start_worker) as pool:
-        queue = iter(tasks)
-        pending: dict[Future[Outcome], tuple[Scenario, int]] = {}
+    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_start_worker)
+    try:
+        # Workers inherit that they leave an interruption to this process, from their first moment.
+        with _interruptions_ignored():
+            first = pool.submit(os.getpid)
         try:
-            while True:
-                # A few tasks ahead keep the workers busy; more would only take memory.
-                for scenario, trial in islice(queue, 2 * workers - len(pending)):
-                    future = pool.submit(run_trial, scenario, study.seed_of(scenario, trial), methods)
-                    pending[future] = (scenario, trial)
-                if not pending:
-                    return
-                done, _ = wait(pending, return_when=FIRST_COMPLETED)
-                for future in done:
-                    yield pending.pop(future), future.result()
-        except BrokenProcessPool as error:
+            first.result()
+        except BrokenExecutor as error:
             raise InputError(
-                "run: the worker processes died. A script must call run from under "
+                "run: the worker processes did not start. A script must call run from under "
                 "`if __name__ == '__main__':`, because each worker imports it; or give workers=1"
             ) from error
-        finally:
-            pool.shutdown(cancel_futures=True)
+        yield pool
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+@contextmanager
+def _interruptions_ignored() -> Iterator[None]:
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _start_worker() -> None:
-    """Keep a worker to its core, and leave an interruption to the parent.
+    """Have a worker end with its parent, even one that is killed."""
+    parent = multiprocessing.parent_process()
 
-    Lives here, so that BLAS is loaded by the time it is limited.
-    """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threadpool_limits(1)
+    def follow() -> None:
+        if parent is not None:
+            parent.join()
+            os._exit(1)
 
-
-def _collect(study: Study, methods: list[str], outcomes: dict[tuple[Scenario, int], Outcome]) -> xr.Dataset:
-    import xarray as xr  # noqa: PLC0415  # heavy
-
-    axes: dict[str, list[Any]] = {
-        "profile": list(study.stiffness),
-        "perturbation": list(study.perturbation),
-        "duration_s": list(study.duration_s),
-        "snr_db": list(study.snr_db),
-    }
-    grid = tuple(len(values) for values in axes.values())
-    times = np.arange(round(PERIOD * RATE)) / RATE
-    variables: dict[str, Any] = {}
-    units = {"stiffness": "N m/rad", "seconds": "s", "doubts": "1"}
-    for name in MEASURED:
-        stacked = np.stack(
-            [
-                np.stack([outcomes[scenario, trial][name] for trial in range(study.trials)], axis=1)
-                for scenario in study.scenarios
-            ]
-        )
-        dims = (*axes, "method_key", "trial", "time")[: stacked.ndim + 3]
-        variables[name] = (dims, stacked.reshape(*grid, *stacked.shape[1:]), {"units": units.get(name, "percent")})
-    truth = np.stack([np.asarray(PROFILES[name](times)) for name in study.stiffness])
-    variables["true_stiffness"] = (("profile", "time"), truth, {"units": "N m/rad"})
-    return xr.Dataset(
-        variables,
-        coords={
-            **axes,
-            # Not "method", which xarray's sel() takes for a way to interpolate.
-            "method_key": methods,
-            "trial": np.arange(study.trials),
-            "time": ("time", times, {"units": "s"}),
-        },
-        attrs={"seed": str(study.seed)},
-    )
-
-
-def _write(results: xr.Dataset, store: Path) -> None:
-    """Write the store beside its place and move it there, so that it is whole or absent."""
-    store.parent.mkdir(parents=True, exist_ok=True)
-    temporary = Path(tempfile.mkdtemp(dir=store.parent, prefix=f".{store.name}-"))
-    try:
-        results.to_zarr(temporary / "store", mode="w", zarr_format=2)
-        (temporary / "store").rename(store)
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
+    threading.Thread(target=follow, daemon=True).start()

@@ -2,26 +2,57 @@
 
 from __future__ import annotations
 
+import difflib
 import hashlib
-from collections.abc import Iterator
+import itertools
+import json
+import tomllib
+from functools import cached_property
+from pathlib import Path
 from typing import Annotated, Any, NamedTuple, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator
 
 from tvsysid.errors import InputError
-from tvsysid.methods import names, parse
-from tvsysid.simulate import PRBS, Constant, FilteredNoise, SineWave, SquareWave
+from tvsysid.methods import parse
+from tvsysid.methods.registry import METHODS
+from tvsysid.simulate import PRBS, Constant, CovaryingViscosity, FilteredNoise, SineWave, SquareWave
 from tvsysid.simulate.joint import Perturbation, Profile
 
 PROFILES: dict[str, Profile] = {"square": SquareWave(), "sine": SineWave(), "constant": Constant()}
 PERTURBATIONS: dict[str, Perturbation] = {"noise": FilteredNoise(), "prbs": PRBS()}
-Value = TypeVar("Value")
+VISCOSITIES = ("constant", "covarying")
+"""2.2 N·m·s/rad, or between 1 and 3 N·m·s/rad with the stiffness."""
+CONSTANT_VISCOSITY = 2.2
 
 PERIOD = 2.0
 """Duration of a realization in s, as in the paper."""
 RATE = 100.0
 """Sampling rate in Hz after decimation, as in the paper."""
+
+GRID = ("stiffness", "perturbation", "duration_s", "snr_db", "viscosity")
+EXPECTED = {
+    "stiffness": f"names of profiles: {', '.join(PROFILES)}",
+    "perturbation": f"names of perturbations: {', '.join(PERTURBATIONS)}",
+    "duration_s": "numbers of seconds",
+    "snr_db": "numbers of decibels",
+    "viscosity": f"names: {', '.join(VISCOSITIES)}",
+    "methods": "keys of methods, such as 'sds:window=0.2'",
+    "trials": "a whole number of one or more",
+    "seed": "a whole number of zero or more",
+    "also": "tables of further scenarios",
+}
+
+Value = TypeVar("Value")
+
+
+def _listed(value: Any) -> Any:
+    return value if isinstance(value, (list, tuple)) else (value,)
+
+
+Names = Annotated[tuple[str, ...], BeforeValidator(_listed), Field(min_length=1)]
+Numbers = Annotated[tuple[float, ...], BeforeValidator(_listed), Field(min_length=1)]
 
 
 class Scenario(NamedTuple):
@@ -31,10 +62,66 @@ class Scenario(NamedTuple):
     perturbation: str
     duration_s: float
     snr_db: float
+    viscosity: str = "constant"
+
+    @property
+    def label(self) -> str:
+        """Name in results and files."""
+        words = [self.stiffness, self.perturbation, f"{self.duration_s:.10g}s", f"{self.snr_db:.10g}dB"]
+        return "-".join(words if self.viscosity == "constant" else [*words, self.viscosity])
+
+    @property
+    def profile(self) -> Profile:
+        """Stiffness over time."""
+        return PROFILES[self.stiffness]
+
+    @property
+    def viscosity_profile(self) -> float | Profile:
+        """Viscosity, or viscosity over time."""
+        return CONSTANT_VISCOSITY if self.viscosity == "constant" else CovaryingViscosity(self.profile)
 
 
-class Study(BaseModel):
-    """Scenarios x durations x methods x trials, all on the same simulated data.
+class _Settings(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True)
+
+    @field_validator("stiffness", "perturbation", "viscosity", check_fields=False)
+    @classmethod
+    def _known(cls, values: tuple[str, ...] | None, info: Any) -> tuple[str, ...] | None:
+        known = {"stiffness": PROFILES, "perturbation": PERTURBATIONS, "viscosity": VISCOSITIES}[info.field_name]
+        for value in values or ():
+            if value not in known:
+                raise ValueError(f"unknown name {value!r}; expected one of {', '.join(known)}")
+        return values and _unique(values)
+
+    @field_validator("duration_s", check_fields=False)
+    @classmethod
+    def _whole_realizations(cls, values: tuple[float, ...] | None) -> tuple[float, ...] | None:
+        for value in values or ():
+            count = value / PERIOD
+            if not count >= 2 or abs(count - round(count)) > 1e-9:
+                raise ValueError(f"expected at least two whole realizations of {PERIOD:g} s")
+        return values and _unique(values)
+
+    @field_validator("snr_db", check_fields=False)
+    @classmethod
+    def _decibels(cls, values: tuple[float, ...] | None) -> tuple[float, ...] | None:
+        if any(np.isnan(value) or value == -np.inf for value in values or ()):
+            raise ValueError("expected decibels, or inf for no noise")
+        return values and _unique(values)
+
+
+class Further(_Settings):
+    """Scenarios beside those of the study's own grid; what is not given is as there."""
+
+    stiffness: Names | None = None
+    perturbation: Names | None = None
+    duration_s: Numbers | None = None
+    snr_db: Numbers | None = None
+    viscosity: Names | None = None
+
+
+class Study(_Settings):
+    """Scenarios x methods x trials, all methods on the same simulated data.
 
     Parameters
     ----------
@@ -46,32 +133,37 @@ class Study(BaseModel):
         Seconds of data; each a whole number of 2-s realizations.
     snr_db
         Signal-to-noise ratios in dB.
+    viscosity
+        ``"constant"`` (2.2 N·m·s/rad), ``"covarying"`` (1 to 3 N·m·s/rad with the stiffness).
+    also
+        Further scenarios: mappings of the settings above, each a grid of its own; what is not given is as above.
     methods
-        Keys of methods, with settings if need be (``"sds:window=0.2"``), or objects with ``identify``.
+        Keys of methods, with settings if need be (``"sds:window=0.2"``), classes of one's own
+        (``"mymodule:MyMethod"``), or objects with ``identify``.
     trials
         Monte-Carlo repetitions.
     seed
         Of the whole study. Each trial of each scenario has a stream of its own, so that adding a scenario, a trial or a
-        method changes no other number.
+        method changes no other number. Scenarios that differ in viscosity only share it, which pairs them.
 
     Raises
     ------
     InputError
-        For an unknown name or a value out of range.
+        For an unknown setting or name, or a value out of range.
 
     Examples
     --------
-    >>> Study(perturbation=["prbs"], trials=5).trials
-    5
+    >>> Study(perturbation="prbs", trials=5).scenarios
+    (Scenario(stiffness='square', perturbation='prbs', duration_s=150.0, snr_db=10.0, viscosity='constant'),)
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True)
-
-    stiffness: Annotated[tuple[str, ...], Field(min_length=1)] = ("square",)
-    perturbation: Annotated[tuple[str, ...], Field(min_length=1)] = ("noise", "prbs")
-    duration_s: Annotated[tuple[float, ...], Field(min_length=1)] = (150.0,)
-    snr_db: Annotated[tuple[float, ...], Field(min_length=1)] = (10.0,)
-    methods: Annotated[tuple[Any, ...], Field(min_length=1)] = names()
+    stiffness: Names = ("square",)
+    perturbation: Names = ("noise", "prbs")
+    duration_s: Numbers = (150.0,)
+    snr_db: Numbers = (10.0,)
+    viscosity: Names = ("constant",)
+    also: tuple[Further, ...] = ()
+    methods: Annotated[tuple[Any, ...], BeforeValidator(_listed), Field(min_length=1)] = tuple(METHODS)
     trials: Annotated[int, Field(ge=1)] = 20
     seed: Annotated[int, Field(ge=0)] = 0
 
@@ -79,38 +171,55 @@ class Study(BaseModel):
         try:
             super().__init__(**settings)
         except ValidationError as error:
-            first = error.errors()[0]
-            where = ".".join(str(part) for part in first["loc"])
-            known = ", ".join(type(self).model_fields)
-            message = str(first["msg"]).removeprefix("Value error, ")
-            hint = f" (settings of a study: {known})" if first["type"] == "extra_forbidden" else ""
-            raise InputError(f"study: {where}: {message}; got {first['input']!r}{hint}") from error
+            raise InputError(f"study: {_explained(error)}") from error
 
-    @field_validator("stiffness")
     @classmethod
-    def _known_profile(cls, values: tuple[str, ...]) -> tuple[str, ...]:
-        return _known(values, PROFILES)
+    def preset(cls, name: str, **settings: Any) -> Study:
+        """Study of this name.
 
-    @field_validator("perturbation")
-    @classmethod
-    def _known_perturbation(cls, values: tuple[str, ...]) -> tuple[str, ...]:
-        return _known(values, PERTURBATIONS)
+        Parameters
+        ----------
+        name
+            One of ``PRESETS``: ``"quick"``, ``"paper"``, ``"snr"``, ``"viscosity"``.
+        **settings
+            Take the place of the preset's, in its further scenarios too.
 
-    @field_validator("duration_s")
-    @classmethod
-    def _whole_realizations(cls, values: tuple[float, ...]) -> tuple[float, ...]:
-        for value in values:
-            count = value / PERIOD
-            if not count >= 2 or abs(count - round(count)) > 1e-9:
-                raise ValueError(f"expected at least two whole realizations of {PERIOD:g} s")
-        return _unique(values)
+        Examples
+        --------
+        >>> len(Study.preset("paper").scenarios), len(Study.preset("paper", duration_s=40).scenarios)
+        (12, 4)
+        """
+        if name not in PRESETS:
+            raise InputError(f"unknown preset {name!r}; the presets are {', '.join(PRESETS)}")
+        return cls(**_overridden(PRESETS[name], settings))
 
-    @field_validator("snr_db")
     @classmethod
-    def _number(cls, values: tuple[float, ...]) -> tuple[float, ...]:
-        if any(np.isnan(value) or value == -np.inf for value in values):
-            raise ValueError("expected decibels, or inf for no noise")
-        return _unique(values)
+    def from_toml(cls, path: str | Path, **settings: Any) -> Study:
+        """Study from a TOML file whose keys are the settings.
+
+        Parameters
+        ----------
+        path
+            The file.
+        **settings
+            Take the place of the file's, in its further scenarios too.
+
+        Raises
+        ------
+        InputError
+            For a file that is missing or no TOML, or a wrong study; names the file and the key.
+        """
+        try:
+            with Path(path).open("rb") as file:
+                found = tomllib.load(file)
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            raise InputError(f"{path}: not a TOML file: {error}") from error
+        except OSError as error:
+            raise InputError(f"{path}: {error.strerror}; give a TOML file") from error
+        try:
+            return cls(**_overridden(found, settings))
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
 
     @field_validator("methods")
     @classmethod
@@ -118,11 +227,11 @@ class Study(BaseModel):
         for value in values:
             if isinstance(value, str):
                 parse(value)
-            elif not callable(getattr(value, "identify", None)):
+            elif isinstance(value, type) or not callable(getattr(value, "identify", None)):
                 raise ValueError("expected the key of a method, or an object with identify(ensemble)")
         return _unique(values)
 
-    @property
+    @cached_property
     def named_methods(self) -> dict[str, Any]:
         """Method objects by the label that they have in results."""
         return {
@@ -130,27 +239,69 @@ class Study(BaseModel):
             for value in self.methods
         }
 
-    @property
-    def scenarios(self) -> Iterator[Scenario]:
-        """Every combination of profile, perturbation, duration and noise."""
-        for stiffness in self.stiffness:
-            for perturbation in self.perturbation:
-                for duration in self.duration_s:
-                    for snr in self.snr_db:
-                        yield Scenario(stiffness, perturbation, duration, snr)
+    @cached_property
+    def scenarios(self) -> tuple[Scenario, ...]:
+        """Every combination of the settings of each grid, once."""
+        own = {name: getattr(self, name) for name in GRID}
+        grids = [own]
+        for further in self.also:
+            given = {name: getattr(further, name) for name in GRID}
+            grids.append({name: own[name] if value is None else value for name, value in given.items()})
+        every = (Scenario(*values) for grid in grids for values in itertools.product(*grid.values()))
+        return tuple(dict.fromkeys(every))
 
     def seed_of(self, scenario: Scenario, trial: int) -> np.random.SeedSequence:
         """Seed of one trial of one scenario, whatever else the study holds."""
-        digest = hashlib.sha256(repr(tuple(scenario)).encode()).digest()
+        digest = hashlib.sha256(repr(tuple(scenario)[:4]).encode()).digest()
         key = [int.from_bytes(digest[i : i + 4], "little") for i in range(0, 16, 4)]
         return np.random.SeedSequence(self.seed, spawn_key=(*key, trial))
 
+    def to_json(self) -> str:
+        """The settings as text, methods by their labels; what tells one study from another."""
+        settings = {name: list(getattr(self, name)) for name in GRID}
+        if self.also:
+            settings["also"] = [
+                {name: list(value) for name, value in further if value is not None} for further in self.also
+            ]
+        return json.dumps(settings | {"methods": list(self.named_methods), "trials": self.trials, "seed": self.seed})
 
-def _known(values: tuple[str, ...], known: dict[str, Any]) -> tuple[str, ...]:
-    for value in values:
-        if value not in known:
-            raise ValueError(f"unknown name {value!r}; expected one of {', '.join(known)}")
-    return _unique(values)
+
+PRESETS: dict[str, dict[str, Any]] = {
+    "quick": {},
+    "paper": {
+        "duration_s": (40.0, 80.0, 150.0, 300.0, 600.0),
+        "also": ({"stiffness": ("sine",), "duration_s": (150.0,)},),
+        "trials": 100,
+    },
+    "snr": {"snr_db": (0.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0), "trials": 100},
+    "viscosity": {"viscosity": VISCOSITIES, "trials": 100},
+}
+"""Studies by name: the default; that of van de Ruit et al. 2021 with its Appendix A; and two questions that it leaves."""
+
+
+def _overridden(settings: dict[str, Any], others: dict[str, Any]) -> dict[str, Any]:
+    """Settings with others in their place; further scenarios follow where they are of the kind expected."""
+    merged = settings | others
+    further = merged.get("also", ())
+    if "also" not in others and isinstance(further, (list, tuple)) and all(isinstance(item, dict) for item in further):
+        kept = [{name: value for name, value in item.items() if name not in others} for item in further]
+        merged["also"] = [item for item in kept if item]
+    return merged
+
+
+def _explained(error: ValidationError) -> str:
+    """First fault in plain words: the key, what came, what was expected."""
+    first = error.errors()[0]
+    where = ".".join(str(part) for part in first["loc"])
+    key = next((str(part) for part in reversed(first["loc"]) if isinstance(part, str)), "")
+    if first["type"] == "extra_forbidden":
+        known = tuple(EXPECTED) if len(first["loc"]) == 1 else GRID
+        close = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
+        hint = f"; did you mean {close[0]}?" if close else ""
+        return f"{where}: unknown key{hint} (settings of a study: {', '.join(known)})"
+    message = str(first["msg"]).removeprefix("Value error, ")
+    expected = f" (expected {EXPECTED[key]})" if key in EXPECTED and first["type"] != "value_error" else ""
+    return f"{where}: {message}; got {first['input']!r}{expected}"
 
 
 def _unique(values: tuple[Value, ...]) -> tuple[Value, ...]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.signal import butter, sosfiltfilt
@@ -111,13 +113,37 @@ def bandpassed_vaf(
             f"bandpassed_vaf: expected a band that rises within 0 to {sampling_rate / 2:g} Hz, got {band!r}"
         )
     known = np.isfinite(measured).all(axis=0) & np.isfinite(model).all(axis=0)
-    sections = butter(3, band, btype="bandpass", fs=sampling_rate, output="sos")
     count = int(np.count_nonzero(known))
-    if count <= 6 * len(sections):
+    if count <= SHORTEST_FILTERED:
         return np.full(len(measured), np.nan)
-    reflected = min(count - 1, round(sampling_rate / band[0]))
     filtered = (
-        sosfiltfilt(sections, signals[:, known], axis=1, padtype="even", padlen=reflected)
+        _bandpassed(signals if count == len(known) else signals[:, known], sampling_rate, band)
         for signals in (measured, model)
     )
     return vaf(*filtered)
+
+
+SHORTEST_FILTERED = 18
+"""Samples that are too few to filter."""
+LONGEST_MATRIX = 512
+"""Samples up to which the filter is applied as a matrix product, which is several times faster."""
+
+
+def _bandpassed(signals: Array, sampling_rate: float, band: tuple[float, float]) -> Array:
+    """Filter signals of shape (realization, time) forwards and backwards."""
+    count = signals.shape[1]
+    if count <= LONGEST_MATRIX:
+        return np.asarray(signals @ _bandpass_matrix(count, sampling_rate, tuple(band)))
+    return _run_both_ways(signals, sampling_rate, band)
+
+
+@lru_cache(maxsize=16)
+def _bandpass_matrix(count: int, sampling_rate: float, band: tuple[float, float]) -> Array:
+    """The filter, which is linear, of every unit impulse."""
+    return _run_both_ways(np.eye(count), sampling_rate, band)
+
+
+def _run_both_ways(signals: Array, sampling_rate: float, band: tuple[float, float]) -> Array:
+    sections = butter(3, band, btype="bandpass", fs=sampling_rate, output="sos")
+    reflected = min(signals.shape[1] - 1, round(sampling_rate / band[0]))
+    return np.asarray(sosfiltfilt(sections, signals, axis=1, padtype="even", padlen=reflected))

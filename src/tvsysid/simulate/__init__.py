@@ -2,6 +2,6 @@
 
 from tvsysid.simulate.joint import Simulation, joint
 from tvsysid.simulate.perturbations import PRBS, FilteredNoise
-from tvsysid.simulate.profiles import Constant, SineWave, SquareWave
+from tvsysid.simulate.profiles import Constant, CovaryingViscosity, SineWave, SquareWave
 
-__all__ = ["PRBS", "Constant", "FilteredNoise", "Simulation", "SineWave", "SquareWave", "joint"]
+__all__ = ["PRBS", "Constant", "CovaryingViscosity", "FilteredNoise", "Simulation", "SineWave", "SquareWave", "joint"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -103,3 +104,39 @@ class SineWave:
     def __call__(self, time: Array) -> Array:
         """Value at each time."""
         return np.asarray(self.mean + self.amplitude * np.sin(2 * np.pi * np.asarray(time) / self.period))
+
+
+@dataclass(frozen=True)
+class CovaryingViscosity:
+    """Viscosity that rises and falls with a stiffness.
+
+    Parameters
+    ----------
+    stiffness
+        Profile in N·m/rad.
+    low, high
+        Viscosity in N·m·s/rad where the stiffness is 50 and 150 N·m/rad; in proportion elsewhere. The defaults are the
+        range that van de Ruit et al. 2021 tried.
+
+    Examples
+    --------
+    >>> CovaryingViscosity(SquareWave())(np.array([0.0, 1.0]))
+    array([1., 3.])
+    """
+
+    stiffness: Callable[[Array], Array]
+    low: float = 1.0
+    high: float = 3.0
+
+    def __post_init__(self) -> None:
+        if not callable(self.stiffness):
+            raise InputError(f"CovaryingViscosity: stiffness must be a callable of time, got {self.stiffness!r}")
+
+    @property
+    def period(self) -> float | None:
+        """That of the stiffness in s, or None."""
+        return getattr(self.stiffness, "period", None)
+
+    def __call__(self, time: Array) -> Array:
+        """Value at each time."""
+        return self.low + (self.high - self.low) * (np.asarray(self.stiffness(time)) - 50.0) / 100.0

@@ -1,0 +1,53 @@
+"""What a study will take, before it is run."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+from tvsysid.benchmark.store import size_in_bytes
+from tvsysid.benchmark.study import Study
+from tvsysid.benchmark.trial import Trial, pickled, run_trial
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a study will take.
+
+    Parameters
+    ----------
+    trials
+        Of all scenarios.
+    simulated_s
+        Seconds of data that they simulate.
+    work_s
+        Seconds that they take one process.
+    size_bytes
+        Of the results.
+    """
+
+    trials: int
+    simulated_s: float
+    work_s: float
+    size_bytes: int
+
+
+def plan(study: Study) -> Plan:
+    """Estimate from timing a trial of the shortest and one of the longest duration on this machine.
+
+    Time is taken to grow in proportion to the duration, beside a fixed part.
+    """
+    methods = pickled(study.named_methods)
+    by_duration = sorted(study.scenarios, key=lambda scenario: scenario.duration_s)
+    ends = by_duration[0], by_duration[-1]
+    run_trial(Trial(ends[0], 0, study.seed_of(ends[0], 0), methods))  # the first loads what is loaded lazily
+    taken = []
+    for scenario in ends:
+        started = time.perf_counter()
+        run_trial(Trial(scenario, 0, study.seed_of(scenario, 0), methods))
+        taken.append(time.perf_counter() - started)
+    span = ends[1].duration_s - ends[0].duration_s
+    slope = max(0.0, (taken[1] - taken[0]) / span) if span else 0.0
+    work = sum(taken[0] + slope * (scenario.duration_s - ends[0].duration_s) for scenario in study.scenarios)
+    simulated = sum(scenario.duration_s for scenario in study.scenarios) * study.trials
+    return Plan(len(study.scenarios) * study.trials, simulated, work * study.trials, size_in_bytes(study))

@@ -1,0 +1,223 @@
+"""From the trials of a study to its metrics, and how sure they are."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from tvsysid import metrics
+from tvsysid.benchmark.study import PROFILES
+from tvsysid.simulate import SquareWave
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Array = NDArray[np.float64]
+
+DRAWS = 1000
+"""Bootstrap draws."""
+WEIGHTS = 2_000_000
+"""Weights of draws times trials that are held at a time: with very many trials there are fewer draws."""
+SWITCH_REACH = 0.2
+"""Seconds about a switch that count as near it: the longest lag and half the longest window."""
+UNITS = {
+    name: metric.unit for name, metric in metrics.CATALOGUE.items() if name != "time_varying_vaf"
+} | {
+    "lowest_vaf": "%",
+    "lowest_time_varying_vaf": "%",
+    "switch_dip": "percentage points",
+    "time_varying_vaf_sd": "percentage points",
+    "left_out": "samples",
+    "failed": "trials",
+    "seconds": "s",
+}  # fmt: skip
+"""Of every metric that is computed."""
+COLUMNS = (
+    "scenario",
+    "stiffness",
+    "perturbation",
+    "duration_s",
+    "snr_db",
+    "viscosity",
+    "method",
+    "trials",
+    "metric",
+    "value",
+    "standard_error",
+    "unit",
+)
+
+
+def score(results: xr.Dataset) -> xr.Dataset:
+    """Every metric of every scenario and method, with bootstrap replicates.
+
+    A replicate is the metric of trials drawn with replacement. The same draws serve all methods and scenarios, so that the
+    uncertainty of a difference between methods, which see the same data, is that of the difference of their replicates.
+
+    Parameters
+    ----------
+    results
+        As of :func:`tvsysid.benchmark.run`, or of a run that is not finished. Trials in which a method failed are left
+        out for that method, and counted.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``value`` and ``standard_error`` over (scenario, method_key, metric), ``replicates`` over (scenario,
+        method_key, metric, draw), and ``trials`` that count over (scenario, method_key). ``vaf`` and
+        ``bandpassed_vaf`` are means over trials, ``lowest_vaf`` is that of the worst trial, ``lowest_time_varying_vaf``
+        that of the worst time after averaging over trials; all are against the noiseless torque. ``switch_dip`` (square
+        wave) is the mean time-varying VAF away from the switches minus the lowest near one;
+        ``time_varying_vaf_sd`` its standard deviation over trials, averaged over time. ``left_out`` counts times
+        without an estimate; ``failed`` counts trials; ``seconds`` is the mean time an identification took.
+
+    References
+    ----------
+    Efron and Tibshirani 1993, An Introduction to the Bootstrap, chapters 6 and 13.
+    """
+    import xarray as xr  # noqa: PLC0415  # heavy
+
+    count = results.sizes["trial"]
+    draws = min(DRAWS, max(DRAWS // 10, WEIGHTS // count))
+    chosen = np.random.default_rng(0).multinomial(count, np.full(count, 1 / count), size=draws)
+    names = list(UNITS)
+    shape = (results.sizes["scenario"], results.sizes["method_key"], len(names))
+    value, replicates = np.full(shape, np.nan), np.full((*shape, draws), np.nan)
+    trials = np.zeros(shape[:2], dtype=np.int64)
+    for place, scenario in enumerate(results.scenario.values):
+        cell = results.sel(scenario=scenario).load()
+        there = cell.checksums.values.any(axis=-1)
+        for number, method in enumerate(results.method_key.values):
+            own = cell.sel(method_key=method)
+            failed = np.array([text != "" for text in own.failure.values], dtype=bool)
+            used = there & ~failed
+            trials[place, number] = np.count_nonzero(used)
+            value[place, number, names.index("failed")] = np.count_nonzero(there & failed)
+            if not used.any():
+                continue
+            own, weights = own.isel(trial=used), chosen[:, used]
+            weights = weights[weights.any(axis=1)] / weights.sum(axis=1, keepdims=True)[weights.any(axis=1)]
+            for name, number_ in _values(own):
+                value[place, number, names.index(name)] = number_
+            if trials[place, number] > 1:
+                for name, numbers in _replicates(own, weights):
+                    replicates[place, number, names.index(name), : len(weights)] = numbers
+    dims = ("scenario", "method_key", "metric")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # no replicates, no error
+        spread = np.nanstd(replicates, axis=-1)
+    return xr.Dataset(
+        {
+            "value": (dims, value),
+            "standard_error": (dims, spread),
+            "replicates": ((*dims, "draw"), replicates),
+            "trials": (dims[:2], trials),
+        },
+        coords={name: coord for name, coord in results.coords.items() if set(coord.dims) <= {"scenario", "method_key"}}
+        | {"metric": names, "unit": ("metric", list(UNITS.values()))},
+        attrs=results.attrs,
+    )
+
+
+def summarize(scores: xr.Dataset) -> pd.DataFrame:
+    """Scores as a table, a row for each scenario, method and metric.
+
+    Parameters
+    ----------
+    scores
+        As of :func:`score`.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns ``COLUMNS``; stiffness is the name of the profile, trials the number that count, standard_error that of
+        the Monte-Carlo estimate (NaN for counts, for the worst trial, and for a single one). Rows of metrics that do not
+        apply are left out.
+    """
+    rows = [row for scenario in scores.scenario.values for row in _rows(scores.sel(scenario=scenario))]
+    return pd.DataFrame(rows, columns=list(COLUMNS))
+
+
+def _rows(cell: Any) -> Iterator[tuple[Any, ...]]:
+    profile = str(cell.profile.values)
+    labels = (
+        str(cell.scenario.values), profile, str(cell.perturbation.values), float(cell.duration_s), float(cell.snr_db),
+        str(cell.viscosity.values),
+    )  # fmt: skip
+    square = isinstance(PROFILES[profile], SquareWave)
+    for method in cell.method_key.values:
+        own = cell.sel(method_key=method)
+        for name, value, error in zip(own.metric.values, own.value.values, own.standard_error.values, strict=True):
+            if square or name not in ("rise_time", "switch_dip"):
+                yield *labels, str(method), int(own.trials), str(name), float(value), float(error), UNITS[str(name)]
+
+
+def _values(own: Any) -> Iterator[tuple[str, float]]:
+    """Metrics of one method in one scenario, from all its trials."""
+    estimates, over_time = own.stiffness.values, own.time_varying_vaf.values
+    truth, time = own.true_stiffness.values, own.time.values
+    yield "bias_error", metrics.bias_error(estimates, truth)
+    yield "debiased_bias_error", metrics.debiased_bias_error(estimates, truth)
+    yield "random_error", metrics.random_error(estimates)
+    yield "total_error", metrics.total_error(estimates, truth)
+    wave = PROFILES[str(own.profile.values)]
+    if isinstance(wave, SquareWave):
+        yield "rise_time", _rise_time(time, estimates, wave)
+        yield "switch_dip", float(_dip(time, over_time.mean(axis=0), wave))
+    yield "vaf", float(own.vaf.values[:, 0].mean())
+    yield "bandpassed_vaf", float(own.bandpassed_vaf.values[:, 0].mean())
+    yield "lowest_vaf", float(own.vaf.values[:, 0].min())
+    yield "lowest_time_varying_vaf", float(_least(over_time.mean(axis=0)))
+    yield "time_varying_vaf_sd", float(np.nanmean(over_time.std(axis=0)))
+    yield "left_out", float(metrics.left_out(estimates))
+    yield "seconds", float(own.seconds.values.mean())
+
+
+def _replicates(own: Any, weights: Array) -> Iterator[tuple[str, Array]]:
+    """The same for trials drawn with replacement: weights of shape (draw, trial), with rows that sum to one."""
+    estimates, over_time = own.stiffness.values, own.time_varying_vaf.values
+    known = np.isfinite(estimates).all(axis=0)
+    truth, time = own.true_stiffness.values, own.time.values
+    if known.any():
+        mean = weights @ estimates[:, known]
+        random = np.maximum(0.0, (weights @ estimates[:, known] ** 2 - mean**2).mean(axis=1))
+        bias = ((mean - truth[known]) ** 2).mean(axis=1)
+        yield "bias_error", np.sqrt(bias)
+        # A draw's bias holds the random error's part twice: the sample's, and that of drawing from it.
+        yield "debiased_bias_error", np.sqrt(np.maximum(0.0, bias - 2 * random / len(estimates)))
+        yield "random_error", np.sqrt(random)
+        yield "total_error", np.sqrt(bias + random)
+    mean_over_time = weights @ over_time
+    wave = PROFILES[str(own.profile.values)]
+    if isinstance(wave, SquareWave):
+        yield "rise_time", np.array([_rise_time(time, row[None], wave) for row in weights @ estimates])
+        yield "switch_dip", _dip(time, mean_over_time, wave)
+    yield "vaf", weights @ own.vaf.values[:, 0]
+    yield "bandpassed_vaf", weights @ own.bandpassed_vaf.values[:, 0]
+    yield "lowest_time_varying_vaf", _least(mean_over_time)
+    variance = np.maximum(0.0, weights @ over_time**2 - mean_over_time**2)
+    yield "time_varying_vaf_sd", np.sqrt(variance)[:, np.isfinite(over_time).all(axis=0)].mean(axis=1)
+    yield "seconds", weights @ own.seconds.values
+
+
+def _rise_time(time: Array, estimates: Array, wave: SquareWave) -> float:
+    step = wave.high - wave.low
+    return metrics.rise_time(time, estimates, wave.low + 0.1 * step, wave.high - 0.1 * step, switch=wave.offset)
+
+
+def _dip(time: Array, over_time: Array, wave: SquareWave) -> Array:
+    """How far the lowest value near a switch lies below the mean elsewhere; time is the last axis."""
+    half = wave.period / 2
+    near = np.abs((time - wave.offset + half / 2) % half - half / 2) <= SWITCH_REACH
+    known = np.isfinite(over_time)
+    elsewhere = np.mean(over_time, axis=-1, where=known & ~near) if (known & ~near).any() else np.nan
+    return np.asarray(elsewhere - np.min(over_time, axis=-1, where=known & near, initial=100.0))
+
+
+def _least(values: Array) -> Array:
+    return np.asarray(np.min(values, axis=-1, where=np.isfinite(values), initial=100.0))

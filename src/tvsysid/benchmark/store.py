@@ -1,0 +1,346 @@
+"""Where a study's results are kept: xarray on Zarr, a chunk of each variable for each trial, whole or absent.
+
+A trial's chunks are written first and its ``checksums`` last: the length and CRC-32 of every chunk's file. A trial is there
+if its files are as its checksums say. A file that is missing or cut short is what a kill or a loss of power leaves, and
+the trial is run again. A whole file with other content is damage, and is refused.
+
+The metadata depends on the study alone. So a store is known to be that of a study by holding what a new one would
+hold, and metadata that was cut short can be written again.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import shutil
+import tempfile
+import warnings
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tvsysid.benchmark.study import PERIOD, RATE, Study
+from tvsysid.benchmark.trial import NUMBERS, SAMPLES, STAGES, STATISTICS, STRINGS, Outcome, differences, versions
+from tvsysid.errors import InputError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+LAYOUT = 1
+"""Version of the store's layout."""
+MEASURED = (*NUMBERS, "stage_seconds", *STRINGS)
+"""Variables with a chunk for each trial."""
+UNITS = {
+    "stiffness": "N m/rad",
+    "time_varying_vaf": "percent",
+    "vaf": "percent",
+    "bandpassed_vaf": "percent",
+    "seconds": "s",
+    "stage_seconds": "s",
+    "parameters": "1",
+}
+MEANING = {
+    "stiffness": "estimated stiffness",
+    "time_varying_vaf": "variance of the noiseless torque accounted for at each time",
+    "vaf": "variance of the noiseless torque accounted for, over the realizations of a trial",
+    "bandpassed_vaf": "the same after a band-pass from 1 to 10 Hz",
+    "parameters": "effective number of parameters",
+    "seconds": "time an identification took",
+    "stage_seconds": "time the rest of a trial took",
+    "doubts": "warnings of the method",
+    "failure": "why the method gave no result",
+    "checksums": "length times 2**32 plus CRC-32 of each chunk's file; 0 where there is none",
+}
+
+
+class Store:
+    """An open store; made by :func:`open_store`."""
+
+    def __init__(self, path: Path) -> None:
+        import zarr  # noqa: PLC0415  # heavy
+
+        self.path = path
+        group: Any = zarr.open_group(path, mode="r+", zarr_format=3, use_consolidated=False)
+        self._arrays: dict[str, Any] = {name: group[name] for name in (*MEASURED, "checksums")}
+        self.torn = 0
+
+    def missing(self) -> list[tuple[int, int]]:
+        """Scenario and trial numbers that are to be run: those not there, cut short or with a failure.
+
+        Raises
+        ------
+        InputError
+            If a chunk is whole but not what was written.
+        """
+        scenarios, trials = self._arrays["checksums"].shape[:2]
+        self.torn = 0
+        places = ((scenario, trial) for scenario in range(scenarios) for trial in range(trials))
+        return [place for place in places if not self._is_there(*place)]
+
+    def write(self, scenario: int, trial: int, outcome: Outcome) -> None:
+        """Write one trial; it is there when this returns, and absent until then."""
+        place = (scenario, trial)
+        self._file("checksums", *place).unlink(missing_ok=True)
+        for name in MEASURED:
+            self._arrays[name][place] = outcome[name]
+        self._arrays["checksums"][place] = np.array([_checksum(self._file(name, *place)) for name in MEASURED])
+
+    def _is_there(self, scenario: int, trial: int) -> bool:
+        recorded = _content(self._file("checksums", scenario, trial))
+        if not recorded:
+            return False
+        sums = np.frombuffer(recorded, dtype="<u8") if len(recorded) == 8 * len(MEASURED) else np.zeros(0, np.uint64)
+        whole = len(sums) > 0
+        for name, expected in zip(MEASURED, sums.tolist(), strict=False):
+            file = self._file(name, scenario, trial)
+            content = _content(file)
+            if len(content) < expected >> 32:
+                whole = False
+            elif _sum(content) != expected:
+                raise InputError(
+                    f"{file}: this file does not hold what was written there; to have its trial run again, remove the "
+                    "file; to start afresh, remove the store"
+                )
+        self.torn += not whole
+        return whole and not sums[MEASURED.index("failure")]
+
+    def _file(self, name: str, scenario: int, trial: int) -> Path:
+        array = self._arrays[name]
+        key = array.metadata.encode_chunk_key((scenario, trial) + (0,) * (array.ndim - 2))
+        return self.path / name / str(key)
+
+
+@contextmanager
+def open_store(path: Path, study: Study) -> Iterator[Store]:
+    """Open the store of a study, or make it, and keep other processes from writing to it meanwhile.
+
+    Parameters
+    ----------
+    path
+        Folder of the store.
+    study
+        That it must be of.
+
+    Raises
+    ------
+    InputError
+        If the folder holds something else, the results of another study, of other versions of the software, or damaged
+        ones; or if another process writes to it.
+    """
+    from filelock import FileLock, Timeout  # noqa: PLC0415  # with the store only
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        with FileLock(path.parent / f".{path.name}.lock", timeout=0):
+            with tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.name}-") as temporary:
+                _prepare(path, study, Path(temporary) / "store")
+            yield Store(path)
+    except Timeout as error:
+        raise InputError(f"{path}: another process is writing to this store; wait for it, or give another") from error
+
+
+def read_results(path: str | Path) -> xr.Dataset:
+    """Results of a study from its store, finished or not.
+
+    Parameters
+    ----------
+    path
+        Folder of the store.
+
+    Returns
+    -------
+    xarray.Dataset
+        As of :func:`tvsysid.benchmark.run`; read from the disk when it is used.
+
+    Raises
+    ------
+    InputError
+        If the folder is not such a store.
+    """
+    import xarray as xr  # noqa: PLC0415  # heavy
+
+    if not Path(path).is_dir():
+        raise InputError(f"{path}: there is no such folder; expected a store written by tvsysid's benchmark")
+    try:
+        # Chunks of the size of a trial, read as they are needed: no need for Dask.
+        results = xr.open_zarr(path, chunks=None)
+    except Exception as error:
+        raise InputError(f"{path}: this is no store of results: {error}") from error
+    if results.attrs.get("layout") != LAYOUT:
+        found = results.attrs.get("layout", "none")
+        raise InputError(f"{path}: expected a store of tvsysid's layout {LAYOUT}, found {found}")
+    texts = {
+        name: (values.dims, values.values.astype(object).astype(str))
+        for name, values in results.coords.items()
+        if values.dtype.kind == "T"
+    }
+    return results.assign_coords(texts)[[*MEASURED, "true_stiffness", "checksums"]]
+
+
+def size_in_bytes(study: Study) -> int:
+    """About what the store of a study takes on a disk."""
+    per_method = sum(8 * int(np.prod(shape)) for shape in NUMBERS.values())
+    return len(study.scenarios) * study.trials * (len(study.methods) * per_method + 8 * (len(STAGES) + len(MEASURED)))
+
+
+def _prepare(path: Path, study: Study, fresh: Path) -> None:
+    """Make the store, or see that it is the study's and whole in its metadata."""
+    for leftover in path.parent.glob(f".{path.name}-*"):
+        if leftover != fresh.parent:
+            shutil.rmtree(leftover, ignore_errors=True)
+    root = path / "zarr.json"
+    if path.exists() and not root.is_file():
+        raise InputError(f"{path}: something else is in the way; expected a store of results, or nothing")
+    kept = _attributes(root)
+    _create(fresh, study, kept.get("machine") or machine())
+    if not path.exists():
+        for file in fresh.rglob("*"):
+            _to_disk(file)
+        fresh.rename(path)
+        return
+    _compare(path, kept, _attributes(fresh / "zarr.json"))
+    for file in sorted(item for item in fresh.rglob("*") if item.is_file()):
+        place = path / file.relative_to(fresh)
+        content, expected = _content(place), file.read_bytes()
+        if content == expected:
+            continue
+        if not expected.startswith(content):
+            raise InputError(
+                f"{place}: this file is damaged: it does not hold what such a study has there; remove the store to "
+                "start afresh, or give another"
+            )
+        place.parent.mkdir(parents=True, exist_ok=True)
+        file.replace(place)
+    for leftover in path.rglob("*.partial"):
+        leftover.unlink(missing_ok=True)
+
+
+def _compare(path: Path, kept: dict[str, Any], ours: dict[str, Any]) -> None:
+    """Raise if the store says that it is another's."""
+    if not kept:
+        return  # cut short, or no store; the comparison of the files tells
+    if kept.get("layout") != ours["layout"]:
+        raise InputError(
+            f"{path}: expected a store of tvsysid's layout {LAYOUT}, found {kept.get('layout', 'none')}; give another"
+        )
+    for name, what in (("study", "another study"), ("versions", "other versions of the software")):
+        try:
+            found = json.loads(kept.get(name, ""))
+        except (TypeError, json.JSONDecodeError):
+            found = {}
+        if found != json.loads(ours[name]):
+            told = differences(found, json.loads(ours[name]))
+            raise InputError(f"{path}: the store is of {what}: {told}; give another, or remove it to start afresh")
+
+
+def _create(path: Path, study: Study, of_machine: str) -> None:
+    """Write a store without trials."""
+    import zarr  # noqa: PLC0415  # heavy
+
+    scenarios, methods = study.scenarios, list(study.named_methods)
+    attributes = {
+        "title": "Simulation study of methods that identify joint impedance over time",
+        "layout": LAYOUT,
+        "study": study.to_json(),
+        "versions": json.dumps(versions()),
+        "machine": of_machine,
+    }
+    group = zarr.create_group(path, zarr_format=3, attributes=attributes)
+
+    def add(name: str, dims: tuple[str, ...], values: Any, **attributes: str) -> None:
+        array = np.asarray(values)
+        if array.dtype.kind == "U":
+            array = array.astype(np.dtypes.StringDType())
+        kind: Any = "string" if array.dtype.kind == "T" else array.dtype
+        created = group.create_array(
+            name, shape=array.shape, chunks=array.shape, dtype=kind, dimension_names=dims, compressors=None,
+            attributes=attributes,
+        )  # fmt: skip
+        created[...] = array
+
+    add("scenario", ("scenario",), [scenario.label for scenario in scenarios])
+    add("profile", ("scenario",), [scenario.stiffness for scenario in scenarios])
+    add("perturbation", ("scenario",), [scenario.perturbation for scenario in scenarios])
+    add("duration_s", ("scenario",), [scenario.duration_s for scenario in scenarios], units="s")
+    add("snr_db", ("scenario",), [scenario.snr_db for scenario in scenarios], units="dB")
+    add("viscosity", ("scenario",), [scenario.viscosity for scenario in scenarios])
+    add("trial", ("trial",), np.arange(study.trials))
+    # Not "method", which xarray's sel() takes for a way to interpolate.
+    add("method_key", ("method_key",), methods)
+    times = np.arange(SAMPLES) / RATE
+    add("time", ("time",), times, units="s", long_name=f"time within a realization of {PERIOD:g} s")
+    add("statistic", ("statistic",), STATISTICS)
+    add("stage", ("stage",), STAGES)
+    add("variable", ("variable",), MEASURED)
+    truth = [np.asarray(scenario.profile(times)) for scenario in scenarios]
+    add("true_stiffness", ("scenario", "time"), truth, units="N m/rad", long_name="simulated stiffness")
+
+    last = {"stiffness": "time", "time_varying_vaf": "time", "vaf": "statistic", "bandpassed_vaf": "statistic"}
+    shape: tuple[int, ...]
+    for name in (*MEASURED, "checksums"):
+        if name in ("checksums", "stage_seconds"):
+            kind, fill, labels = ("<u8", 0, MEASURED) if name == "checksums" else ("<f8", np.nan, STAGES)
+            dims, shape = ("variable" if name == "checksums" else "stage",), (len(labels),)
+        else:
+            kind, fill = ("string", "") if name in STRINGS else ("<f8", np.nan)
+            dims = ("method_key", last[name]) if name in last else ("method_key",)
+            shape = (len(methods), *NUMBERS.get(name, ()))
+        group.create_array(
+            name,
+            shape=(len(scenarios), study.trials, *shape),
+            chunks=(1, 1, *shape),
+            dtype=kind,
+            fill_value=fill,
+            dimension_names=("scenario", "trial", *dims),
+            compressors=None,
+            attributes={"long_name": MEANING[name]} | ({"units": UNITS[name]} if name in UNITS else {}),
+        )
+    group.update_attributes({"coordinates": "profile perturbation duration_s snr_db viscosity"})
+    with warnings.catch_warnings():
+        # That consolidated metadata is no part of Zarr's specification; xarray warns where there is none.
+        warnings.simplefilter("ignore")
+        zarr.consolidate_metadata(path, zarr_format=3)
+
+
+def machine() -> str:
+    """What a study runs on, for its report."""
+    return f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores"
+
+
+def _attributes(root: Path) -> dict[str, Any]:
+    """Attributes in a group's metadata; none if it is cut short or no metadata."""
+    try:
+        found = json.loads(_content(root))
+    except (UnicodeDecodeError, json.JSONDecodeError):
+        return {}
+    attributes = found.get("attributes") if isinstance(found, dict) else None
+    return attributes if isinstance(attributes, dict) else {}
+
+
+def _content(file: Path) -> bytes:
+    try:
+        return file.read_bytes()
+    except FileNotFoundError:
+        return b""
+
+
+def _checksum(file: Path) -> int:
+    return _sum(_content(file))
+
+
+def _sum(content: bytes) -> int:
+    return len(content) << 32 | zlib.crc32(content)
+
+
+def _to_disk(path: Path) -> None:
+    """See a file or folder through to the disk, for a store without metadata is none."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

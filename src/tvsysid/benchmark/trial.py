@@ -1,0 +1,232 @@
+"""The unit of work: simulate one trial, let every method identify it, and score what they found."""
+
+from __future__ import annotations
+
+import platform
+import time
+import traceback
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import cache
+from importlib.metadata import version
+from typing import Any
+
+import cloudpickle
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import ThreadpoolController
+
+from tvsysid import metrics
+from tvsysid.benchmark.study import PERIOD, PERTURBATIONS, RATE, Scenario
+from tvsysid.errors import DoubtfulWarning, InputError
+from tvsysid.preprocess import decimate, segment
+from tvsysid.signals import Ensemble
+from tvsysid.simulate import joint
+
+Array = NDArray[np.float64]
+Outcome = dict[str, NDArray[Any]]
+
+SAMPLES = round(PERIOD * RATE)
+STATISTICS = ("mean", "sd", "lowest")
+"""Of the VAFs of a trial's realizations."""
+STAGES = ("simulation", "preprocessing", "scoring")
+"""What takes time beside the methods."""
+STRINGS = ("doubts", "failure")
+NUMBERS = {
+    "stiffness": (SAMPLES,),
+    "time_varying_vaf": (SAMPLES,),
+    "vaf": (len(STATISTICS),),
+    "bandpassed_vaf": (len(STATISTICS),),
+    "parameters": (),
+    "seconds": (),
+}
+"""Measured of each method, and its shape."""
+
+
+def versions() -> dict[str, str]:
+    """What the last bits of a result depend on."""
+    return {name: version(name) for name in ("tvsysid", "numpy", "scipy")} | {"python": platform.python_version()}
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One trial of one scenario, as sent to a worker.
+
+    Parameters
+    ----------
+    scenario, number
+        Which it is.
+    seed
+        Of its simulation.
+    methods
+        Pickled methods by label. Each is unpickled by itself, so that one that cannot be spoils no other.
+    versions
+        Software of the process that sends it; a worker with another is refused.
+    left_out
+        Methods not to be tried, and why.
+    """
+
+    scenario: Scenario
+    number: int
+    seed: np.random.SeedSequence
+    methods: Mapping[str, bytes]
+    versions: Mapping[str, str] = field(default_factory=versions)
+    left_out: Mapping[str, str] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        return f"trial {self.number} of {self.scenario.label}"
+
+
+def pickled(methods: Mapping[str, Any]) -> dict[str, bytes]:
+    """Methods as they travel; a class from a script or notebook travels whole.
+
+    Raises
+    ------
+    InputError
+        If one cannot be pickled.
+    """
+    travelling = {}
+    for label, method in methods.items():
+        try:
+            travelling[label] = cloudpickle.dumps(method)
+        except Exception as error:
+            raise InputError(f"method {label}: cannot be sent to a worker: {type(error).__name__}: {error}") from error
+    return travelling
+
+
+def run_trial(trial: Trial) -> Outcome:
+    """Simulate a trial and identify it by each method.
+
+    Returns
+    -------
+    dict
+        Arrays of ``NUMBERS`` and ``STRINGS``, each over (method, ...), and ``stage_seconds`` over (stage,). Where a
+        method failed its numbers are NaN and ``failure`` says why.
+
+    Raises
+    ------
+    InputError
+        If this process has other versions of the software than the one that sent the trial.
+    """
+    if (here := _versions()) != trial.versions:
+        raise InputError(f"run: a worker has other software: {differences(trial.versions, here)}")
+    with _one_thread().limit(limits=1):
+        return _run_trial(trial)
+
+
+def _run_trial(trial: Trial) -> Outcome:
+    scenario = trial.scenario
+    clock = _Clock()
+    with clock.stage("simulation"):
+        simulation = joint(
+            scenario.duration_s,
+            stiffness=scenario.profile,
+            perturbation=PERTURBATIONS[scenario.perturbation],
+            snr_db=scenario.snr_db,
+            viscosity=scenario.viscosity_profile,
+            seed=trial.seed,
+        )
+    with clock.stage("preprocessing"):
+        ensemble = segment(decimate(simulation.recording, RATE), PERIOD)
+        noiseless = segment(decimate(simulation.noiseless, RATE), PERIOD)
+        torque = noiseless.torque[:, noiseless.core]
+    rows = [
+        _failed(trial.left_out[label]) if label in trial.left_out else _attempt(method, ensemble, torque, clock)
+        for label, method in trial.methods.items()
+    ]
+    return _stacked(rows, [clock.seconds[stage] for stage in STAGES])
+
+
+def all_failed(methods: int, reason: str) -> Outcome:
+    """Outcome of a trial in which no method gave a result."""
+    return _stacked([_failed(reason)] * methods, [np.nan] * len(STAGES))
+
+
+def differences(theirs: Mapping[str, Any], ours: Mapping[str, Any]) -> str:
+    """What differs between two mappings, in words."""
+    return "; ".join(
+        f"{name}: {theirs.get(name, 'nothing')} there, {ours.get(name, 'nothing')} here"
+        for name in dict.fromkeys([*theirs, *ours])
+        if theirs.get(name) != ours.get(name)
+    )
+
+
+_versions = cache(versions)
+_one_thread = cache(ThreadpoolController)
+
+
+@cache
+def _unpickled(method: bytes) -> Any:
+    return cloudpickle.loads(method)
+
+
+class _Clock:
+    def __init__(self) -> None:
+        self.seconds = dict.fromkeys(STAGES, 0.0)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        started = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[name] += time.perf_counter() - started
+
+
+def _stacked(rows: list[dict[str, Any]], seconds: list[float]) -> Outcome:
+    outcome: Outcome = {name: np.array([row[name] for row in rows], dtype=np.float64) for name in NUMBERS}
+    outcome |= {name: np.array([row[name] for row in rows], dtype=np.dtypes.StringDType()) for name in STRINGS}
+    return outcome | {"stage_seconds": np.array(seconds)}
+
+
+def _failed(reason: str) -> dict[str, Any]:
+    return {name: np.full(shape, np.nan) for name, shape in NUMBERS.items()} | {"doubts": "", "failure": reason}
+
+
+def _attempt(method: bytes, ensemble: Ensemble, torque: Array, clock: _Clock) -> dict[str, Any]:
+    # A method that calls sys.exit() has failed like any other.
+    try:
+        return _measure(_unpickled(method), ensemble, torque, clock)
+    except (Exception, SystemExit) as error:
+        return _failed(_reason(error))
+
+
+def _measure(method: Any, ensemble: Ensemble, torque: Array, clock: _Clock) -> dict[str, Any]:
+    started = time.perf_counter()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", DoubtfulWarning)
+        model = method.identify(ensemble)
+    seconds = time.perf_counter() - started
+    stiffness = np.asarray(model.stiffness, dtype=np.float64)
+    if stiffness.shape != (ensemble.samples,):
+        raise InputError(f"the model's stiffness must have the shape ({ensemble.samples},), it has {stiffness.shape}")
+    diagnostics = getattr(model, "diagnostics", None)
+    told = [str(item.message) for item in caught if issubclass(item.category, DoubtfulWarning)]
+    with clock.stage("scoring"):
+        predicted = model.predict(ensemble)
+        return {
+            "stiffness": stiffness,
+            "time_varying_vaf": metrics.time_varying_vaf(torque, predicted),
+            "vaf": _statistics(metrics.vaf(torque, predicted)),
+            "bandpassed_vaf": _statistics(metrics.bandpassed_vaf(torque, predicted, RATE)),
+            "parameters": float(getattr(diagnostics, "parameters", np.nan)),
+            "seconds": seconds,
+            "doubts": "; ".join(dict.fromkeys(told)),
+            "failure": "",
+        }
+
+
+def _statistics(values: Array) -> Array:
+    known = values[np.isfinite(values)]
+    return np.array([known.mean(), known.std(), known.min()]) if len(known) else np.full(len(STATISTICS), np.nan)
+
+
+def _reason(error: BaseException) -> str:
+    """An error in one line, with the place where it arose."""
+    words = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+    frames = traceback.extract_tb(error.__traceback__)
+    if isinstance(error, InputError) or not frames:
+        return words
+    return f"{words} ({frames[-1].filename}:{frames[-1].lineno})"

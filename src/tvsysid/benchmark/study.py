@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from tvsysid.errors import InputError
-from tvsysid.methods import names, parse
+from tvsysid.methods import METHODS, parse
 from tvsysid.simulate import PRBS, Constant, FilteredNoise, SineWave, SquareWave
 from tvsysid.simulate.joint import Perturbation, Profile
 
@@ -47,7 +47,8 @@ class Study(BaseModel):
     snr_db
         Signal-to-noise ratios in dB.
     methods
-        Keys of methods, with settings if need be (``"sds:window=0.2"``), or objects with ``identify``.
+        Keys of methods, with settings if need be (``"sds:window=0.2"``), ``"module:Class"``, or objects with
+        ``identify``; by default the package's own five.
     trials
         Monte-Carlo repetitions.
     seed
@@ -71,7 +72,7 @@ class Study(BaseModel):
     perturbation: Annotated[tuple[str, ...], Field(min_length=1)] = ("noise", "prbs")
     duration_s: Annotated[tuple[float, ...], Field(min_length=1)] = (150.0,)
     snr_db: Annotated[tuple[float, ...], Field(min_length=1)] = (10.0,)
-    methods: Annotated[tuple[Any, ...], Field(min_length=1)] = names()
+    methods: Annotated[tuple[Any, ...], Field(min_length=1)] = tuple(METHODS)
     trials: Annotated[int, Field(ge=1)] = 20
     seed: Annotated[int, Field(ge=0)] = 0
 

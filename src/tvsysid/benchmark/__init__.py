@@ -1,7 +1,8 @@
-"""Comparing methods on simulated data: what is studied, and running it."""
+"""Comparing methods on simulated data: what is studied, running it, and what a method must do to take part."""
 
+from tvsysid.benchmark.contract import Check, check_method
 from tvsysid.benchmark.run import run
 from tvsysid.benchmark.study import PERTURBATIONS, PROFILES, Study
 from tvsysid.benchmark.summary import summarize
 
-__all__ = ["PERTURBATIONS", "PROFILES", "Study", "run", "summarize"]
+__all__ = ["PERTURBATIONS", "PROFILES", "Check", "Study", "check_method", "run", "summarize"]

@@ -344,9 +344,12 @@ def check_method(
     )
     also = f"; {advised} of the advice given {'is' if advised == 1 else 'are'} not followed" if advised else ""
     if required:
-        output.print(f"{name} does not pass: {required} of {len(checks)} checks failed or were not reached{also}")
+        verdict = f"{name} does not pass: {required} of {len(checks)} checks failed or were not reached{also}"
+    else:
+        verdict = f"{name} passes{also}: enter it with tvsysid benchmark --method {name}"
+    output.print(escape(verdict), highlight=False, soft_wrap=True)
+    if required:
         raise typer.Exit(1)
-    output.print(f"{name} passes{also}: enter it with tvsysid benchmark --method {name}", highlight=False)
 
 
 @app.command()

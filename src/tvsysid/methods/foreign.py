@@ -116,9 +116,7 @@ def make(label: str, target: Any, settings: dict[str, Any]) -> Identifies:
         If it has no ``identify``, a setting is unknown or missing, or the class does not take their values.
     """
     kind = type(target).__name__
-    what = (
-        f"class {target.__name__}" if isinstance(target, type) else kind if inspect.isroutine(target) else f"a {kind}"
-    )
+    what = f"class {target.__name__}" if isinstance(target, type) else f"an object of type {kind}"
     if not callable(getattr(target, "identify", None)):
         raise InputError(
             f"method {label!r}: {what} has no identify; a method is a class with identify(self, ensemble) that returns "

@@ -222,7 +222,7 @@ def test_version(tvsysid):
         (("benchmark", "--method", "nowhere:Fit"), "there is no module 'nowhere'"),
         (
             ("check-method", "nowhere:Fit"),
-            "there is no module 'nowhere'; the current folder and the installed packages",
+            "there is no module 'nowhere'; the current folder and the installed",
         ),
         (("check-method", "json:Fit"), "module 'json' has no 'Fit'; nothing in it has identify"),
         (("check-method", "nothing"), "unknown method 'nothing'"),

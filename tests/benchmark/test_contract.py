@@ -81,7 +81,7 @@ class Integers(Fit):
 class Infinite(Fit):
     def identify(self, ensemble):
         model = super().identify(ensemble)
-        return spoiled(model, stiffness=model.stiffness / 0.0 if False else np.full(ensemble.samples, np.inf))
+        return spoiled(model, stiffness=np.full(ensemble.samples, np.inf))
 
 
 class KnowsNothing(Fit):
@@ -136,7 +136,7 @@ class ReturnsItself:
         return self.model.predict(ensemble)
 
 
-@dataclass
+@dataclass(frozen=True)
 class HoldsLock(Fit):
     lock: Any = field(default_factory=threading.Lock)
 
@@ -225,7 +225,7 @@ def test_good_methods_pass(method):
         (3, "has identify", "expected an object with identify(ensemble), got an object of type int"),
         (Writes(), "leaves the ensemble untouched", "work on a copy, as in ensemble.angle.copy()"),
         (Crashes(), "identifies a joint", "it stopped with ValueError: matmul"),
-        (CrashesFarBelow(), "identifies a joint", "LinAlgError: Singular matrix (test_contract.py, line 58)"),
+        (CrashesFarBelow(), "identifies a joint", "LinAlgError: Singular matrix (test_contract.py, line "),
         (ReturnsNothing(), "returns a model", "identify returned None"),
         (ReturnsArray(), "returns a model", "an object of type ndarray without stiffness and predict(ensemble)"),
         (CountsContext(), "returns a model", "= (200,), got (300,); this counts the context"),
@@ -241,14 +241,18 @@ def test_good_methods_pass(method):
         (ReturnsItself(), "gives the same numbers again", "the first model changed when identify was called again"),
         (HoldsLock(), "can be sent to a worker", "hold no open file, lock or generator in it"),
         (Threshold(), "scales with the torque", "ten times the torque gave 2 times the stiffness; expected 10"),
-        (HundredHertz(), "works at another rate and length", "at 128 Hz, the ensemble"),
+        (
+            HundredHertz(),
+            "works at another rate and length",
+            "192 samples at 100 Hz, the ensemble 192 at 128 Hz",
+        ),
         (TwoSeconds(), "works at another rate and length", "= (192,), got (200,)"),
         (InventsEdges(), "works without context", "stiffness is up to"),
         (InventsTorque(), "works without context", "predict(ensemble) has a VAF of"),
         (
             CrashesOnFew(),
             "takes few realizations, or says that it does not",
-            "3 realizations: IndexError: out of range",
+            "3 realizations: IndexError: out of",
         ),
         (SingularOnFew(), "takes few realizations, or says that it does not", "3 realizations: LinAlgError: Singular"),
     ],
@@ -269,7 +273,7 @@ def test_fault_is_found_and_told(method, name, words):
         (
             TakesAsConstant(),
             "follows a changing stiffness",
-            "A method that takes stiffness as constant can be compared",
+            "takes stiffness as constant can be compared",
         ),
         (Chatters(), "warns as the package does", "UserWarning: all is well"),
     ],

@@ -72,9 +72,9 @@ def check_method(method: Any) -> list[Check]:
     >>> from tvsysid.methods import create
     >>> all(check.passed for check in check_method(create("sds")))
     True
-    >>> check_method("sds")[0]
-    Check(name='has identify', passed=False, message="expected an object with identify(ensemble), got an object of type
-    str; tvsysid.methods.parse makes a method of a text", required=True)
+    >>> check_method("sds")[0].message
+    'expected an object with identify(ensemble), got an object of type str; tvsysid.methods.parse makes a method of a
+    text'
     """
     subject = _Subject(method)
     done: dict[str, Check] = {}
@@ -299,11 +299,11 @@ def _follows_change(subject: _Subject) -> str:
 def _repeats(subject: _Subject) -> str:
     ensemble = _joint("constant").ensemble
     subject.model("changing")
-    again = _stiffness(subject.identify(ensemble), ensemble)
     if not _same(_stiffness(subject.model("constant"), ensemble), subject.first):
         raise _FailedError(
             "the stiffness of the first model changed when identify was called again; return a new object each time"
         )
+    again = _stiffness(subject.identify(ensemble), ensemble)
     if not _same(again, subject.first):
         raise _FailedError(
             f"the same data gave other numbers, up to {_largest_difference(again, subject.first):.2g} N·m/rad off; "

@@ -187,9 +187,10 @@ _GATHERED = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
 
 
 def _place(error: BaseException, file: str | None) -> tuple[str | None, int | None]:
-    frames = traceback.extract_tb(error.__traceback__)
+    package, *libraries = _library_folders()
+    frames = [frame for frame in traceback.extract_tb(error.__traceback__) if not frame.filename.startswith(package)]
     of_file = [frame for frame in frames if frame.filename == file]
-    of_user = [frame for frame in frames if not frame.filename.startswith(("<frozen", *_library_folders()))]
+    of_user = [frame for frame in frames if not frame.filename.startswith(("<frozen", *libraries))]
     for chosen in (of_file, of_user, frames):
         if chosen:
             return chosen[-1].filename, chosen[-1].lineno

@@ -9,7 +9,7 @@ import signal
 import sys
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -101,7 +101,8 @@ MethodOption = Annotated[
         "--method",
         "-m",
         metavar="KEY[:SETTING=VALUE,…]",
-        help="Method, with settings if need be, as in `sds:window=0.2`; repeat it for more. See `tvsysid methods`.",
+        help="Method, with settings if need be, as in `sds:window=0.2`; one of your own as `module:Class`, the module "
+        "being in the current folder or installed. Repeat it for more. See `tvsysid methods`.",
     ),
 ]
 
@@ -338,24 +339,70 @@ def identify(
 @app.command()
 def methods() -> None:
     """List the methods, what they assume, and their settings."""
-    from dataclasses import fields
+    from rich.markup import escape
 
-    from tvsysid.methods import create, names
+    from tvsysid.methods import clashes, describe, names
 
     table = Table(show_lines=True)
     for heading in ("key", "method", "assumes", "settings and defaults"):
         table.add_column(heading, overflow="fold")
     for key in names():
-        method = create(key)
-        settings = [f"{item.name} = {getattr(method, item.name)!r}" for item in fields(method)]
-        assumptions = "\n".join(f"- {text}" for text in method.assumptions)
-        table.add_row(key, method.title, assumptions, "\n".join(settings))
+        try:
+            title, assumptions, settings = describe(key)
+        except InputError as error:
+            table.add_row(escape(key), escape(str(error)))
+            continue
+        told = "\n".join(f"- {text}" for text in assumptions)
+        table.add_row(*(escape(text) for text in (key, title, told, "\n".join(settings))))
     output.print(table)
     output.print(
         "Durations are in s, frequencies in Hz. Settings go behind the key: sds:window=0.2,max_lag=0.1\n"
-        "kbr also takes preset=simulation (the default) or preset=experiment: the paper's settings for either study.",
+        "kbr also takes preset=simulation (the default) or preset=experiment: the paper's settings for either study.\n"
+        "A method of your own is module:Class or module:Class:setting=value; see tvsysid check-method --help.",
         highlight=False,
     )
+    for text in clashes():
+        errors.print(f"[yellow]note:[/] {escape(text)}", highlight=False, soft_wrap=True)
+
+
+@app.command("check-method")
+def check_method(
+    name: Annotated[
+        str,
+        typer.Argument(
+            metavar="MODULE:CLASS", help="Module in the current folder or installed, and the class in it; or any key."
+        ),
+    ],
+) -> None:
+    """Check a method of your own against all that is expected of a method.
+
+    Lets it identify simulated joints, says in plain words what was expected and what came, and takes some seconds. The
+    exit code is 0 if it passes all that is required, 1 if not, and 2 if it cannot be loaded.
+
+    Example: `tvsysid check-method mymethod:SlidingFit`, or with settings `mymethod:SlidingFit:window=0.2`
+    """
+    from rich.markup import escape
+
+    from tvsysid.benchmark import check_method as check
+    from tvsysid.methods import parse
+
+    checks = check(parse(name))
+    for item in checks:
+        sign = "[green]✓[/]" if item.passed else "[red]✗[/]" if item.required else "[yellow]✗[/]"
+        advice = "" if item.required or item.passed else " (advice)"
+        text = f"{sign} [bold]{escape(item.name)}[/]{advice}: {escape(item.message)}"
+        output.print(text, highlight=False, soft_wrap=True)
+    required, advised = (
+        sum(1 for item in checks if not item.passed and item.required is kind) for kind in (True, False)
+    )
+    also = f"; {advised} of the advice given {'is' if advised == 1 else 'are'} not followed" if advised else ""
+    if required:
+        verdict = f"{name} does not pass: {required} of {len(checks)} checks failed or were not reached{also}"
+    else:
+        verdict = f"{name} passes{also}: enter it with tvsysid benchmark --method {name}"
+    output.print(escape(verdict), highlight=False, soft_wrap=True)
+    if required:
+        raise typer.Exit(1)
 
 
 @app.command()
@@ -416,6 +463,9 @@ def main() -> None:
             stream.reconfigure(errors="replace")
     # What ends a job on a cluster ends it as cleanly as a key.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
+    with suppress(OSError):  # the current folder may be gone
+        if os.getcwd() not in sys.path:
+            sys.path.append(os.getcwd())  # at the end, so that no file in it hides a module
     try:
         code = app(prog_name="tvsysid", standalone_mode=False)
     except InputError as error:

@@ -9,8 +9,8 @@ from tests.conftest import ensemble_of
 
 import tvsysid as tv
 
-FIVE = [tv.methods.create(key) for key in tv.methods.names()]
-five = pytest.mark.parametrize("method", FIVE, ids=tv.methods.names())
+FIVE = [tv.methods.create(key) for key in tv.methods.METHODS]
+five = pytest.mark.parametrize("method", FIVE, ids=list(tv.methods.METHODS))
 
 
 def doubts(method, ensemble):

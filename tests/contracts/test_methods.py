@@ -59,6 +59,12 @@ def enough_for(method):
 
 
 @parametrize()
+def test_contract_holds(method):
+    checks = tv.benchmark.check_method(method)
+    assert [f"{check.name}: {check.message}" for check in checks if not check.passed] == []
+
+
+@parametrize()
 def test_result_is_whole_and_immutable(method):
     ensemble = ensemble_of()
     model = method.identify(ensemble)

@@ -23,7 +23,7 @@ def test_an_unknown_ending_is_refused(tmp_path):
 
 
 def test_models_are_read_back(tmp_path, ensemble_of):
-    models = {key: tv.methods.create(key).identify(ensemble_of(150.0)) for key in tv.methods.names()}
+    models = {key: tv.methods.create(key).identify(ensemble_of(150.0)) for key in tv.methods.METHODS}
     write_models(tmp_path / "models.nc", models)
     with xr.open_datatree(tmp_path / "models.nc", engine="h5netcdf") as tree:
         assert set(tree.children) == set(models)

@@ -15,8 +15,7 @@ import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator
 
 from tvsysid.errors import InputError
-from tvsysid.methods import parse
-from tvsysid.methods.registry import METHODS
+from tvsysid.methods import METHODS, parse
 from tvsysid.simulate import PRBS, Constant, CovaryingViscosity, FilteredNoise, SineWave, SquareWave
 from tvsysid.simulate.joint import Perturbation, Profile
 
@@ -138,8 +137,8 @@ class Study(_Settings):
     also
         Further scenarios: mappings of the settings above, each a grid of its own; what is not given is as above.
     methods
-        Keys of methods, with settings if need be (``"sds:window=0.2"``), classes of one's own
-        (``"mymodule:MyMethod"``), or objects with ``identify``.
+        Keys of methods, with settings if need be (``"sds:window=0.2"``), ``"mymodule:MyMethod"``, or objects with
+        ``identify``; by default the package's own five.
     trials
         Monte-Carlo repetitions.
     seed

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tvsysid.methods import names
+from tvsysid.methods import METHODS, key_of
 from tvsysid.recordings import whole_file
 
 if TYPE_CHECKING:
@@ -23,12 +23,12 @@ STYLES = ("-", "--", ":", "-.")
 
 def lines(methods: Sequence[str]) -> dict[str, tuple[str, str]]:
     """Colour and line style of each method shown: a method's own colour, and a style for each of its settings."""
-    known = names()
+    known = tuple(METHODS)  # what else is installed must not change their colours
     others: list[str] = []
     seen: dict[str, int] = {}
     shown = {}
     for method in methods:
-        key = method.partition(":")[0]
+        key = key_of(method)
         if key not in known and key not in others:
             others.append(key)
         index = known.index(key) if key in known else len(known) + others.index(key)

@@ -1,21 +1,27 @@
-"""The methods: one file each, behind one verb, ``identify(ensemble) -> model``."""
+"""The methods: one file each, behind one verb, ``identify(ensemble) -> model``; and methods of other people."""
 
 from tvsysid.methods.base import Method
 from tvsysid.methods.birf import BasisIRF
 from tvsysid.methods.eirf import EnsembleIRF
 from tvsysid.methods.esm import EnsembleSpectral
+from tvsysid.methods.foreign import Identifies
 from tvsysid.methods.kbr import KernelRegression
-from tvsysid.methods.registry import create, names, parse
+from tvsysid.methods.registry import METHODS, clashes, create, describe, key_of, names, parse
 from tvsysid.methods.sds import ShortDataSegments
 
 __all__ = [
+    "METHODS",
     "BasisIRF",
     "EnsembleIRF",
     "EnsembleSpectral",
+    "Identifies",
     "KernelRegression",
     "Method",
     "ShortDataSegments",
+    "clashes",
     "create",
+    "describe",
+    "key_of",
     "names",
     "parse",
 ]

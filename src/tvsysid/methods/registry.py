@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Iterator
 from dataclasses import fields
-from typing import Any
+from typing import Any, NamedTuple
 
 from pydantic import TypeAdapter, ValidationError
 
 from tvsysid.errors import InputError
+from tvsysid.methods import foreign
 from tvsysid.methods.base import Method
 from tvsysid.methods.birf import BasisIRF
 from tvsysid.methods.eirf import EnsembleIRF
 from tvsysid.methods.esm import EnsembleSpectral
+from tvsysid.methods.foreign import Identifies
 from tvsysid.methods.kbr import KernelRegression
 from tvsysid.methods.sds import ShortDataSegments
 
@@ -20,24 +24,46 @@ METHODS: dict[str, type[Method]] = {
 }
 
 
+class Description(NamedTuple):
+    """What there is to say about a method."""
+
+    title: str
+    assumptions: tuple[str, ...]
+    settings: tuple[str, ...]
+    """As ``name = default``."""
+
+
 def names() -> tuple[str, ...]:
-    """Keys of all methods.
+    """Keys of all methods: the package's own, then those that installed packages offer.
+
+    Nothing is loaded. A package that offers a method under one of the package's own keys is not heard; see
+    :func:`clashes`.
 
     Examples
     --------
-    >>> names()
+    >>> names()[:5]
     ('eirf', 'sds', 'birf', 'esm', 'kbr')
     """
-    return tuple(METHODS)
+    return (*METHODS, *(name for name in foreign.installed() if name not in METHODS))
 
 
-def create(key: str, **settings: Any) -> Method:
+def clashes() -> tuple[str, ...]:
+    """What installed packages offer under one of the package's own keys, in a sentence each."""
+    return tuple(
+        f"{name!r} is offered by the installed package {item.package} too; the package's own is used. Name the other "
+        f"{item.target}"
+        for name, item in foreign.installed().items()
+        if name in METHODS
+    )
+
+
+def create(key: str, **settings: Any) -> Identifies:
     """Method of this key.
 
     Parameters
     ----------
     key
-        One of :func:`names`.
+        One of :func:`names`, or ``module:Class``.
     **settings
         Settings by name; the paper's otherwise. ``kbr`` also takes ``preset``, ``"simulation"`` or ``"experiment"``.
 
@@ -52,40 +78,45 @@ def create(key: str, **settings: Any) -> Method:
     ShortDataSegments(max_lag=0.12, window=0.2)
     """
     if key not in METHODS:
-        raise InputError(f"unknown method {key!r}; the methods are {', '.join(METHODS)}")
+        return foreign.make(key, _foreign(key), settings)
     method = METHODS[key]
     preset = settings.pop("preset", None) if method is KernelRegression else None
     _check_names(method, settings)
     return method(**settings) if preset is None else KernelRegression.preset(preset, **settings)
 
 
-def parse(text: str) -> Method:
+def parse(text: str) -> Identifies:
     """Method from a word as typed on the command line: ``key`` or ``key:setting=value,setting=value``.
 
     Parameters
     ----------
     text
-        For example ``"sds"`` or ``"sds:window=0.2,max_lag=0.1"``.
+        For example ``"sds"``, ``"sds:window=0.2,max_lag=0.1"``, or a method of one's own,
+        ``"mypackage.mymodule:MyMethod"`` or ``"mypackage.mymodule:MyMethod:order=3"``. The package's own keys come
+        first, then modules, then the names that installed packages offer.
 
     Raises
     ------
     InputError
-        For an unknown key or setting, or a value that does not fit.
+        For an unknown key or setting, a value that does not fit, or a module that cannot be used.
 
     Examples
     --------
     >>> parse("esm:window=0.4,stiffness=fit")
     EnsembleSpectral(window=0.4, stiffness='fit')
+    >>> parse("tvsysid.methods:ShortDataSegments:window=0.2")
+    ShortDataSegments(max_lag=0.12, window=0.2)
     """
-    key, _, rest = text.partition(":")
+    key, rest = _split(text)
     settings: dict[str, Any] = {}
-    for part in filter(None, rest.split(",")):
+    for part in filter(None, _parts(rest)):
         name, equals, value = (piece.strip() for piece in part.partition("="))
         if not equals:
             raise InputError(f"method {text!r}: expected setting=value, got {part!r}")
         settings[name] = value
     if key not in METHODS:
-        return create(key)
+        target = _foreign(key)
+        return foreign.make(key, target, foreign.converted(key, target, settings))
     _check_names(METHODS[key], settings)
     for name in ("basis", "band"):
         if name in settings:
@@ -97,6 +128,91 @@ def parse(text: str) -> Method:
             except ValidationError as error:
                 raise InputError(f"method {text!r}: {name} must be a number, got {value!r}") from error
     return create(key, **settings)
+
+
+def key_of(text: str) -> str:
+    """Key of a method as typed on the command line, without its settings.
+
+    Examples
+    --------
+    >>> key_of("sds:window=0.2"), key_of("mymodule:MyMethod:order=3")
+    ('sds', 'mymodule:MyMethod')
+    """
+    return _split(text)[0]
+
+
+def describe(key: str) -> Description:
+    """Title, assumptions and settings of a method, as far as it tells them.
+
+    Parameters
+    ----------
+    key
+        One of :func:`names`, or ``module:Class``.
+
+    Raises
+    ------
+    InputError
+        If the method cannot be loaded.
+    """
+    target = METHODS[key] if key in METHODS else _foreign(key)
+    kind = target if isinstance(target, type) else type(target)
+    assumptions = getattr(target, "assumptions", ())
+    try:
+        told = (assumptions,) if isinstance(assumptions, str) else tuple(str(text) for text in assumptions)
+    except TypeError:
+        told = (str(assumptions),)
+    return Description(str(getattr(target, "title", kind.__name__)), told, tuple(_defaults(key, target)))
+
+
+def _defaults(key: str, target: Any) -> Iterator[str]:
+    if not isinstance(target, type):
+        return
+    settings = foreign.settings_of(target)
+    try:
+        made: Any = create(key)
+    except InputError:  # it needs settings that have no default
+        made = None
+    for name, default in settings.items():
+        needed = default is inspect.Parameter.empty
+        yield f"{name} (must be given)" if needed else f"{name} = {getattr(made, name, default)!r}"
+
+
+def _split(text: str) -> tuple[str, str]:
+    """Key and settings of a method: what stands behind a colon is a class if it has no equals sign."""
+    head, _, rest = text.partition(":")
+    first, _, after = rest.partition(":")
+    if head not in METHODS and first and "=" not in first:
+        return f"{head}:{first}", after
+    return head, rest
+
+
+def _parts(text: str) -> Iterator[str]:
+    """Pieces between commas that stand outside of brackets."""
+    depth, piece = 0, ""
+    for sign in text:
+        depth += (sign in "([{") - (sign in ")]}")
+        if sign == "," and depth == 0:
+            yield piece
+            piece = ""
+        else:
+            piece += sign
+    yield piece
+
+
+def _foreign(key: str) -> Any:
+    if ":" in key:
+        return foreign.load(key)
+    found = foreign.installed().get(key)
+    if found is None:
+        raise InputError(
+            f"unknown method {key!r}; the methods are {', '.join(names())}; a method of your own is named module:Class"
+        )
+    try:
+        return foreign.load(found.target)
+    except InputError as error:
+        raise InputError(
+            f"method {key!r} of the installed package {found.package} cannot be loaded: {error}"
+        ) from error
 
 
 def _check_names(method: type[Method], settings: dict[str, Any]) -> None:

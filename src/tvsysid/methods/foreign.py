@@ -1,0 +1,285 @@
+"""Methods of other people: named as ``module:Class``, or installed as an entry point."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import json
+import os
+import sysconfig
+import textwrap
+import traceback
+from collections.abc import Callable
+from dataclasses import is_dataclass
+from functools import cache
+from importlib.metadata import distributions
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol, get_type_hints
+
+from pydantic import ConfigDict, PydanticUserError, TypeAdapter, ValidationError
+
+from tvsysid.errors import InputError
+from tvsysid.signals import Ensemble
+
+GROUP = "tvsysid.methods"
+"""Group of entry points under which a package offers its methods."""
+
+PACKAGE = str(Path(__file__).parents[1])
+
+
+class Identifies(Protocol):
+    """What every method is: an object with one verb."""
+
+    def identify(self, ensemble: Ensemble) -> Any:
+        """Model with ``stiffness``, shape (time,), and ``predict(ensemble)``, shape (realization, time)."""
+
+
+class Installed(NamedTuple):
+    """A method that an installed package offers."""
+
+    target: str
+    """As ``module:Class``."""
+    package: str
+
+
+def installed() -> dict[str, Installed]:
+    """Methods of installed packages by name, sorted; none of them is loaded."""
+    found: dict[str, Installed] = {}
+    for distribution in distributions():
+        try:
+            points = distribution.entry_points.select(group=GROUP)
+            package = str(distribution.metadata["Name"] or "a package without a name")
+            for point in points:
+                found.setdefault(point.name, Installed(point.value.partition("[")[0].replace(" ", ""), package))
+        except Exception:  # unreadable metadata of whatever package must not stop the others
+            continue
+    return dict(sorted(found.items()))
+
+
+def load(name: str) -> Any:
+    """Class or object of this name; imports its module.
+
+    Parameters
+    ----------
+    name
+        As ``package.module:Class``.
+
+    Raises
+    ------
+    InputError
+        If there is no such module, it fails while it is imported, or it has no such name.
+    """
+    where, _, path = name.partition(":")
+    if where.endswith(".py") or "/" in where or "\\" in where:
+        stem = where.replace("\\", "/").rpartition("/")[2].removesuffix(".py")
+        raise InputError(
+            f"method {name!r}: expected the name of a module, got a file; go to its folder and give {stem}:{path}"
+        )
+    if not all(word.isidentifier() for word in (*where.split("."), *path.split("."))):
+        raise InputError(f"method {name!r}: expected module:Class, as in mypackage.mymodule:MyMethod")
+    importlib.invalidate_caches()  # the file may have been written a moment ago
+    try:
+        module = importlib.import_module(where)
+    except (Exception, SystemExit) as error:
+        absent = error.name if isinstance(error, ModuleNotFoundError) else None
+        if absent is not None and f"{where}.".startswith(f"{absent}."):
+            raise InputError(
+                f"method {name!r}: there is no module {absent!r}; the current folder and the installed packages were "
+                "searched. Go to the folder that holds it, or install its package"
+            ) from error
+        raise InputError(f"method {name!r}: module {where!r} fails while it is imported: {told(error)}") from error
+    target: Any = module
+    for word in path.split("."):
+        if not hasattr(target, word):
+            others = _methods_of(module)
+            has = f"what it has with identify: {', '.join(others)}" if others else "nothing in it has identify"
+            raise InputError(f"method {name!r}: module {where!r} has no {path!r}; {has}")
+        target = getattr(target, word)
+    return target
+
+
+def make(label: str, target: Any, settings: dict[str, Any]) -> Identifies:
+    """Object with ``identify``, from a class and its settings or as it is.
+
+    Parameters
+    ----------
+    label
+        What the user called it, for messages.
+    target
+        A class, or an object that already has ``identify``.
+    settings
+        By name.
+
+    Raises
+    ------
+    InputError
+        If it has no ``identify``, a setting is unknown or missing, or the class does not take their values.
+    """
+    kind = type(target).__name__
+    what = f"class {target.__name__}" if isinstance(target, type) else f"an object of type {kind}"
+    if not callable(getattr(target, "identify", None)):
+        raise InputError(
+            f"method {label!r}: {what} has no identify; a method is a class with identify(self, ensemble) that returns "
+            "a model with stiffness and predict(ensemble)"
+        )
+    if not isinstance(target, type):
+        if settings:
+            raise InputError(
+                f"method {label!r}: it is an object that is there already, and takes no settings, got "
+                f"{', '.join(settings)}; name its class {kind} instead"
+            )
+        return target  # type: ignore[no-any-return]
+    _check_settings(label, target, settings)
+    try:
+        return target(**settings)  # type: ignore[no-any-return]
+    except (Exception, SystemExit) as error:
+        raise InputError(f"method {label!r}: {what} cannot be made with these settings: {told(error)}") from error
+
+
+def converted(label: str, target: Any, texts: dict[str, str]) -> dict[str, Any]:
+    """Settings typed as text, as the class wants them.
+
+    Each text is read as JSON where it is JSON. A dataclass then has it converted to the type of the field; the text
+    itself serves where that does not fit.
+
+    Raises
+    ------
+    InputError
+        For an unknown setting, or a value that does not fit its field.
+    """
+    if not isinstance(target, type):
+        return dict(texts)
+    _check_known(label, target, texts)
+    types = _types_of(target)
+    return {
+        name: _converted(label, name, text, types[name]) if name in types else _read(text)
+        for name, text in texts.items()
+    }
+
+
+def settings_of(target: Any) -> dict[str, Any]:
+    """Settings that a class takes, with their defaults; ``inspect.Parameter.empty`` for those that must be given."""
+    return {item.name: item.default for item in _parameters(target) if item.kind in _BY_NAME}
+
+
+def told(error: BaseException, file: str | None = None) -> str:
+    """Describe an exception in one line: its type, its message, and where in the user's code it arose.
+
+    Parameters
+    ----------
+    error
+        What was raised.
+    file
+        File of the user's code, if known; the last line of it that was reached is named.
+    """
+    text = str(error)
+    if isinstance(error, SyntaxError):
+        text, place = str(error.msg), (error.filename, error.lineno)
+    else:
+        place = _place(error, file)
+    name, line = place
+    said = textwrap.shorten(f"{type(error).__name__}: {text}".rstrip(": "), 300, placeholder=" …")
+    return f"{said} ({Path(name).name}, line {line})" if name and line else said
+
+
+_BY_NAME = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
+_GATHERED = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
+
+
+def _place(error: BaseException, file: str | None) -> tuple[str | None, int | None]:
+    package, *libraries = _library_folders()
+    frames = [frame for frame in traceback.extract_tb(error.__traceback__) if not frame.filename.startswith(package)]
+    of_file = [frame for frame in frames if frame.filename == file]
+    of_user = [frame for frame in frames if not frame.filename.startswith(("<frozen", *libraries))]
+    for chosen in (of_file, of_user, frames):
+        if chosen:
+            return chosen[-1].filename, chosen[-1].lineno
+    return None, None
+
+
+@cache
+def _library_folders() -> tuple[str, ...]:
+    paths = sysconfig.get_paths()
+    folders = (PACKAGE, *(paths[name] for name in ("stdlib", "platstdlib", "purelib", "platlib")))
+    return tuple(f"{folder}{os.sep}" for folder in folders)
+
+
+def _methods_of(module: Any) -> list[str]:
+    return [
+        name
+        for name, value in vars(module).items()
+        if not name.startswith("_") and callable(getattr(value, "identify", None)) and not inspect.isabstract(value)
+    ]
+
+
+def _parameters(target: Any) -> list[inspect.Parameter]:
+    try:
+        return list(inspect.signature(target).parameters.values())
+    except (TypeError, ValueError):  # compiled classes may not say
+        return []
+
+
+def _check_known(label: str, target: type, settings: dict[str, Any]) -> None:
+    if any(item.kind is inspect.Parameter.VAR_KEYWORD for item in _parameters(target)):
+        return
+    known = settings_of(target)
+    for name in settings:
+        if name not in known:
+            has = f"its settings are {', '.join(known)}" if known else "it has no settings"
+            raise InputError(f"method {label!r}: unknown setting {name!r}; {has}")
+
+
+def _check_settings(label: str, target: type, settings: dict[str, Any]) -> None:
+    _check_known(label, target, settings)
+    missing = [
+        item.name
+        for item in _parameters(target)
+        if item.default is item.empty and item.kind not in _GATHERED and item.name not in settings
+    ]
+    if missing:
+        raise InputError(
+            f"method {label!r}: class {target.__name__} needs {', '.join(missing)}; give a value, as in "
+            f"{label}:{','.join(f'{name}=…' for name in missing)}, or a default in the class"
+        )
+
+
+def _types_of(target: type) -> dict[str, Any]:
+    if not is_dataclass(target):
+        return {}
+    try:
+        return get_type_hints(target, include_extras=True)
+    except Exception:  # names that are there for the type checker only
+        return {}
+
+
+def _read(text: str) -> Any:
+    try:
+        return json.loads(text)
+    except ValueError:
+        return text
+
+
+def _converted(label: str, name: str, text: str, kind: Any) -> Any:
+    validate = _validator(kind)
+    if validate is None:
+        return _read(text)
+    try:
+        return validate(_read(text))
+    except ValidationError:
+        pass
+    try:
+        return validate(text)
+    except ValidationError as error:
+        reason = str(error.errors()[0]["msg"])
+        raise InputError(f"method {label!r}: {name} cannot be {text!r}: {reason[:1].lower()}{reason[1:]}") from error
+
+
+def _validator(kind: Any) -> Callable[[Any], Any] | None:
+    try:
+        return TypeAdapter(kind, config=ConfigDict(arbitrary_types_allowed=True)).validate_python
+    except PydanticUserError:  # a class with a configuration of its own, or no type at all
+        pass
+    try:
+        return TypeAdapter(kind).validate_python
+    except PydanticUserError:
+        return None

@@ -1,0 +1,88 @@
+"""What the page on a method of one's own says is so."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+import tvsysid as tv
+
+PAGE = (Path(__file__).parents[2] / "docs" / "own-method.md").read_text(encoding="utf-8")
+
+
+def blocks(language):
+    found = re.findall(r"^```(\w*)\n(.+?)\n```$", PAGE, re.MULTILINE | re.DOTALL)
+    return [text for name, text in found if name == language]
+
+
+METHOD, SCRIPT = blocks("python")
+CHECK, BENCHMARK = blocks("")
+PACKAGE = Path(tv.__file__).parents[1]
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "mymethod.py").write_text(METHOD, encoding="utf-8")
+    return tmp_path
+
+
+def run(folder, *words):
+    variables = {"PYTHONPATH": str(PACKAGE), "PYTHONIOENCODING": "utf-8", "OPENBLAS_NUM_THREADS": "1"}
+    return subprocess.run(
+        [sys.executable, *words],
+        cwd=folder,
+        env=os.environ | variables,
+        capture_output=True,
+        encoding="utf-8",
+        check=False,
+        timeout=300,
+    )
+
+
+def tvsysid(folder, command, *more):
+    """Run a command of the page; -P as for an installed command, which does not search the current folder by itself."""
+    name, *words = command.split()
+    assert name == "tvsysid"
+    return run(folder, "-P", "-m", "tvsysid.cli", *words, *more)
+
+
+def test_the_method_passes_as_the_page_shows(folder):
+    done = tvsysid(folder, CHECK)
+    assert done.returncode == 0, done.stdout + done.stderr
+    (shown,) = blocks("text")
+    for line, said in zip(done.stdout.splitlines(), shown.splitlines(), strict=True):
+        # The figures may differ in their last digit from one machine to another.
+        assert re.sub(r"\d+(\.\d+)?", "#", line) == re.sub(r"\d+(\.\d+)?", "#", said)
+        assert "✗" not in line
+
+
+def test_the_method_is_in_the_benchmark(folder):
+    command = re.sub(r"--trials \d+", "--trials 2", BENCHMARK)
+    done = tvsysid(folder, command, "--duration", "40", "--perturbation", "noise", "--workers", "2")
+    assert done.returncode == 0, done.stdout + done.stderr
+    table = pd.read_csv(folder / "tvsysid-benchmark" / "summary.csv")
+    total = table[table.metric == "total_error"].set_index("method").value
+    assert set(total.index) == {"sds", "mymethod:SlidingFit"}
+    assert total["mymethod:SlidingFit"] < total["sds"]
+
+
+def test_the_script_compares_the_object(folder):
+    script = SCRIPT.replace("trials=5", 'trials=2, duration_s=[40], perturbation=["noise"]')
+    assert script != SCRIPT
+    (folder / "compare.py").write_text(script, encoding="utf-8")
+    done = run(folder, "compare.py")
+    assert done.returncode == 0, done.stderr
+    assert "SlidingFit(window=0.1)" in done.stdout
+
+
+def test_the_entry_point_is_of_the_group_that_is_read():
+    import tomllib
+
+    from tvsysid.methods.foreign import GROUP
+
+    (project,) = blocks("toml")
+    assert tomllib.loads(project)["project"]["entry-points"] == {GROUP: {"sliding": "mymethod:SlidingFit"}}

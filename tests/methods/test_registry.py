@@ -1,0 +1,299 @@
+import sys
+import textwrap
+
+import pytest
+
+import tvsysid as tv
+from tvsysid.methods import clashes, create, describe, key_of, names, parse
+
+MODULE = '''
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A method with every kind of setting."""
+
+    window: float = 0.1
+    order: int | None = 3
+    band: tuple[float, float] = (0.0, 20.0)
+    robust: bool = False
+    kind: Literal["fast", "slow"] = "fast"
+    file: Path = Path(".")
+    weights: np.ndarray | None = None
+    name: str = ""
+
+    title = "My fit"
+    assumptions = ("All is well.",)
+
+    def __post_init__(self):
+        if self.window <= 0:
+            raise ValueError("window must be positive")
+
+    def identify(self, ensemble):
+        return ensemble
+
+
+class Plain:
+    def __init__(self, gain=1.0, label="none"):
+        self.gain, self.label = gain, label
+
+    def identify(self, ensemble):
+        return ensemble
+
+
+class Open(Plain):
+    def __init__(self, **settings):
+        self.settings = settings
+
+
+@dataclass
+class Needy:
+    window: float
+    order: int
+
+    def identify(self, ensemble):
+        return ensemble
+
+
+class Nothing:
+    pass
+
+
+class Outer:
+    Inner = Fit
+
+
+def function(ensemble):
+    return ensemble
+
+
+ready = Fit(window=0.7)
+'''
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """Folder on the path with a module of methods."""
+    (tmp_path / "mine_for_tests.py").write_text(MODULE)
+    (tmp_path / "broken_for_tests.py").write_text("first = 1\n\nratio = first / 0\n")
+    (tmp_path / "unparsable_for_tests.py").write_text("def f(:\n")
+    (tmp_path / "importing_for_tests.py").write_text("import a_module_that_nobody_has\n")
+    (tmp_path / "quitting_for_tests.py").write_text("import sys\nsys.exit(3)\n")
+    (tmp_path / "empty_for_tests.py").write_text("x = 1\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    yield tmp_path
+    for name in [name for name in sys.modules if name.endswith("_for_tests")]:
+        del sys.modules[name]
+
+
+@pytest.fixture
+def installed(folder):
+    """Offer entry points as an installed package does."""
+    info = folder / "mypackage-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: mypackage\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(
+        textwrap.dedent("""\
+            [tvsysid.methods]
+            fit = mine_for_tests:Fit
+            ready = mine_for_tests:ready
+            needy = mine_for_tests:Needy
+            gone = mine_for_tests:Gone
+            missing = nowhere_for_tests:Fit
+            failing = broken_for_tests:Fit
+            sds = mine_for_tests:Fit
+            """)
+    )
+    return folder
+
+
+@pytest.mark.usefixtures("folder")
+def test_class_of_ones_own():
+    method = parse("mine_for_tests:Fit")
+    assert type(method).__name__ == "Fit"
+    assert method.window == 0.1
+    assert parse("mine_for_tests:Outer.Inner") == method
+    assert create("mine_for_tests:Fit", window=0.2).window == 0.2
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize(
+    ("text", "name", "value"),
+    [
+        ("window=0.2", "window", 0.2),
+        ("window=2", "window", 2.0),
+        ("order=5", "order", 5),
+        ("order=null", "order", None),
+        ("band=[1, 30],order=2", "band", (1.0, 30.0)),
+        ("robust=true", "robust", True),
+        ("robust=yes", "robust", True),
+        ("kind=slow", "kind", "slow"),
+        ("name=5", "name", "5"),
+        ("name=two words", "name", "two words"),
+    ],
+)
+def test_settings_get_the_types_of_the_fields(text, name, value):
+    found = getattr(parse(f"mine_for_tests:Fit:{text}"), name)
+    assert found == value
+    assert type(found) is type(value)
+
+
+@pytest.mark.usefixtures("folder")
+def test_settings_of_what_is_no_dataclass_are_read_as_json():
+    method = parse("mine_for_tests:Plain:gain=2,label=[1, 2]")
+    assert (method.gain, method.label) == (2, [1, 2])
+    assert parse("mine_for_tests:Plain:label=some text").label == "some text"
+    assert parse("mine_for_tests:Open:whatever=1.5").settings == {"whatever": 1.5}
+
+
+@pytest.mark.usefixtures("folder")
+def test_object_serves_as_it_is():
+    import mine_for_tests
+
+    assert parse("mine_for_tests:ready") is mine_for_tests.ready
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("nowhere_for_tests:Fit", r"no module 'nowhere_for_tests'; the current folder and the installed packages were"),
+        ("mine_for_tests.part:Fit", r"no module 'mine_for_tests.part'"),
+        ("./mine_for_tests.py:Fit", r"expected the name of a module, got a file; .* give mine_for_tests:Fit"),
+        ("mine for tests:Fit", r"expected module:Class, as in mypackage\.mymodule:MyMethod"),
+        ("mine_for_tests", r"unknown method 'mine_for_tests'; .* of your own is named module:Class"),
+        (
+            "broken_for_tests:Fit",
+            r"module 'broken_for_tests' fails while it is imported: ZeroDivisionError: division by zero "
+            r"\(broken_for_tests\.py, line 3\)",
+        ),
+        (
+            "unparsable_for_tests:Fit",
+            r"fails while it is imported: SyntaxError: .*unparsable_for_tests\.py, line 1\)",
+        ),
+        (
+            "importing_for_tests:Fit",
+            r"module 'importing_for_tests' fails while it is imported: ModuleNotFoundError: "
+            r"No module named 'a_module_that_nobody_has' \(importing_for_tests\.py, line 1\)",
+        ),
+        ("quitting_for_tests:Fit", r"fails while it is imported: SystemExit: 3 \(quitting_for_tests\.py, line 2\)"),
+        ("mine_for_tests:fit", r"has no 'fit'; what it has with identify: Fit, Plain, Open, Needy, ready"),
+        ("empty_for_tests:Fit", r"has no 'Fit'; nothing in it has identify"),
+        (
+            "mine_for_tests:Nothing",
+            r"class Nothing has no identify; a method is a class with identify",
+        ),
+        ("mine_for_tests:function", r"an object of type function has no identify"),
+        ("mine_for_tests:ready:window=1", r"takes no settings, got window; name its class Fit"),
+        (
+            "mine_for_tests:Needy",
+            r"class Needy needs window, order; give a value, as in mine_for_tests:Needy:window=…,order=…",
+        ),
+        ("mine_for_tests:Needy:order=2", r"class Needy needs window; give a value"),
+        (
+            "mine_for_tests:Fit:windw=1",
+            r"unknown setting 'windw'; its settings are window, order, band, robust, kind, file, weights, name",
+        ),
+        ("mine_for_tests:Plain:windw=1", r"unknown setting 'windw'; its settings are gain, label"),
+        ("mine_for_tests:Fit:window=1,order", r"expected setting=value, got 'order'"),
+        ("mine_for_tests:Fit:window=wide", r"window cannot be 'wide': input should be a valid number"),
+        ("mine_for_tests:Fit:kind=middling", r"kind cannot be 'middling': input should be 'fast' or 'slow'"),
+        ("mine_for_tests:Fit:weights=[1]", r"weights cannot be '\[1\]': input should be an instance of ndarray"),
+        (
+            "mine_for_tests:Fit:window=-1",
+            r"class Fit cannot be made with these settings: ValueError: window must be positive "
+            r"\(mine_for_tests\.py, line 27\)",
+        ),
+    ],
+)
+def test_what_cannot_be_used_is_told(text, message):
+    with pytest.raises(tv.InputError, match=message):
+        parse(text)
+
+
+def test_the_packages_own_come_first():
+    assert names()[:5] == tuple(tv.methods.METHODS) == ("eirf", "sds", "birf", "esm", "kbr")
+    with pytest.raises(tv.InputError, match="expected setting=value, got 'window'"):
+        parse("sds:window")
+
+
+@pytest.mark.usefixtures("installed")
+def test_installed_methods_are_known_without_being_loaded():
+    assert names() == (*tv.methods.METHODS, "failing", "fit", "gone", "missing", "needy", "ready")
+    assert "mine_for_tests" not in sys.modules
+    assert parse("fit:window=0.3,band=[1,2]").window == 0.3
+    assert create("fit", window=0.4).window == 0.4
+    assert parse("ready").window == 0.7
+    assert tv.benchmark.Study(methods=["sds", "fit"]).named_methods["fit"] == create("fit")
+
+
+@pytest.mark.usefixtures("installed")
+def test_an_installed_method_cannot_take_the_place_of_the_packages_own():
+    assert parse("sds") == tv.ShortDataSegments()
+    (told,) = clashes()
+    assert "'sds' is offered by the installed package mypackage too" in told
+    assert told.endswith("Name the other mine_for_tests:Fit")
+
+
+@pytest.mark.usefixtures("installed")
+@pytest.mark.parametrize(
+    ("key", "message"),
+    [
+        ("gone", r"'gone' of the installed package mypackage cannot be loaded: .* has no 'Gone'"),
+        ("missing", r"'missing' of the installed package mypackage cannot be loaded: .* no module 'nowhere_for_tests'"),
+        ("failing", r"'failing' of the installed package mypackage cannot be loaded: .* ZeroDivisionError"),
+        ("needy", r"class Needy needs window, order"),
+        ("other", r"unknown method 'other'; the methods are eirf, sds, birf, esm, kbr, failing, fit, gone"),
+    ],
+)
+def test_installed_methods_that_cannot_be_used_are_told(key, message):
+    with pytest.raises(tv.InputError, match=message):
+        create(key)
+
+
+def test_unreadable_metadata_of_another_package_stops_nothing(installed):
+    info = installed / "another-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Name: another\n")
+    (info / "entry_points.txt").write_text("[tvsysid.methods]\nno equals sign\n")
+    assert "fit" in names()
+
+
+@pytest.mark.usefixtures("installed")
+def test_a_study_holds_the_five_whatever_is_installed():
+    assert tv.benchmark.Study().methods == tuple(tv.methods.METHODS)
+
+
+@pytest.mark.usefixtures("installed")
+def test_description():
+    sds = describe("sds")
+    assert sds.title == "Short data segments"
+    assert sds.settings == ("max_lag = 0.12", "window = 0.1")
+    mine = describe("fit")
+    assert (mine.title, mine.assumptions) == ("My fit", ("All is well.",))
+    assert mine.settings[:3] == ("window = 0.1", "order = 3", "band = (0.0, 20.0)")
+    assert describe("needy").settings == ("window (must be given)", "order (must be given)")
+    assert describe("mine_for_tests:Plain") == ("Plain", (), ("gain = 1.0", "label = 'none'"))
+    assert describe("ready").settings == ()
+
+
+def test_colours_tell_methods_of_ones_own_apart():
+    from tvsysid.figures.style import lines
+
+    shown = lines(["sds", "sds:window=0.2", "mine:One", "mine:Two", "mine:Two:order=1"])
+    assert shown["sds"][0] == shown["sds:window=0.2"][0] != shown["mine:One"][0]
+    assert shown["mine:One"][0] != shown["mine:Two"][0] == shown["mine:Two:order=1"][0]
+    assert shown["mine:Two"][1] != shown["mine:Two:order=1"][1]
+
+
+@pytest.mark.parametrize(
+    ("text", "key"),
+    [("kbr:preset=experiment", "kbr"), ("a.b:C.D", "a.b:C.D"), ("fit:order=1", "fit"), ("Mine(a=1)", "Mine(a=1)")],
+)
+def test_key_without_settings(text, key):
+    assert key_of(text) == key

@@ -128,8 +128,8 @@ def benchmark(
         Preset | None,
         typer.Option(
             help="`quick` (the default), `paper` (van de Ruit et al. 2021: 40 to 600 s, 100 trials, and their sine), "
-            "`snr` (0 to 30 dB), `viscosity` (constant, and rising with stiffness). Options below take the place of its "
-            "settings."
+            "`snr` (0 to 30 dB), `viscosity` (constant, and rising with stiffness). Options below take the place of "
+            "its settings."
         ),
     ] = None,
     stiffness: Annotated[
@@ -194,12 +194,12 @@ def benchmark(
     """
     from tvsysid.benchmark import Study
 
-    options = {
-        "stiffness": stiffness and [str(item) for item in stiffness],
-        "perturbation": perturbation and [str(item) for item in perturbation],
+    options: dict[str, Any] = {
+        "stiffness": [item.value for item in stiffness or ()],
+        "perturbation": [item.value for item in perturbation or ()],
         "duration_s": duration,
         "snr_db": snr,
-        "viscosity": viscosity and [str(item) for item in viscosity],
+        "viscosity": [item.value for item in viscosity or ()],
         "methods": list(dict.fromkeys(method)),
         "trials": trials,
         "seed": seed,
@@ -534,7 +534,7 @@ def _waiting(title: str) -> Iterator[None]:
 
 
 def _command_line() -> str:
-    """This command, as it may be typed again."""
+    """The command as it may be typed again."""
     return shlex.join(["tvsysid", *sys.argv[1:]])
 
 
@@ -595,7 +595,7 @@ def _run_study(study: Any, out: Path, workers: int | None, scheduler: str | None
             return run(study, store=out / STORE, workers=workers or threads, executor=executor, progress=count_kept)
     except KeyboardInterrupt:
         errors.print(
-            f"tvsysid: interrupted; {kept[0]} of {kept[1]} trials are in {out / STORE}, the same command goes on from there",
+            f"tvsysid: interrupted; {kept[0]} of {kept[1]} trials are in {out / STORE}, the same command goes on",
             highlight=False,
             soft_wrap=True,
         )
@@ -618,7 +618,7 @@ def _executor(scheduler: str | None) -> Iterator[tuple[Any, int | None]]:
     except ImportError as error:
         raise InputError("--scheduler needs Dask: pip install 'tvsysid[dask]'") from error
     try:
-        client = Client(scheduler, timeout="10s")
+        client: Any = Client(scheduler, timeout="10s")  # type: ignore[no-untyped-call]
     except (OSError, ValueError, TypeError) as error:
         raise InputError(f"--scheduler {scheduler}: no Dask scheduler answers there: {error}") from error
     with client:
@@ -700,7 +700,7 @@ def _benchmark_table(rows: pd.DataFrame) -> Table:
         "seconds": ("time\n(ms)", "{:.0f}"),
     }
     present = [name for name in shown if (rows.metric == name).any()]
-    most = rows.loc[rows.trials.idxmax()]
+    most: Any = rows.iloc[int(rows.trials.argmax())]
     table = Table(title=_scenario_title(most), title_justify="left")
     table.add_column("method", overflow="fold")
     for name in present:
@@ -720,8 +720,8 @@ def _claims_table(claims: pd.DataFrame) -> Table:
     table.add_column("claim", overflow="fold")
     table.add_column("verdict", overflow="fold")
     symbols = {"holds": "✓", "does not hold": "✗", "undecided": "?", "not studied": "·"}
-    for row in claims.itertuples():
-        table.add_row(row.claim, f"{symbols[row.verdict]} {row.verdict}")
+    for claim, verdict in zip(claims.claim.astype(str), claims.verdict.astype(str), strict=True):
+        table.add_row(claim, f"{symbols[verdict]} {verdict}")
     return table
 
 

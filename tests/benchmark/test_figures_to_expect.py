@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.signal import bessel, cont2discrete, ss2tf
 
-from tvsysid.benchmark import Study, run, summarize
+from tvsysid.benchmark import Study, run, score, summarize
 
 # Lowest and highest bias, random error (N·m/rad) and rise time (s) at 150 s.
 INDEPENDENT = {
@@ -30,7 +30,7 @@ cells = pytest.mark.parametrize("cell", INDEPENDENT, ids="-".join)
 
 
 def study_figures(trials):
-    table = summarize(run(Study(trials=trials), workers=1))
+    table = summarize(score(run(Study(trials=trials), workers=1)))
     return table.set_index(["perturbation", "method", "metric"]).sort_index().value
 
 

@@ -146,7 +146,7 @@ def test_something_else_in_the_way_is_refused(tmp_path):
     assert file.read_text() == "mine"
     assert [item.name for item in folder.iterdir()] == ["mine.txt"]
     foreign = tmp_path / "foreign.zarr"
-    xr.Dataset({"a": ("x", np.arange(3.0))}).to_zarr(foreign, zarr_format=3, consolidated=True)
+    xr.Dataset({"a": ("x", np.arange(3.0))}).to_zarr(foreign, zarr_format=3, consolidated=False)
     with pytest.raises(tv.InputError, match="layout 1, found none"):
         run(STUDY, store=foreign, workers=1)
     for place in (file, folder, foreign):

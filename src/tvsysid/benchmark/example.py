@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from tvsysid.benchmark.study import PERIOD, PERTURBATIONS, PROFILES, RATE, Scenario, Study
-from tvsysid.methods import BasisIRF, EnsembleIRF, ShortDataSegments
+from tvsysid.methods import BasisIRF, EnsembleIRF, Method, ShortDataSegments
 from tvsysid.numerics.differentiation import HALF_WIDTH, derivative_weights
 from tvsysid.preprocess import decimate, segment
 from tvsysid.simulate import joint
@@ -47,7 +47,8 @@ def example_responses(seed: int = 0) -> xr.Dataset:
         seed=Study(seed=seed).seed_of(SCENARIO, 0),
     )
     ensemble = segment(decimate(simulation.recording, RATE), PERIOD)
-    models = [method.identify(ensemble) for method in (EnsembleIRF(), ShortDataSegments(), BasisIRF(model="irf"))]
+    methods: list[Method] = [EnsembleIRF(), ShortDataSegments(), BasisIRF(model="irf")]
+    models: list[Any] = [method.identify(ensemble) for method in methods]
     stiffness = np.asarray(PROFILES[SCENARIO.stiffness](np.array(INSTANTS)))
     viscosity = float(simulation.viscosity[0])
     # Discrete weights of a derivative of order m are those for unit sample time, times the rate to the power m; a

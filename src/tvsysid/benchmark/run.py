@@ -115,10 +115,10 @@ def _run_missing(
 def _outcomes(trials: list[Trial], workers: int | None, executor: Executor | None) -> Iterator[tuple[Trial, Outcome]]:
     if executor is not None:
         try:
-            yield from _from(executor, trials, workers or getattr(executor, "_max_workers", UNKNOWN_WORKERS))
+            yield from _from(executor, trials, workers or int(getattr(executor, "_max_workers", UNKNOWN_WORKERS)))
         except BrokenExecutor as error:
             raise InputError(
-                f"run: the executor gave up: {error}; what was finished is in the store, the same call goes on from there"
+                f"run: the executor gave up: {error}; what was finished is kept in the store; the same call goes on"
             ) from error
         return
     workers = min(workers or os.cpu_count() or 1, len(trials))

@@ -23,8 +23,10 @@ DRAWS = 1000
 """Bootstrap draws."""
 WEIGHTS = 2_000_000
 """Weights of draws times trials that are held at a time: with very many trials there are fewer draws."""
-SWITCH_REACH = 0.2
-"""Seconds about a switch that count as near it: the longest lag and half the longest window."""
+AT_SWITCH = 0.05
+"""Seconds to either side of a switch that are at it."""
+AWAY = 0.3
+"""Seconds from a switch beyond which no window or lag of the paper's methods reaches it."""
 UNITS = {
     name: metric.unit for name, metric in metrics.CATALOGUE.items() if name != "time_varying_vaf"
 } | {
@@ -32,6 +34,8 @@ UNITS = {
     "lowest_time_varying_vaf": "%",
     "switch_dip": "percentage points",
     "time_varying_vaf_sd": "percentage points",
+    "time_varying_vaf_sd_soft": "percentage points",
+    "time_varying_vaf_sd_stiff": "percentage points",
     "left_out": "samples",
     "failed": "trials",
     "seconds": "s",
@@ -56,8 +60,8 @@ COLUMNS = (
 def score(results: xr.Dataset) -> xr.Dataset:
     """Every metric of every scenario and method, with bootstrap replicates.
 
-    A replicate is the metric of trials drawn with replacement. The same draws serve all methods and scenarios, so that the
-    uncertainty of a difference between methods, which see the same data, is that of the difference of their replicates.
+    A replicate is the metric of trials drawn with replacement. The same draws serve all methods and scenarios, so that
+    the uncertainty of a difference between methods, which see the same data, is that of the difference of their replicates.
 
     Parameters
     ----------
@@ -72,8 +76,9 @@ def score(results: xr.Dataset) -> xr.Dataset:
         method_key, metric, draw), and ``trials`` that count over (scenario, method_key). ``vaf`` and
         ``bandpassed_vaf`` are means over trials, ``lowest_vaf`` is that of the worst trial, ``lowest_time_varying_vaf``
         that of the worst time after averaging over trials; all are against the noiseless torque. ``switch_dip`` (square
-        wave) is the mean time-varying VAF away from the switches minus the lowest near one;
-        ``time_varying_vaf_sd`` its standard deviation over trials, averaged over time. ``left_out`` counts times
+        wave) is the mean time-varying VAF 0.3 s and more from the switches minus that within 0.05 s of one;
+        ``time_varying_vaf_sd`` is its standard deviation over trials, averaged over time, ``..._soft`` and ``..._stiff``
+        over times of less and more than the mean stiffness. ``left_out`` counts times
         without an estimate; ``failed`` counts trials; ``seconds`` is the mean time an identification took.
 
     References
@@ -136,8 +141,8 @@ def summarize(scores: xr.Dataset) -> pd.DataFrame:
     -------
     pandas.DataFrame
         Columns ``COLUMNS``; stiffness is the name of the profile, trials the number that count, standard_error that of
-        the Monte-Carlo estimate (NaN for counts, for the worst trial, and for a single one). Rows of metrics that do not
-        apply are left out.
+        the Monte-Carlo estimate (NaN for counts, for the worst trial, and for a single one). Rows of metrics that do
+        not apply are left out.
     """
     rows = [row for scenario in scores.scenario.values for row in _rows(scores.sel(scenario=scenario))]
     return pd.DataFrame(rows, columns=list(COLUMNS))
@@ -150,10 +155,11 @@ def _rows(cell: Any) -> Iterator[tuple[Any, ...]]:
         str(cell.viscosity.values),
     )  # fmt: skip
     square = isinstance(PROFILES[profile], SquareWave)
+    absent = () if square else ("rise_time", "switch_dip")
     for method in cell.method_key.values:
         own = cell.sel(method_key=method)
         for name, value, error in zip(own.metric.values, own.value.values, own.standard_error.values, strict=True):
-            if square or name not in ("rise_time", "switch_dip"):
+            if name not in absent:
                 yield *labels, str(method), int(own.trials), str(name), float(value), float(error), UNITS[str(name)]
 
 
@@ -173,7 +179,8 @@ def _values(own: Any) -> Iterator[tuple[str, float]]:
     yield "bandpassed_vaf", float(own.bandpassed_vaf.values[:, 0].mean())
     yield "lowest_vaf", float(own.vaf.values[:, 0].min())
     yield "lowest_time_varying_vaf", float(_least(over_time.mean(axis=0)))
-    yield "time_varying_vaf_sd", float(np.nanmean(over_time.std(axis=0)))
+    for name, spread in _spreads(over_time.std(axis=0), truth):
+        yield name, float(spread)
     yield "left_out", float(metrics.left_out(estimates))
     yield "seconds", float(own.seconds.values.mean())
 
@@ -201,8 +208,18 @@ def _replicates(own: Any, weights: Array) -> Iterator[tuple[str, Array]]:
     yield "bandpassed_vaf", weights @ own.bandpassed_vaf.values[:, 0]
     yield "lowest_time_varying_vaf", _least(mean_over_time)
     variance = np.maximum(0.0, weights @ over_time**2 - mean_over_time**2)
-    yield "time_varying_vaf_sd", np.sqrt(variance)[:, np.isfinite(over_time).all(axis=0)].mean(axis=1)
+    yield from _spreads(np.sqrt(variance), truth)
     yield "seconds", weights @ own.seconds.values
+
+
+def _spreads(deviation: Array, truth: Array) -> Iterator[tuple[str, Array]]:
+    """Standard deviations over trials averaged over all, soft and stiff times; time is the last axis."""
+    known = np.isfinite(deviation).reshape(-1, len(truth)).all(axis=0)
+    mean = truth.mean()
+    for ending, times in (("", truth > -np.inf), ("_soft", truth < mean), ("_stiff", truth > mean)):
+        chosen = deviation[..., known & times]
+        empty = np.full(deviation.shape[:-1], np.nan)
+        yield f"time_varying_vaf_sd{ending}", chosen.mean(axis=-1) if chosen.shape[-1] else empty
 
 
 def _rise_time(time: Array, estimates: Array, wave: SquareWave) -> float:
@@ -211,12 +228,14 @@ def _rise_time(time: Array, estimates: Array, wave: SquareWave) -> float:
 
 
 def _dip(time: Array, over_time: Array, wave: SquareWave) -> Array:
-    """How far the lowest value near a switch lies below the mean elsewhere; time is the last axis."""
+    """How far the mean at the switches lies below that away from them; time is the last axis."""
     half = wave.period / 2
-    near = np.abs((time - wave.offset + half / 2) % half - half / 2) <= SWITCH_REACH
-    known = np.isfinite(over_time)
-    elsewhere = np.mean(over_time, axis=-1, where=known & ~near) if (known & ~near).any() else np.nan
-    return np.asarray(elsewhere - np.min(over_time, axis=-1, where=known & near, initial=100.0))
+    distance = np.abs((time - wave.offset + half / 2) % half - half / 2)
+    known = np.isfinite(over_time).reshape(-1, len(time)).all(axis=0)
+    at, away = known & (distance <= AT_SWITCH + 1e-9), known & (distance >= AWAY)
+    if not (at.any() and away.any()):
+        return np.full(over_time.shape[:-1], np.nan)
+    return np.asarray(over_time[..., away].mean(axis=-1) - over_time[..., at].mean(axis=-1))
 
 
 def _least(values: Array) -> Array:

@@ -1,8 +1,8 @@
 """Where a study's results are kept: xarray on Zarr, a chunk of each variable for each trial, whole or absent.
 
-A trial's chunks are written first and its ``checksums`` last: the length and CRC-32 of every chunk's file. A trial is there
-if its files are as its checksums say. A file that is missing or cut short is what a kill or a loss of power leaves, and
-the trial is run again. A whole file with other content is damage, and is refused.
+A trial's chunks are written first and its ``checksums`` last: the length and CRC-32 of every chunk's file. A trial is
+there if its files are as its checksums say. A file that is missing or cut short is what a kill or a loss of power
+leaves, and the trial is run again. A whole file with other content is damage, and is refused.
 
 The metadata depends on the study alone. So a store is known to be that of a study by holding what a new one would
 hold, and metadata that was cut short can be written again.
@@ -179,7 +179,8 @@ def read_results(path: str | Path) -> xr.Dataset:
         for name, values in results.coords.items()
         if values.dtype.kind == "T"
     }
-    return results.assign_coords(texts)[[*MEASURED, "true_stiffness", "checksums"]]
+    chosen: xr.Dataset = results.assign_coords(texts)[[*MEASURED, "true_stiffness", "checksums"]]
+    return chosen
 
 
 def size_in_bytes(study: Study) -> int:
@@ -250,7 +251,7 @@ def _create(path: Path, study: Study, of_machine: str) -> None:
         "versions": json.dumps(versions()),
         "machine": of_machine,
     }
-    group = zarr.create_group(path, zarr_format=3, attributes=attributes)
+    group: Any = zarr.create_group(path, zarr_format=3, attributes=attributes)
 
     def add(name: str, dims: tuple[str, ...], values: Any, **attributes: str) -> None:
         array = np.asarray(values)
@@ -282,6 +283,8 @@ def _create(path: Path, study: Study, of_machine: str) -> None:
 
     last = {"stiffness": "time", "time_varying_vaf": "time", "vaf": "statistic", "bandpassed_vaf": "statistic"}
     shape: tuple[int, ...]
+    dims: tuple[str, ...]
+    fill: Any
     for name in (*MEASURED, "checksums"):
         if name in ("checksums", "stage_seconds"):
             kind, fill, labels = ("<u8", 0, MEASURED) if name == "checksums" else ("<f8", np.nan, STAGES)

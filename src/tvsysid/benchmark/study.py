@@ -86,7 +86,9 @@ class _Settings(BaseModel):
     @field_validator("stiffness", "perturbation", "viscosity", check_fields=False)
     @classmethod
     def _known(cls, values: tuple[str, ...] | None, info: Any) -> tuple[str, ...] | None:
-        known = {"stiffness": PROFILES, "perturbation": PERTURBATIONS, "viscosity": VISCOSITIES}[info.field_name]
+        known = {"stiffness": (*PROFILES,), "perturbation": (*PERTURBATIONS,), "viscosity": VISCOSITIES}[
+            info.field_name
+        ]
         for value in values or ():
             if value not in known:
                 raise ValueError(f"unknown name {value!r}; expected one of {', '.join(known)}")
@@ -275,7 +277,7 @@ PRESETS: dict[str, dict[str, Any]] = {
     "snr": {"snr_db": (0.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0), "trials": 100},
     "viscosity": {"viscosity": VISCOSITIES, "trials": 100},
 }
-"""Studies by name: the default; that of van de Ruit et al. 2021 with its Appendix A; and two questions that it leaves."""
+"""Studies by name: the default, that of van de Ruit et al. 2021 with its Appendix A, and two that it leaves open."""
 
 
 def _overridden(settings: dict[str, Any], others: dict[str, Any]) -> dict[str, Any]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import platform
 import time
-import traceback
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -21,6 +20,7 @@ from threadpoolctl import ThreadpoolController
 from tvsysid import metrics
 from tvsysid.benchmark.study import PERIOD, PERTURBATIONS, RATE, Scenario
 from tvsysid.errors import DoubtfulWarning, InputError
+from tvsysid.methods.foreign import told
 from tvsysid.preprocess import decimate, segment
 from tvsysid.signals import Ensemble
 from tvsysid.simulate import joint
@@ -190,7 +190,7 @@ def _attempt(method: bytes, ensemble: Ensemble, torque: Array, clock: _Clock) ->
     try:
         return _measure(_unpickled(method), ensemble, torque, clock)
     except (Exception, SystemExit) as error:
-        return _failed(_reason(error))
+        return _failed(told(error))
 
 
 def _measure(method: Any, ensemble: Ensemble, torque: Array, clock: _Clock) -> dict[str, Any]:
@@ -203,7 +203,7 @@ def _measure(method: Any, ensemble: Ensemble, torque: Array, clock: _Clock) -> d
     if stiffness.shape != (ensemble.samples,):
         raise InputError(f"the model's stiffness must have the shape ({ensemble.samples},), it has {stiffness.shape}")
     diagnostics = getattr(model, "diagnostics", None)
-    told = [str(item.message) for item in caught if issubclass(item.category, DoubtfulWarning)]
+    doubts = [str(item.message) for item in caught if issubclass(item.category, DoubtfulWarning)]
     with clock.stage("scoring"):
         predicted = model.predict(ensemble)
         return {
@@ -213,7 +213,7 @@ def _measure(method: Any, ensemble: Ensemble, torque: Array, clock: _Clock) -> d
             "bandpassed_vaf": _statistics(metrics.bandpassed_vaf(torque, predicted, RATE)),
             "parameters": float(getattr(diagnostics, "parameters", np.nan)),
             "seconds": seconds,
-            "doubts": "; ".join(dict.fromkeys(told)),
+            "doubts": "; ".join(dict.fromkeys(doubts)),
             "failure": "",
         }
 
@@ -221,12 +221,3 @@ def _measure(method: Any, ensemble: Ensemble, torque: Array, clock: _Clock) -> d
 def _statistics(values: Array) -> Array:
     known = values[np.isfinite(values)]
     return np.array([known.mean(), known.std(), known.min()]) if len(known) else np.full(len(STATISTICS), np.nan)
-
-
-def _reason(error: BaseException) -> str:
-    """An error in one line, with the place where it arose."""
-    words = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-    frames = traceback.extract_tb(error.__traceback__)
-    if isinstance(error, InputError) or not frames:
-        return words
-    return f"{words} ({frames[-1].filename}:{frames[-1].lineno})"

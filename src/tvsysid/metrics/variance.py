@@ -112,7 +112,7 @@ def bandpassed_vaf(
         raise InputError(
             f"bandpassed_vaf: expected a band that rises within 0 to {sampling_rate / 2:g} Hz, got {band!r}"
         )
-    known = np.isfinite(measured).all(axis=0) & np.isfinite(model).all(axis=0)
+    known = np.asarray(np.isfinite(measured).all(axis=0) & np.isfinite(model).all(axis=0))
     count = int(np.count_nonzero(known))
     if count <= SHORTEST_FILTERED:
         return np.full(len(measured), np.nan)

@@ -2,6 +2,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from tests.synthetic import METHODS, fail, results_of, summary_of
 
 from tvsysid.figures import method_comparison
@@ -134,7 +135,7 @@ def test_eight_methods_with_long_labels_do_not_overlap():
     results = results_of([("square", "prbs", 150.0, 10.0)], methods, 2)
     labels = list(results.scenario.values)
     figure = method_comparison(results, summary_of(results), labels, labels)
-    figure.canvas.draw()
+    FigureCanvasAgg(figure).draw()
     boxes = [axes.title.get_window_extent() for axes in columns(figure, 8)[0]]
     for left, right in pairwise(boxes):
         assert left.x1 <= right.x0

@@ -1,4 +1,5 @@
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from tests.synthetic import responses_of
 
 from tvsysid.figures import impulse_responses
@@ -23,7 +24,7 @@ def test_truth_below_and_methods_dashed_in_their_colours():
 def test_long_labels_and_one_instant():
     methods = ("sds:window=0.2,max_lag=0.1", "mine:AMethodWithANameThatHardlyEverSeemsToEnd", "eirf", "birf", "own")
     figure = impulse_responses(responses_of(methods).isel(instant=[0]))
-    figure.canvas.draw()
+    FigureCanvasAgg(figure).draw()
     legend = figure.legends[0].get_window_extent()
     assert figure.axes[0].get_window_extent().x1 <= legend.x0
     assert legend.x1 <= figure.bbox.x1

@@ -47,8 +47,8 @@ def differing(scenarios: Sequence[Mapping[str, Any]]) -> list[str]:
     return [", ".join(trait(name, scenario[name]) for name in names) for scenario in scenarios]
 
 
-def described(scenario: Mapping[str, Any]) -> str:
-    """Scenario in words.
+def described(scenario: Mapping[str, Any], names: Sequence[str] = TRAITS) -> str:
+    """Scenario in words; viscosity is told only where it varies with stiffness.
 
     Examples
     --------
@@ -56,11 +56,15 @@ def described(scenario: Mapping[str, Any]) -> str:
     ...            "viscosity": "constant"})
     'square-wave stiffness, filtered noise, 150 s, 10 dB'
     """
-    profile, perturbation = str(scenario["profile"]), str(scenario["perturbation"])
-    words = [PROFILES.get(profile, profile), PERTURBATIONS.get(perturbation, perturbation)]
-    words += [trait(name, scenario[name]) for name in ("duration_s", "snr_db")]
-    if scenario["viscosity"] == "covarying":
-        words.append("viscosity that varies with stiffness")
+    words = []
+    for name in names:
+        value = scenario[name]
+        if name in ("profile", "perturbation"):
+            words.append((PROFILES if name == "profile" else PERTURBATIONS).get(value, str(value)))
+        elif name != "viscosity":
+            words.append(trait(name, value))
+        elif value == "covarying":
+            words.append("viscosity that varies with stiffness")
     return ", ".join(words)
 
 

@@ -4,6 +4,7 @@ from . import methods as methods
 from . import metrics as metrics
 from . import preprocess as preprocess
 from . import recordings as recordings
+from . import report as report
 from . import simulate as simulate
 from .errors import DoubtfulWarning as DoubtfulWarning
 from .errors import InputError as InputError

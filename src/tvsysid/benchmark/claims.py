@@ -220,7 +220,8 @@ def _amount(metric: str, value: float) -> str:
 def _more(scores: Any, cell: str, metric: str, high: str, low: str) -> Margin:
     """That a metric of one method is above that of another."""
     (above, above_left), (below, below_left) = (_figure(scores, cell, method, metric) for method in (high, low))
-    words = f"{NAMES[metric]} of {high} {_amount(metric, above)}, of {low} {_amount(metric, below)} ({_where(scores, cell)})"
+    figures = f"{high} {_amount(metric, above)}, of {low} {_amount(metric, below)}"
+    words = f"{NAMES[metric]} of {figures} ({_where(scores, cell)})"
     if metric in RATIOS:
         return Margin(words, float(np.log(above / below)), np.log(above_left / below_left))
     return Margin(words, above - below, above_left - below_left)
@@ -398,13 +399,13 @@ DECIMATION = (
 )
 SINE_BIAS = (
     "Ten cubic B-splines represent a sine of the period almost exactly, so that the bias of birf is among the "
-    "smallest; that of esm is the largest, for its window of 0.3 s averages a curve that bends and its estimate at 0 Hz "
-    "leaks. An independent implementation finds the same ranking."
+    "smallest; that of esm is the largest, for its window of 0.3 s averages a curve that bends and its estimate at "
+    "0 Hz leaks. An independent implementation finds the same ranking."
 )
 VAF_RANKING = (
     "eirf estimates 25 numbers at each of 200 times and predicts with all their noise, so that against noiseless "
-    "torque the methods that average do better up to 600 s. Measured against noisy torque, as with people, the VAF rewards "
-    "fitting the noise, and eirf has the highest; the paper's statement may come from there."
+    "torque the methods that average do better up to 600 s. Measured against noisy torque, as with people, the VAF "
+    "rewards fitting the noise, and eirf has the highest; the paper's statement may come from there."
 )
 PERTURBATION = (
     "The noise is scaled to the torque, of which inertia takes a larger part with PRBS, and the two perturbations "
@@ -417,14 +418,18 @@ CLAIMS: tuple[Claim, ...] = (
     Claim("eirf has the shortest rise time", "3.4", _extreme("rise_time", "eirf", False), "s", SQUARE),
     Claim("birf has the largest bias", "3.4", _extreme("debiased_bias_error", "birf", True), STIFFNESS, SQUARE),
     Claim("birf has the smallest random error", "3.4", _extreme("random_error", "birf", False), RATIO, SQUARE),
-    Claim("sds, esm and kbr lie between in bias", "3.4", _between("debiased_bias_error", "eirf", "birf"), STIFFNESS, SQUARE),
-    Claim("sds, esm and kbr lie between in random error", "3.4", _between("random_error", "birf", "eirf"), RATIO, SQUARE),
-    Claim("sds, esm and kbr lie between in rise time", "3.4", _between("rise_time", "eirf", "birf"), "s", SQUARE),
+    Claim("sds, esm, kbr lie between in bias", "3.4", _between("debiased_bias_error", "eirf", "birf"), STIFFNESS, SQUARE),
+    Claim("sds, esm, kbr lie between in random error", "3.4", _between("random_error", "birf", "eirf"), RATIO, SQUARE),
+    Claim("sds, esm, kbr lie between in rise time", "3.4", _between("rise_time", "eirf", "birf"), "s", SQUARE),
     Claim(
         "eirf is most sensitive to the amount of data", "3.4", _falls_most, RATIO, "several durations of a square wave"
     ),
     Claim(
-        "eirf improves strongly above 40 s", "3.4", _improves_above_40, RATIO, "a square wave of 40 and of 80 s at 10 dB"
+        "eirf improves strongly above 40 s",
+        "3.4",
+        _improves_above_40,
+        RATIO,
+        "a square wave of 40 and of 80 s at 10 dB",
     ),
     Claim(
         "Given a few hundred realizations, eirf has the smallest total error",
@@ -517,7 +522,7 @@ CLAIMS: tuple[Claim, ...] = (
         SINE,
     ),
     Claim(
-        f"Viscosity that covaries between 1 and 3 N·m·s/rad changes nothing (errors differ by less than {100 * ALIKE:g} %)",
+        f"Viscosity that covaries from 1 to 3 N·m·s/rad changes nothing (errors differ by less than {100 * ALIKE:g} %)",
         "5",
         _viscosities_alike,
         RATIO,

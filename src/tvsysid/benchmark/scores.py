@@ -61,7 +61,8 @@ def score(results: xr.Dataset) -> xr.Dataset:
     """Every metric of every scenario and method, with bootstrap replicates.
 
     A replicate is the metric of trials drawn with replacement. The same draws serve all methods and scenarios, so that
-    the uncertainty of a difference between methods, which see the same data, is that of the difference of their replicates.
+    the uncertainty of a difference between methods, which see the same data, is that of the difference of their
+    replicates.
 
     Parameters
     ----------
@@ -77,8 +78,8 @@ def score(results: xr.Dataset) -> xr.Dataset:
         ``bandpassed_vaf`` are means over trials, ``lowest_vaf`` is that of the worst trial, ``lowest_time_varying_vaf``
         that of the worst time after averaging over trials; all are against the noiseless torque. ``switch_dip`` (square
         wave) is the mean time-varying VAF 0.3 s and more from the switches minus that within 0.05 s of one;
-        ``time_varying_vaf_sd`` is its standard deviation over trials, averaged over time, ``..._soft`` and ``..._stiff``
-        over times of less and more than the mean stiffness. ``left_out`` counts times
+        ``time_varying_vaf_sd`` is its standard deviation over trials, averaged over time, ``..._soft`` and
+        ``..._stiff`` over times of less and more than the mean stiffness. ``left_out`` counts times
         without an estimate; ``failed`` counts trials; ``seconds`` is the mean time an identification took.
 
     References

@@ -1,7 +1,20 @@
-"""Pictures: each function takes results and returns a figure or axes; none computes."""
+"""Pictures: each function takes results and returns a figure; none computes more than means and spreads."""
 
+from tvsysid.figures.amount import error_against_amount
 from tvsysid.figures.comparison import method_comparison
 from tvsysid.figures.identification import identified_stiffness
-from tvsysid.figures.style import lines, save
+from tvsysid.figures.responses import impulse_responses
+from tvsysid.figures.study import Illustration, study_figures
+from tvsysid.figures.style import drawn, lines, save
 
-__all__ = ["identified_stiffness", "lines", "method_comparison", "save"]
+__all__ = [
+    "Illustration",
+    "drawn",
+    "error_against_amount",
+    "identified_stiffness",
+    "impulse_responses",
+    "lines",
+    "method_comparison",
+    "save",
+    "study_figures",
+]

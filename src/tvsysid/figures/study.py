@@ -1,0 +1,169 @@
+"""All figures of a study."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from tvsysid.figures.amount import error_against_amount
+from tvsysid.figures.comparison import method_comparison
+from tvsysid.figures.responses import impulse_responses
+from tvsysid.figures.words import PERTURBATIONS, PROFILES, TRAITS, described
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+USUAL = (150.0, 10.0)
+"""Seconds of data and signal-to-noise ratio in dB that the paper shows over time."""
+TOLD = {
+    "bias_error": "bias error",
+    "random_error": "random error",
+    "total_error": "total error",
+    "rise_time": "rise time",
+    "vaf": "VAF",
+}
+
+
+@dataclass(frozen=True)
+class Illustration:
+    """A figure with what it shows in words.
+
+    Parameters
+    ----------
+    figure
+        To save with :func:`tvsysid.figures.save`.
+    title
+        A heading.
+    description
+        Full sentences that stand for the picture where it cannot be seen.
+    """
+
+    figure: Figure
+    title: str
+    description: str
+
+
+def study_figures(
+    results: xr.Dataset, summary: pd.DataFrame, responses: xr.Dataset | None = None
+) -> dict[str, Illustration]:
+    """All figures of a study.
+
+    Parameters
+    ----------
+    results
+        As of :func:`tvsysid.benchmark.run`.
+    summary
+        Of these results, as of :func:`tvsysid.benchmark.summarize`.
+    responses
+        As :func:`impulse_responses` takes them; None leaves that figure out.
+
+    Returns
+    -------
+    dict
+        By the stem of a file's name: ``"comparison-square-noise"``, ``"comparison-sine"`` (both perturbations),
+        ``"amount-square"`` (errors against seconds of data), ``"amount-square-snr"``, ``"impulse-responses"``;
+        with ``-covarying`` where the viscosity varies with stiffness.
+    """
+    traits = results[list(TRAITS)].to_dataframe()[list(TRAITS)]
+    shown: dict[str, Illustration] = {}
+    for (profile, viscosity), rows in traits.groupby(["profile", "viscosity"], sort=False):
+        ending = "-covarying" if viscosity == "covarying" else ""
+        perturbations = list(rows.perturbation.unique())
+        groups = [perturbations] if profile == "sine" else [[name] for name in perturbations]
+        for group in groups:
+            stem = f"comparison-{profile}" + ("" if len(group) > 1 else f"-{group[0]}") + ending
+            shown[stem] = _comparison(results, summary, rows[rows.perturbation.isin(group)])
+        here = summary[(summary.stiffness == profile) & (summary.viscosity == viscosity)]
+        duration, snr = _middle(rows)
+        at_snr, at_duration = here[here.snr_db == snr], here[here.duration_s == duration]
+        if at_snr.duration_s.nunique() > 1:
+            shown[f"amount-{profile}{ending}"] = _amount(at_snr, f"{_name(profile)}: errors against the amount of data")
+        if at_duration.snr_db[at_duration.snr_db < float("inf")].nunique() > 1:
+            shown[f"amount-{profile}{ending}-snr"] = _amount(at_duration, f"{_name(profile)}: errors against noise")
+    if responses is not None:
+        shown["impulse-responses"] = _responses(responses)
+    return shown
+
+
+def _name(profile: Any) -> str:
+    name = PROFILES.get(profile, str(profile))
+    return name[:1].upper() + name[1:]
+
+
+def _middle(rows: pd.DataFrame) -> tuple[float, float]:
+    """Duration and signal-to-noise ratio to look at closely: the paper's if they are there, or those in the middle."""
+    pairs = sorted(set(zip(rows.duration_s.astype(float), rows.snr_db.astype(float), strict=True)))
+    return USUAL if USUAL in pairs else pairs[len(pairs) // 2]
+
+
+def _comparison(results: xr.Dataset, summary: pd.DataFrame, rows: pd.DataFrame) -> Illustration:
+    duration, snr = _middle(rows)
+    shown = rows[(rows.duration_s == duration) & (rows.snr_db == snr)]
+    bars = rows.sort_values(["snr_db", "duration_s"], kind="stable")
+    bars = bars.sort_values("perturbation", kind="stable")
+    scenarios: list[Any] = shown.to_dict("records")
+    perturbations = " and ".join(PERTURBATIONS.get(name, name) for name in shown.perturbation)
+    first = scenarios[0]
+    covarying = ", viscosity varies with stiffness" if first["viscosity"] == "covarying" else ""
+    title = f"{_name(first['profile'])}, {perturbations}{covarying}"
+    figure = method_comparison(results, summary, list(shown.index), list(bars.index), title)
+    trials = results.sizes["trial"]
+    text = (
+        f"A column for each of {results.sizes['method_key']} methods. Upper rows, over one realization of "
+        f"{duration:g} s of data at {snr:g} dB: estimated stiffness, mean and two standard deviations over {trials} "
+        f"{'trial' if trials == 1 else 'trials'}, against the true stiffness, and time-varying VAF. "
+        f"Lower rows: bars of the metrics for {len(bars)} {'scenario' if len(bars) == 1 else 'scenarios'}. "
+    )
+    return Illustration(figure, title, text + " ".join(_figures(summary, list(shown.index), scenarios)))
+
+
+def _figures(summary: pd.DataFrame, labels: Sequence[str], scenarios: Sequence[dict[str, Any]]) -> list[str]:
+    """One sentence for each method in each scenario."""
+    sentences = []
+    for label, scenario in zip(labels, scenarios, strict=True):
+        rows = summary[(summary.scenario == label) & summary.metric.isin(list(TOLD))].dropna(subset=["value"])
+        for method, mine in rows.groupby("method", sort=False):
+            values = mine.set_index("metric")
+            parts = [
+                f"{words} {values.value[name]:.3g} {values.unit[name]}"
+                for name, words in TOLD.items()
+                if name in values.index
+            ]
+            sentences.append(f"{method} with {described(scenario)}: {', '.join(parts)}.")
+    return sentences
+
+
+def _amount(rows: pd.DataFrame, title: str) -> Illustration:
+    name = "duration_s" if rows.duration_s.nunique() > 1 else "snr_db"
+    unit = "s" if name == "duration_s" else "dB"
+    other = f"{rows.snr_db.iloc[0]:g} dB" if name == "duration_s" else f"{rows.duration_s.iloc[0]:g} s of data"
+    title = f"{title}, {other}"
+    known = rows[(rows.metric == "total_error") & (rows[name] < float("inf"))].dropna(subset=["value"])
+    sentences = ["Debiased bias error, random error and total error of each method in N·m/rad, with standard errors."]
+    for (perturbation, method), line in known.sort_values(name, kind="stable").groupby(
+        ["perturbation", "method"], sort=False
+    ):
+        first, last = line.iloc[0], line.iloc[-1]
+        sentences.append(
+            f"{method} with {PERTURBATIONS.get(str(perturbation), perturbation)}: total error {first.value:.3g} at "
+            f"{first[name]:g} {unit}, {last.value:.3g} at {last[name]:g} {unit}."
+        )
+    return Illustration(error_against_amount(rows, title), title, " ".join(sentences))
+
+
+def _responses(responses: xr.Dataset) -> Illustration:
+    title = "Impulse responses at a low and a high stiffness"
+    miss = responses.impulse_response - responses.true_impulse_response
+    spread = (miss**2).mean("lag") ** 0.5
+    sentences = ["Identified impulse responses over lags, in N·m/(rad·s), drawn over the true ones."]
+    for instant in responses.instant.values:
+        here = spread.sel(instant=instant)
+        parts = [f"{method} {float(here.sel(method_key=method)):.3g}" for method in here.method_key.values]
+        sentences.append(
+            f"Where stiffness is {float(here.stiffness):.0f} N·m/rad the root mean square distance from the truth is "
+            f"{', '.join(parts)}."
+        )
+    return Illustration(impulse_responses(responses, title), title, " ".join(sentences))

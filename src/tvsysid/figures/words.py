@@ -1,0 +1,88 @@
+"""What scenarios and methods are called in pictures and in the report."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+PROFILES = {"square": "square-wave stiffness", "sine": "sinusoidal stiffness", "constant": "constant stiffness"}
+PERTURBATIONS = {"noise": "filtered noise", "prbs": "PRBS"}
+TRAITS = ("profile", "perturbation", "duration_s", "snr_db", "viscosity")
+"""What tells scenarios apart."""
+
+
+def trait(name: str, value: Any) -> str:
+    """Short text for one trait of a scenario.
+
+    Examples
+    --------
+    >>> trait("duration_s", 40.0), trait("perturbation", "prbs"), trait("viscosity", "covarying")
+    ('40 s', 'PRBS', 'b covarying')
+    """
+    if name == "duration_s":
+        return f"{value:g} s"
+    if name == "snr_db":
+        return "no noise" if value == float("inf") else f"{value:g} dB"
+    if name == "viscosity":
+        return f"b {value}"
+    return "PRBS" if value == "prbs" else str(value)
+
+
+def differing(scenarios: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Texts that tell scenarios apart: the traits that they do not share, or the duration of a single one.
+
+    Parameters
+    ----------
+    scenarios
+        Traits of each by name, as of :data:`TRAITS`.
+
+    Examples
+    --------
+    >>> shared = {"profile": "sine", "duration_s": 150.0, "snr_db": 10.0, "viscosity": "constant"}
+    >>> differing([{**shared, "perturbation": "noise"}, {**shared, "perturbation": "prbs"}])
+    ['noise', 'PRBS']
+    """
+    names = [name for name in TRAITS if len({scenario[name] for scenario in scenarios}) > 1] or ["duration_s"]
+    return [", ".join(trait(name, scenario[name]) for name in names) for scenario in scenarios]
+
+
+def described(scenario: Mapping[str, Any], names: Sequence[str] = TRAITS) -> str:
+    """Scenario in words; viscosity is told only where it varies with stiffness.
+
+    Examples
+    --------
+    >>> described({"profile": "square", "perturbation": "noise", "duration_s": 150.0, "snr_db": 10.0,
+    ...            "viscosity": "constant"})
+    'square-wave stiffness, filtered noise, 150 s, 10 dB'
+    """
+    words = []
+    for name in names:
+        value = scenario[name]
+        if name in ("profile", "perturbation"):
+            words.append((PROFILES if name == "profile" else PERTURBATIONS).get(value, str(value)))
+        elif name != "viscosity":
+            words.append(trait(name, value))
+        elif value == "covarying":
+            words.append("viscosity that varies with stiffness")
+    return ", ".join(words)
+
+
+def wrapped(label: str, width: int = 20, rows: int = 4) -> str:
+    r"""Label of a method in lines of at most so many characters, broken behind its punctuation where that can be.
+
+    Examples
+    --------
+    >>> wrapped("sds:window=0.2,max_lag=0.1", 16)
+    'sds:window=0.2,\nmax_lag=0.1'
+    """
+    lines = [""]
+    for piece in re.findall(r"[^:,(]*[:,(] ?|[^:,(]+", label):
+        for start in range(0, len(piece), width):
+            part = piece[start : start + width]
+            if len(lines[-1]) + len(part.rstrip()) > width:
+                lines.append("")
+            lines[-1] += part
+    if len(lines) > rows:
+        lines = [*lines[: rows - 1], lines[rows - 1][: width - 1] + "…"]
+    return "\n".join(line.rstrip() for line in lines)

@@ -1,0 +1,127 @@
+"""The page itself."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import tomli_w
+
+from tvsysid import __version__
+from tvsysid.figures import Illustration, drawn
+from tvsysid.recordings import whole_file
+from tvsysid.report import tables
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+SETTINGS = {
+    "stiffness": "stiffness profiles",
+    "perturbation": "perturbations",
+    "duration_s": "data (s)",
+    "snr_db": "signal-to-noise ratio of the torque (dB)",
+    "methods": "methods",
+    "trials": "trials of each scenario",
+    "seed": "seed",
+    "viscosity": "viscosity",
+}
+
+
+def write_report(
+    path: str | Path,
+    results: xr.Dataset,
+    summary: pd.DataFrame,
+    claims: pd.DataFrame,
+    illustrations: Mapping[str, Illustration],
+    command: str = "",
+) -> None:
+    """Write one HTML file that holds all of a study's outcome and needs nothing else.
+
+    Parameters
+    ----------
+    path
+        Of the file, which appears whole or not at all.
+    results
+        As of :func:`tvsysid.benchmark.run`.
+    summary
+        Of these results, as of :func:`tvsysid.benchmark.summarize`.
+    claims
+        What the paper says and whether it holds here; may have no rows.
+    illustrations
+        As of :func:`tvsysid.figures.study_figures`.
+    command
+        What was typed to run the study; the page says nothing of it if empty.
+    """
+    from jinja2 import Environment, PackageLoader, StrictUndefined  # noqa: PLC0415  # heavy
+
+    environment = Environment(
+        loader=PackageLoader("tvsysid.report", ""),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    page = environment.get_template("page.html").render(_content(results, summary, claims, illustrations, command))
+    with whole_file(path) as temporary:
+        temporary.write_text(page, encoding="utf-8")
+
+
+def _content(
+    results: xr.Dataset,
+    summary: pd.DataFrame,
+    claims: pd.DataFrame,
+    illustrations: Mapping[str, Illustration],
+    command: str,
+) -> dict[str, Any]:
+    """What the template is filled with."""
+    study = _json(results, "study")
+    failed = int((results.failure != "").sum())
+    return {
+        "outcome": tables.outcome(results, summary, claims),
+        "sizes": {str(name): size for name, size in results.sizes.items()},
+        "identifications": results.failure.size,
+        "failed": failed,
+        "version": _json(results, "versions").get("tvsysid", __version__),
+        "versions": {name: each for name, each in _json(results, "versions").items() if name != "tvsysid"},
+        "machine": results.attrs.get("machine", ""),
+        "minutes": float(results.seconds.sum() + results.stage_seconds.sum()) / 60,
+        "settings": {SETTINGS.get(name, name.replace("_", " ")): _words(value) for name, value in study.items()},
+        "ranking": tables.ranking(results, summary),
+        "figures": [
+            {
+                "stem": stem,
+                "title": each.title,
+                "description": each.description,
+                "source": "data:image/svg+xml;base64," + base64.b64encode(drawn(each.figure, "svg")).decode(),
+                "width": round(96 * each.figure.get_figwidth()),
+                "height": round(96 * each.figure.get_figheight()),
+            }
+            for stem, each in illustrations.items()
+        ],
+        "claims": tables.claim_rows(claims),
+        "methods": tables.methods(results),
+        "troubles": tables.troubles(results),
+        "command": command,
+        "toml": tomli_w.dumps(study),
+    }
+
+
+def _json(results: xr.Dataset, name: str) -> dict[str, Any]:
+    """Attribute that holds settings as JSON text; empty where it is missing or is something else."""
+    try:
+        settings = json.loads(results.attrs.get(name, "{}"))
+    except (TypeError, ValueError):
+        return {}
+    return settings if isinstance(settings, dict) else {}
+
+
+def _words(value: Any) -> str:
+    if isinstance(value, list):
+        return ", ".join(map(_words, value))
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {_words(each)}" for name, each in value.items())
+    return f"{value:g}" if isinstance(value, float) else str(value)

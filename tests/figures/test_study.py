@@ -1,0 +1,54 @@
+import pytest
+from tests.synthetic import SINE, SQUARE, responses_of, results_of, summary_of
+
+from tvsysid.figures import study_figures
+from tvsysid.figures.style import drawn
+
+
+def test_all_figures_of_a_study(results, summary):
+    shown = study_figures(results, summary, responses_of())
+    assert list(shown) == [
+        "comparison-square-noise", "comparison-square-prbs", "amount-square", "comparison-sine", "impulse-responses",
+    ]  # fmt: skip
+    for illustration in shown.values():
+        drawn(illustration.figure, "png")
+        assert illustration.figure.get_suptitle() == illustration.title
+        assert illustration.description.endswith(".")
+
+
+def test_descriptions_hold_the_main_figures(results, summary):
+    values = summary.set_index(["scenario", "method", "metric"]).sort_index().value["square-prbs-150s-10dB", "kbr"]
+    text = study_figures(results, summary)["comparison-square-prbs"].description
+    assert f"bias error {values.bias_error:.3g} N·m/rad, random error {values.random_error:.3g} N·m/rad" in text
+    assert f"rise time {values.rise_time:.3g} s" in text
+    assert "mean and two standard deviations over 6 trials" in text
+
+
+@pytest.mark.parametrize(
+    ("scenarios", "stems"),
+    [
+        (SQUARE[:2], ["comparison-square-noise", "amount-square"]),
+        (SINE[1:], ["comparison-sine-prbs"]),
+        (
+            [("constant", "noise", 40.0, snr) for snr in (0.0, 10.0, float("inf"))],
+            ["comparison-constant-noise", "amount-constant-snr"],
+        ),
+        (
+            [("square", "noise", duration, snr) for duration in (40.0, 80.0) for snr in (0.0, 10.0)],
+            ["comparison-square-noise", "amount-square", "amount-square-snr"],
+        ),
+    ],
+)
+def test_what_a_study_has_decides_on_its_figures(scenarios, stems):
+    results = results_of(scenarios, ("sds", "esm"), trials=2)
+    shown = study_figures(results, summary_of(results))
+    assert list(shown) == stems
+    for illustration in shown.values():
+        drawn(illustration.figure, "png")
+
+
+def test_covarying_viscosity_has_figures_of_its_own():
+    results = results_of(SINE, ("sds", "esm"), trials=2, viscosity="covarying")
+    shown = study_figures(results, summary_of(results))
+    assert list(shown) == ["comparison-sine-covarying"]
+    assert "viscosity varies with stiffness" in shown["comparison-sine-covarying"].title

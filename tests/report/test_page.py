@@ -1,0 +1,185 @@
+import base64
+import json
+import re
+import tomllib
+from html.parser import HTMLParser
+from itertools import pairwise
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from tests.report.conftest import HOSTILE
+from tests.synthetic import claims, results_of, summary_of
+
+from tvsysid.figures import study_figures
+from tvsysid.methods import names
+from tvsysid.report import write_report
+from tvsysid.report.page import _content
+from tvsysid.report.tables import main_scenario, outcome, scenarios
+
+EMPTY = {"meta", "link", "img", "br", "input", "hr"}
+
+
+class Elements(HTMLParser):
+    """Elements of a page in order: name, attributes, text inside."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.found, self.open = [], []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.found.append((tag, dict(attrs), []))
+        if tag not in EMPTY:
+            self.open.append(self.found[-1])
+
+    def handle_endtag(self, tag):
+        assert self.open.pop()[0] == tag, f"</{tag}> closes another element"
+        if tag in ("th", "td", "caption"):
+            self.handle_data(" ")
+
+    def handle_data(self, data):
+        for _, _, texts in self.open:
+            texts.append(data)
+
+    def of(self, *tags):
+        return [(attrs, " ".join("".join(texts).split())) for tag, attrs, texts in self.found if tag in tags]
+
+
+@pytest.fixture(scope="session")
+def elements(page):
+    elements = Elements(page.read_text())
+    assert elements.open == []
+    return elements
+
+
+def table(elements, caption):
+    return next(text for _, text in elements.of("table") if text.startswith(caption))
+
+
+def test_nothing_comes_from_elsewhere(page, elements):
+    assert "http://" not in page.read_text()
+    assert "https://" not in page.read_text()
+    for _, attrs, _ in elements.found:
+        for name in ("src", "href", "srcset", "action", "data", "poster"):
+            assert attrs.get(name, "#").startswith(("#", "data:")), attrs
+    assert "url(" not in page.read_text()
+    assert "default-src 'none'" in page.read_text()
+    assert [path.name for path in page.parent.iterdir()] == ["report.html"]
+
+
+def test_a_screen_reader_finds_its_way(elements):
+    assert elements.of("html")[0][0] == {"lang": "en"}
+    assert len(elements.of("h1")) == len(elements.of("main")) == len(elements.of("title")) == 1
+    levels = [int(tag[1]) for tag, _, _ in elements.found if re.fullmatch("h[1-6]", tag)]
+    assert all(after <= before + 1 for before, after in pairwise(levels))
+    identifiers = [attrs["id"] for _, attrs, _ in elements.found if "id" in attrs]
+    assert len(identifiers) == len(set(identifiers))
+    for attrs, _ in elements.of("a"):
+        assert attrs["href"][1:] in identifiers
+    assert elements.of("a")[0][1] == "Skip to the content"
+    assert len(elements.of("caption")) == len(elements.of("table"))
+    assert all(attrs["scope"] in ("row", "col") for attrs, _ in elements.of("th"))
+    regions = [attrs for attrs, _ in elements.of("div") if attrs.get("class") == "scroll"]
+    assert len(regions) == len(elements.of("table")) + len(elements.of("img")) + len(elements.of("pre"))
+    assert all(attrs["role"] == "region" and attrs["tabindex"] == "0" and attrs["aria-label"] for attrs in regions)
+
+
+def test_figures_are_inside_with_their_descriptions(elements, study):
+    images = [attrs for attrs, _ in elements.of("img")]
+    assert len(images) == len(elements.of("figcaption")) == len(study_figures(*study)) + 1
+    for image in images:
+        kind, _, content = image["src"].partition(",")
+        assert kind == "data:image/svg+xml;base64"
+        assert ElementTree.fromstring(base64.b64decode(content)).tag.endswith("svg")
+        assert len(image["alt"]) > 100
+
+
+def test_hostile_labels_are_only_text(page, elements):
+    assert HOSTILE not in page.read_text()
+    assert len(elements.of("script")) == 1
+    assert f"{HOSTILE} A method of the user's own" in elements.of("section")[5][1]
+
+
+def test_ranking_has_every_method_in_every_scenario(elements, study):
+    results, summary = study
+    rows = [attrs for attrs, _ in elements.of("tr") if "data-scenario" in attrs]
+    assert len(rows) == results.sizes["scenario"] * results.sizes["method_key"]
+    text = table(elements, "Metrics of each method")
+    for heading in ("bias error (N·m/rad)", "rise time (s)", "VAF 1-10 Hz (%)", "time (ms)"):
+        assert heading in text
+    row = summary[(summary.scenario == "square-noise-40s-10dB") & (summary.method == "eirf")].set_index("metric")
+    assert f"{row.value.bias_error:.2f} ± {row.standard_error.bias_error:.2f}" in text
+    assert f"{1000 * row.value.seconds:.1f}" in text
+
+
+def test_claims_with_verdicts_in_words_and_symbols(elements):
+    text = table(elements, "What van de Ruit")
+    for verdict in ("✓ holds", "✗ does not hold", "? undecided", "– not studied"):
+        assert verdict in text
+    assert "82.0 to 84.2" in text
+    assert "Add the sine profile to the study." in text
+    assert "nan" not in text
+
+
+def test_assumptions_failures_and_doubts(elements):
+    sections = [text for _, text in elements.of("section")]
+    assert "sds:window=0.2: Short data segments" in sections[5]
+    assert "Behaviour is the same in all realizations." in sections[5]
+    assert "kbr failed 9 of 9 KernelRegression: the record is <too short>" in sections[6]
+    assert "eirf doubtful 2 of 9 few realizations" in sections[6]
+
+
+def test_what_was_run_can_be_run_again(elements, study):
+    command, toml, code = ("".join(texts) for tag, _, texts in elements.found if tag == "pre")
+    assert command == "tvsysid benchmark --trials 3 && echo"
+    assert tomllib.loads(toml) == json.loads(study[0].attrs["study"])
+    assert 'xr.open_zarr("results.zarr")' in code
+    assert "9 of 36" in table(elements, "Settings of the study")
+
+
+def test_outcome_says_who_is_best_and_how_surely(study):
+    results, summary = study
+    label = main_scenario(scenarios(results))
+    rows = summary[(summary.scenario == label) & (summary.metric == "bias_error")]
+    best = rows.loc[rows.value.idxmin()]
+    first, second, third = outcome(results, summary, claims())
+    assert f"{best.method} has the lowest bias error ({best.value:.2f} ± {best.standard_error:.2f} N·m/rad)" in first
+    assert second.startswith("Of all 3 scenarios the total error is lowest for ")
+    assert third == "Of 4 claims of the paper: 1 holds, 1 does not hold, 1 undecided, 1 not studied."
+
+
+def test_small_differences_are_not_called_clear():
+    results = results_of([("square", "noise", 150.0, 10.0)], ("sds", "esm"), 2)
+    summary = summary_of(results)
+    summary.loc[summary.metric == "vaf", "value"] = [97.1, 97.2]
+    summary.loc[summary.metric == "vaf", "standard_error"] = 0.5
+    told = outcome(results, summary, claims().iloc[:0])
+    assert told[0].endswith("esm has the highest VAF (97.20 ± 0.50 %), though not clearly higher than sds.")
+
+
+def test_one_trial_without_claims_figures_command_or_attributes(tmp_path):
+    results = results_of([("constant", "prbs", 40.0, np.inf)], ("esm",), trials=1)
+    results.attrs = {}
+    write_report(tmp_path / "report.html", results, summary_of(results), claims().iloc[:0], {})
+    elements = Elements((tmp_path / "report.html").read_text())
+    assert "None was looked at." in elements.of("main")[0][1]
+    assert "1 scenario with 1 trial each" in elements.of("main")[0][1]
+    assert "nan" not in elements.of("main")[0][1]
+    assert [text for _, text in elements.of("h3")] == ["esm: Ensemble spectral method"]
+
+
+def test_a_report_appears_whole_or_not_at_all(tmp_path, study):
+    class Broken:
+        title = description = "broken"
+        figure = None
+
+    with pytest.raises(AttributeError):
+        write_report(tmp_path / "report.html", *study, claims(), {"broken": Broken()})
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_all_methods_of_the_package_are_explained():
+    results = results_of([("square", "noise", 150.0, 10.0)], names(), 2)
+    told = _content(results, summary_of(results), claims(), {}, "")["methods"]
+    assert all(method["title"] and method["assumptions"] for method in told)

@@ -1,0 +1,177 @@
+"""A study's results, summary and claims, made up to resemble the real ones in a fraction of a second."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from tvsysid import metrics
+from tvsysid.benchmark import PROFILES
+
+# Half-width of the smoothing in samples, random error at 150 s in N·m/rad, time in s: see docs/simulation.md.
+METHODS = {
+    "eirf": (1, 9.0, 0.02),
+    "sds": (5, 3.2, 0.03),
+    "birf": (22, 1.6, 0.15),
+    "esm": (11, 3.4, 0.01),
+    "kbr": (9, 1.9, 0.90),
+}
+TIME = np.arange(200) / 100
+DURATIONS = (40.0, 80.0, 150.0, 300.0, 600.0)
+SQUARE = [("square", perturbation, duration, 10.0) for perturbation in ("noise", "prbs") for duration in DURATIONS]
+SINE = [("sine", perturbation, 150.0, 10.0) for perturbation in ("noise", "prbs")]
+
+
+def results_of(scenarios=(*SQUARE, *SINE), methods=tuple(METHODS), trials=6, viscosity="constant"):
+    """Results of a study in the layout of tvsysid.benchmark.run; a scenario: profile, perturbation, duration, SNR."""
+    random = np.random.default_rng(7)
+    truth = np.stack([np.asarray(PROFILES[profile](TIME), dtype=float) for profile, *_ in scenarios])
+    sizes = len(scenarios), trials, len(methods)
+    stiffness = np.empty((*sizes, len(TIME)))
+    seconds = np.empty(sizes)
+    for place, (profile, perturbation, duration, snr) in enumerate(scenarios):
+        for column, method in enumerate(methods):
+            width, spread, cost = METHODS.get(method.partition(":")[0], (9, 3.0, 0.1))
+            kernel = np.ones(2 * width + 1) / (2 * width + 1)
+            smooth = np.convolve(np.pad(truth[place], width, mode="wrap"), kernel, mode="valid")
+            spread *= np.sqrt(150 / duration) * 10 ** ((10 - snr) / 20) * (2.8 if width == 1 and duration < 60 else 1)
+            stiffness[place, :, column] = smooth + spread * random.standard_normal((trials, len(TIME)))
+            seconds[place, :, column] = cost * (0.5 + duration / 300) * random.uniform(0.9, 1.1, trials)
+    off = np.abs(stiffness - truth[:, None, None]) / 100
+    varying = np.clip(100 - 25 * off**1.2 - random.uniform(0, 1.5, off.shape), 0, 100)
+    whole = varying.mean(axis=-1)
+    statistics = np.stack([whole, 0.3 * (100 - whole), whole - 0.9 * (100 - whole)], axis=-1)
+    covarying = "-covarying" if viscosity == "covarying" else ""
+    labels = [f"{p}-{q}-{duration:g}s-{snr:g}dB{covarying}" for p, q, duration, snr in scenarios]
+    cell = ("scenario", "trial", "method_key")
+    study = {
+        "stiffness": sorted({p for p, *_ in scenarios}), "perturbation": ["noise", "prbs"],
+        "duration_s": sorted({d for _, _, d, _ in scenarios}), "snr_db": [10.0], "methods": list(methods),
+        "trials": trials, "seed": 0,
+    }  # fmt: skip
+    return xr.Dataset(
+        {
+            "stiffness": ((*cell, "time"), stiffness),
+            "time_varying_vaf": ((*cell, "time"), varying),
+            "vaf": ((*cell, "statistic"), statistics),
+            "bandpassed_vaf": ((*cell, "statistic"), statistics - 1.5),
+            "parameters": (cell, np.full(sizes, 25.0)),
+            "seconds": (cell, seconds),
+            "stage_seconds": (("scenario", "trial", "stage"), np.full((*sizes[:2], 3), 0.05)),
+            "doubts": (cell, np.full(sizes, "", dtype=object)),
+            "failure": (cell, np.full(sizes, "", dtype=object)),
+            "true_stiffness": (("scenario", "time"), truth),
+        },
+        coords={
+            "scenario": labels,
+            **{
+                name: ("scenario", [scenario[place] for scenario in scenarios])
+                for place, name in enumerate(("profile", "perturbation", "duration_s", "snr_db"))
+            },
+            "viscosity": ("scenario", [viscosity] * len(scenarios)),
+            "method_key": list(methods),
+            "trial": np.arange(trials),
+            "time": TIME,
+            "statistic": ["mean", "sd", "lowest"],
+            "stage": ["simulation", "preprocessing", "scoring"],
+        },
+        attrs={
+            "study": json.dumps(study),
+            "versions": json.dumps({"tvsysid": "0.1.0", "numpy": "2.3.1", "scipy": "1.16.0", "python": "3.12.3"}),
+            "machine": "Linux x86_64, 2 cores",
+        },
+    )
+
+
+def fail(results, method, trial, reason):
+    """Results in which a method failed in a trial of every scenario."""
+    place = {"method_key": list(results.method_key.values).index(method), "trial": trial}
+    for name in ("stiffness", "time_varying_vaf", "vaf", "bandpassed_vaf", "parameters", "seconds"):
+        results[name][place] = np.nan
+    results["failure"][place] = reason
+    return results
+
+
+def summary_of(results):
+    """Rows as those of tvsysid.benchmark.summarize; standard errors only roughly."""
+    rows = []
+    for scenario in results.scenario.values:
+        for method in results.method_key.values:
+            cell = results.sel(scenario=scenario, method_key=method)
+            left = cell.stiffness.values[cell.failure.values == ""]
+            labels = (
+                scenario, str(cell.profile.values), str(cell.perturbation.values), float(cell.duration_s),
+                float(cell.snr_db), str(cell.viscosity.values), method, results.sizes["trial"],
+            )  # fmt: skip
+            rows += [(*labels, *row) for row in _metrics(cell, left)]
+    names = (
+        "scenario", "stiffness", "perturbation", "duration_s", "snr_db", "viscosity", "method", "trials", "metric",
+        "value", "standard_error", "unit",
+    )  # fmt: skip
+    return pd.DataFrame(rows, columns=list(names))
+
+
+def _metrics(cell, left):
+    nan, unit, truth = np.nan, "N·m/rad", cell.true_stiffness.values
+    if len(left) > 1:
+        random = metrics.random_error(left)
+        error = random / np.sqrt(2 * len(left) * 20)
+        yield "bias_error", metrics.bias_error(left, truth), error, unit
+        yield "debiased_bias_error", metrics.debiased_bias_error(left, truth), error, unit
+        yield "random_error", random, error, unit
+        yield "total_error", metrics.total_error(left, truth), error, unit
+        if cell.profile == "square":
+            rise = metrics.rise_time(TIME, left, 60, 140, switch=0.5)
+            yield "rise_time", rise, 0.004, "s"
+    else:
+        bias = metrics.bias_error(left, truth) if len(left) else nan
+        yield "bias_error", bias, nan, unit
+        for name in ("debiased_bias_error", "random_error"):
+            yield name, nan, nan, unit
+        yield "total_error", bias, nan, unit
+    for name in ("vaf", "bandpassed_vaf"):
+        values = cell[name].sel(statistic="mean").dropna("trial").values
+        count = len(values)
+        yield name, values.mean() if count else nan, values.std(ddof=1) / count**0.5 if count > 1 else nan, "%"
+    yield "lowest_vaf", float(cell.vaf.sel(statistic="lowest").min()), nan, "%"
+    yield "lowest_time_varying_vaf", float(cell.time_varying_vaf.mean("trial").min()), nan, "%"
+    yield "left_out", 0.0, nan, "samples"
+    yield "failed", float((cell.failure != "").sum()), nan, "trials"
+    yield "seconds", float(cell.seconds.mean()), nan, "s"
+
+
+def claims():
+    """One claim for each verdict."""
+    rows = [
+        ("The eIRF method has the lowest bias error.", "section 3.4", "eirf 4.9, next sds 9.6 N·m/rad", 4.7, 4.5, 4.9,
+         "N·m/rad", "holds", ""),
+        ("All VAFs exceed 85 %.", "section 3.4", "lowest 83.1 % (eirf, PRBS, 40 s)", 83.1, 82.0, 84.2, "%",
+         "does not hold", "The paper does not say over what the VAF is averaged."),
+        ("Bias does not depend on the amount of data.", "section 5", "slope 0.1", 0.1, -0.2, 0.4, "N·m/rad per decade",
+         "undecided", "More trials are needed."),
+        ("A sine wave is followed with little bias.", "appendix", "", np.nan, np.nan, np.nan, "", "not studied",
+         "Add the sine profile to the study."),
+    ]  # fmt: skip
+    names = ["claim", "source", "finding", "estimate", "low", "high", "unit", "verdict", "remark"]
+    return pd.DataFrame(rows, columns=names)
+
+
+def responses_of(methods=("eirf", "sds", "birf")):
+    """Impulse responses at a low and a high stiffness."""
+    lag, random = np.arange(-12, 13) / 100, np.random.default_rng(3)
+    bump = np.exp(-0.5 * (lag / 0.018) ** 2)
+    rate = np.gradient(bump, lag)
+    shape = 0.02 * np.gradient(rate, lag) + 2.2 * rate
+    truth = np.stack([25 * shape + k * bump / 0.045 for k in (50.0, 150.0)])
+    scatter = [METHODS.get(method.partition(":")[0], (0, 3.0))[1] for method in methods]
+    found = np.stack([truth + 40 * size * random.standard_normal(truth.shape) for size in scatter])
+    return xr.Dataset(
+        {
+            "impulse_response": (("method_key", "instant", "lag"), found),
+            "true_impulse_response": (("instant", "lag"), truth),
+        },
+        coords={
+            "method_key": list(methods), "instant": [0.25, 1.0], "lag": lag, "stiffness": ("instant", [50.0, 150.0]),
+        },
+    )  # fmt: skip

@@ -719,9 +719,12 @@ def _claims_table(claims: pd.DataFrame) -> Table:
     table = Table(title="what the paper says of its simulations", title_justify="left")
     table.add_column("claim", overflow="fold")
     table.add_column("verdict", overflow="fold")
-    symbols = {"holds": "✓", "does not hold": "✗", "undecided": "?", "not studied": "·"}
-    for claim, verdict in zip(claims.claim.astype(str), claims.verdict.astype(str), strict=True):
+    symbols = {"holds": "✓", "does not hold": "✗", "undecided": "?"}
+    studied = claims[claims.verdict != "not studied"]
+    for claim, verdict in zip(studied.claim.astype(str), studied.verdict.astype(str), strict=True):
         table.add_row(claim, f"{symbols[verdict]} {verdict}")
+    if len(studied) < len(claims):
+        table.caption = f"{len(claims) - len(studied)} more need other scenarios: --preset paper, --preset viscosity"
     return table
 
 

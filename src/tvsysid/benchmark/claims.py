@@ -418,7 +418,9 @@ CLAIMS: tuple[Claim, ...] = (
     Claim("eirf has the shortest rise time", "3.4", _extreme("rise_time", "eirf", False), "s", SQUARE),
     Claim("birf has the largest bias", "3.4", _extreme("debiased_bias_error", "birf", True), STIFFNESS, SQUARE),
     Claim("birf has the smallest random error", "3.4", _extreme("random_error", "birf", False), RATIO, SQUARE),
-    Claim("sds, esm, kbr lie between in bias", "3.4", _between("debiased_bias_error", "eirf", "birf"), STIFFNESS, SQUARE),
+    Claim(
+        "sds, esm, kbr lie between in bias", "3.4", _between("debiased_bias_error", "eirf", "birf"), STIFFNESS, SQUARE
+    ),
     Claim("sds, esm, kbr lie between in random error", "3.4", _between("random_error", "birf", "eirf"), RATIO, SQUARE),
     Claim("sds, esm, kbr lie between in rise time", "3.4", _between("rise_time", "eirf", "birf"), "s", SQUARE),
     Claim(

@@ -35,7 +35,7 @@ def example_responses(seed: int = 0) -> xr.Dataset:
     -------
     xarray.Dataset
         ``impulse_response`` over (method_key, instant, lag) and ``true_impulse_response`` over (instant, lag), in
-        N·m/(rad·s); ``stiffness`` in N·m/rad over (instant).
+        N·m/(rad·s), with the coordinate ``stiffness`` in N·m/rad over (instant).
     """
     import xarray as xr  # noqa: PLC0415  # heavy
 
@@ -61,11 +61,11 @@ def example_responses(seed: int = 0) -> xr.Dataset:
         {
             "impulse_response": (dims, np.stack([model.impulse_response[rows] for model in models])),
             "true_impulse_response": (dims[1:], np.stack(truth)),
-            "stiffness": ("instant", stiffness),
         },
         coords={
             "method_key": ["eirf", "sds", "birf"],
             "instant": list(INSTANTS),
+            "stiffness": ("instant", stiffness),
             "lag": np.arange(-HALF_WIDTH, HALF_WIDTH + 1) / RATE,
         },
     )

@@ -140,3 +140,20 @@ def test_eight_methods_with_long_labels_do_not_overlap():
     for left, right in pairwise(boxes):
         assert left.x1 <= right.x0
     assert figure.axes[2].get_title() == "sds:window=0.2,\nmax_lag=0.1"
+
+
+def test_dollar_signs_are_no_mathematics():
+    results = results_of([("square", "prbs", 150.0, 10.0)], ("mine:a$\\frac$b",), 2)
+    labels = list(results.scenario.values)
+    content = drawn(method_comparison(results, summary_of(results), labels, labels), "svg").decode()
+    assert "mine:a$\\frac$b" in content
+
+
+def test_results_that_were_stored_are_drawn_too(results, summary, tmp_path):
+    import xarray as xr
+
+    few = results.isel(trial=slice(2))
+    few.to_netcdf(tmp_path / "results.nc", engine="h5netcdf")
+    with xr.open_dataset(tmp_path / "results.nc", engine="h5netcdf") as stored:
+        one, two = (drawn(method_comparison(each, summary, SINE, SINE), "png") for each in (few, stored))
+    assert one == two

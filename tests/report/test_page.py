@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+import xarray as xr
 from tests.report.conftest import HOSTILE
 from tests.synthetic import claims, results_of, summary_of
 
@@ -118,6 +119,7 @@ def test_claims_with_verdicts_in_words_and_symbols(elements):
     for verdict in ("✓ holds", "✗ does not hold", "? undecided", "– not studied"):
         assert verdict in text
     assert "82.0 to 84.2" in text
+    assert "−0.200 to 0.400" in text
     assert "Add the sine profile to the study." in text
     assert "nan" not in text
 
@@ -183,3 +185,27 @@ def test_all_methods_of_the_package_are_explained():
     results = results_of([("square", "noise", 150.0, 10.0)], names(), 2)
     told = _content(results, summary_of(results), claims(), {}, "")["methods"]
     assert all(method["title"] and method["assumptions"] for method in told)
+
+
+def test_results_from_a_store_give_the_same_page(tmp_path, study):
+    results, summary = study
+    results.to_zarr(tmp_path / "results.zarr", zarr_format=2)
+    with xr.open_zarr(tmp_path / "results.zarr", chunks=None) as stored:
+        for name, each in (("one", results), ("two", stored)):
+            write_report(tmp_path / f"{name}.html", each, summary, claims(), study_figures(each, summary))
+    assert (tmp_path / "one.html").read_bytes() == (tmp_path / "two.html").read_bytes()
+
+
+def test_constant_and_covarying_viscosity_in_one_study(tmp_path):
+    scenarios = [("square", "noise", 150.0, 10.0)]
+    both = [results_of(scenarios, ("sds", "esm"), 2, viscosity) for viscosity in ("constant", "covarying")]
+    results = xr.concat(both, "scenario", combine_attrs="override", data_vars="all")
+    summary = summary_of(results)
+    figures = study_figures(results, summary)
+    assert list(figures) == ["comparison-square-noise", "comparison-square-noise-covarying"]
+    write_report(tmp_path / "report.html", results, summary, claims(), figures)
+    elements = Elements((tmp_path / "report.html").read_text())
+    text = table(elements, "Metrics of each method")
+    assert "viscosity" in text
+    assert "covarying" in text
+    assert "In all: square-wave stiffness, filtered noise, 150 s, 10 dB." in text

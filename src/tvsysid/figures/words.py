@@ -71,6 +71,8 @@ def described(scenario: Mapping[str, Any], names: Sequence[str] = TRAITS) -> str
 def wrapped(label: str, width: int = 20, rows: int = 4) -> str:
     r"""Label of a method in lines of at most so many characters, broken behind its punctuation where that can be.
 
+    For Matplotlib only: dollar signs are escaped.
+
     Examples
     --------
     >>> wrapped("sds:window=0.2,max_lag=0.1", 16)
@@ -85,4 +87,5 @@ def wrapped(label: str, width: int = 20, rows: int = 4) -> str:
             lines[-1] += part
     if len(lines) > rows:
         lines = [*lines[: rows - 1], lines[rows - 1][: width - 1] + "…"]
-    return "\n".join(line.rstrip() for line in lines)
+    # Matplotlib would take what stands between two dollar signs for mathematics.
+    return "\n".join(line.rstrip() for line in lines).replace("$", r"\$")

@@ -69,7 +69,7 @@ def number(value: float, error: float = math.nan, decimals: int | None = None) -
     if decimals is None:
         decimals = 2 - math.floor(math.log10(abs(value))) if value else 0
     told = [f"{round(each, decimals):.{max(decimals, 0)}f}" for each in (value, error) if math.isfinite(each)]
-    return Cell(" ± ".join(told), value)
+    return Cell(" ± ".join(told).replace("-", "−"), value)
 
 
 def trait_text(name: str, value: Any) -> str:

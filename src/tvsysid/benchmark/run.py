@@ -208,11 +208,12 @@ def _processes(workers: int) -> Iterator[ProcessPoolExecutor]:
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_start_worker)
     try:
-        # Workers inherit that they leave an interruption to this process, from their first moment.
+        # Each waiting task starts a worker, which inherits that it leaves an interruption to this process.
         with _interruptions_ignored():
-            first = pool.submit(os.getpid)
+            first = [pool.submit(os.getpid) for _ in range(workers)]
         try:
-            first.result()
+            wait(first)
+            first[0].result()
         except BrokenExecutor as error:
             raise InputError(
                 "run: the worker processes did not start. A script must call run from under "

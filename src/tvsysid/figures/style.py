@@ -64,6 +64,10 @@ def drawn(figure: Figure, format: str) -> bytes:
     """
     from matplotlib import rc_context  # noqa: PLC0415  # heavy
 
+    if figure.get_layout_engine() is not None:
+        # Lay it out once for all formats, which takes longer than drawing.
+        figure.draw_without_rendering()
+        figure.set_layout_engine("none")
     # Journals refuse the Type 3 fonts that are Matplotlib's default; a file's time of birth would make each one new.
     undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
     content = BytesIO()

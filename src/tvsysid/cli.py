@@ -592,7 +592,8 @@ def _run_study(study: Any, out: Path, workers: int | None, scheduler: str | None
                 kept[:] = done, total
                 advance(done, total)
 
-            return run(study, store=out / STORE, workers=workers or threads, executor=executor, progress=count_kept)
+            at_a_time = threads if workers is None else workers
+            return run(study, store=out / STORE, workers=at_a_time, executor=executor, progress=count_kept)
     except KeyboardInterrupt:
         errors.print(
             f"tvsysid: interrupted; {kept[0]} of {kept[1]} trials are in {out / STORE}, the same command goes on",

@@ -17,11 +17,11 @@ from tests.benchmark.conftest import TIMES
 
 from tvsysid.benchmark import Study, read_results, run
 
-STUDY = {"duration_s": 40, "methods": ["sds", "birf"], "trials": 150}
-COMMAND = [
-    sys.executable, "-m", "tvsysid.cli", "benchmark", "--duration", "40", "--method", "sds", "--method", "birf", "--trials",
-    "150", "--out", "out",
-]  # fmt: skip
+TRIALS = 80
+TOTAL = 2 * TRIALS
+STUDY = {"duration_s": 40, "methods": ["sds", "birf"], "trials": TRIALS}
+COMMAND = [sys.executable, "-m", "tvsysid.cli", "benchmark", "--duration", "40", "--method", "sds", "--method", "birf"]
+COMMAND += ["--trials", str(TRIALS), "--out", "out"]
 
 
 @pytest.fixture(scope="module")
@@ -29,15 +29,28 @@ def uninterrupted():
     return run(Study(**STUDY), workers=2)
 
 
-def start(folder, *words, **options):
-    # A process group of its own, so that a signal to the test reaches no more than it is meant for.
+SCRIPT = f"""
+from tvsysid.benchmark import Study, run
+if __name__ == "__main__":
+    run(Study(**{STUDY}), store="out/results.zarr", workers=2)
+"""
+
+
+def start(folder, *words, command=COMMAND, **options):
     return subprocess.Popen(
-        [*COMMAND, *words], cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options
+        [*command, *words], cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options
     )
 
 
+def start_script(folder):
+    (folder / "study.py").write_text(SCRIPT)
+    return start(folder, command=[sys.executable, "study.py"])
+
+
 def trials_in(folder):
-    return sum(1 for file in Path(folder, "out/results.zarr/checksums/c").rglob("*") if file.name == "0" and file.is_file())
+    return sum(
+        1 for file in Path(folder, "out/results.zarr/checksums/c").rglob("*") if file.name == "0" and file.is_file()
+    )
 
 
 def wait_for(condition, seconds=60.0):
@@ -74,8 +87,8 @@ def test_killed_at_ten_random_moments_and_gone_on_with(tmp_path, uninterrupted):
     chance = random.Random(20)
     before = 0
     for _ in range(10):
-        process = start(tmp_path)
-        target = min(before + chance.randrange(0, 25), 290)
+        process = start_script(tmp_path)
+        target = min(before + chance.randrange(0, TOTAL // 12), TOTAL - 10)
         wait_for(lambda: trials_in(tmp_path) >= target or process.poll() is not None)  # noqa: B023
         time.sleep(chance.uniform(0, 0.1))
         workers = children_of(process.pid)
@@ -85,8 +98,8 @@ def test_killed_at_ten_random_moments_and_gone_on_with(tmp_path, uninterrupted):
         wait_for(lambda: not any(Path(f"/proc/{pid}").exists() for pid in workers), 20)  # noqa: B023
         assert trials_in(tmp_path) >= before
         before = trials_in(tmp_path)
-    assert before < 300
-    finished(start(tmp_path))
+    assert before < TOTAL
+    finished(start_script(tmp_path))
     same_to_the_last_bit(tmp_path, uninterrupted)
     assert not list(tmp_path.rglob("*.partial"))
 
@@ -99,7 +112,8 @@ def test_interrupted_with_a_key_and_gone_on_with(tmp_path, uninterrupted):
         os.killpg(process.pid, number) if number == signal.SIGINT else process.send_signal(number)
         errors = finished(process, 130)
         told = re.fullmatch(
-            r"tvsysid: interrupted; (\d+) of 300 trials are in out/results.zarr, the same command goes on\n", errors
+            rf"tvsysid: interrupted; (\d+) of {TOTAL} trials are in out/results.zarr, the same command goes on\n",
+            errors,
         )
         assert told, errors
         assert int(told[1]) == trials_in(tmp_path)
@@ -108,7 +122,7 @@ def test_interrupted_with_a_key_and_gone_on_with(tmp_path, uninterrupted):
 
 
 def test_a_second_process_on_one_store_is_refused(tmp_path, uninterrupted):
-    first = start(tmp_path)
+    first = start_script(tmp_path)
     wait_for(lambda: trials_in(tmp_path) > 0)
     assert "another process is writing to this store" in finished(start(tmp_path), 2)
     finished(first)
@@ -133,7 +147,7 @@ def test_a_dask_worker_killed_in_mid_run(tmp_path, uninterrupted):
         with Client(address) as client:
             client.wait_for_workers(2, timeout=60)
         process = start(tmp_path, "--scheduler", address)
-        wait_for(lambda: trials_in(tmp_path) > 30 or process.poll() is not None)
+        wait_for(lambda: trials_in(tmp_path) > 20 or process.poll() is not None)
         assert process.poll() is None
         servers[1].kill()
         finished(process)
@@ -153,12 +167,16 @@ def test_no_cluster_there(tmp_path):
 def test_a_full_disk_loses_nothing_that_was_finished(tmp_path, uninterrupted):
     small = tmp_path / "small"
     small.mkdir()
-    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", small], capture_output=True, check=False)
+    mounted = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=700k", "tmpfs", small], capture_output=True, check=False
+    )
     if mounted.returncode:
         pytest.skip(f"cannot mount a small file system here: {mounted.stderr.decode().strip()}")
     try:
         errors = finished(start(small), 2)
-        assert re.search(r"No space left on device; \d+ of 300 trials are kept: .* the same command goes on", errors)
+        assert re.search(
+            rf"No space left on device; \d+ of {TOTAL} trials are kept: .* the same command goes on", errors
+        )
         assert "Traceback" not in errors
         kept = trials_in(small)
         assert kept > 3

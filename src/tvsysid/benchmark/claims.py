@@ -107,7 +107,9 @@ def judge(scores: xr.Dataset) -> pd.DataFrame:
         above 1.
         ``verdict`` is "holds", "does not hold", "undecided" or "not studied".
     """
-    rows = [_judged(claim, list(claim.margins(scores))) for claim in CLAIMS]
+    # A draw of few trials may be of one alone, which has no spread to take the logarithm of.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rows = [_judged(claim, list(claim.margins(scores))) for claim in CLAIMS]
     rows += [_all_above(scores, *floor) for floor in FLOORS]
     return pd.DataFrame(rows, columns=list(COLUMNS))
 
@@ -147,7 +149,7 @@ def _limits(replicates: Array, tail: float) -> tuple[float, float]:
     known = replicates[~np.isnan(replicates)]
     if not len(known):
         return np.nan, np.nan
-    low, high = np.quantile(known, [tail, 1 - tail])
+    low, high = np.quantile(known, [tail, 1 - tail], method="nearest")
     return float(low), float(high)
 
 

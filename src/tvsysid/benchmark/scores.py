@@ -42,18 +42,18 @@ UNITS = {
 }  # fmt: skip
 """Of every metric that is computed."""
 COLUMNS = (
-    "scenario",
     "stiffness",
     "perturbation",
     "duration_s",
     "snr_db",
-    "viscosity",
     "method",
     "trials",
     "metric",
     "value",
-    "standard_error",
     "unit",
+    "standard_error",
+    "viscosity",
+    "scenario",
 )
 
 
@@ -150,18 +150,15 @@ def summarize(scores: xr.Dataset) -> pd.DataFrame:
 
 
 def _rows(cell: Any) -> Iterator[tuple[Any, ...]]:
-    profile = str(cell.profile.values)
-    labels = (
-        str(cell.scenario.values), profile, str(cell.perturbation.values), float(cell.duration_s), float(cell.snr_db),
-        str(cell.viscosity.values),
-    )  # fmt: skip
-    square = isinstance(PROFILES[profile], SquareWave)
-    absent = () if square else ("rise_time", "switch_dip")
+    labels = (str(cell.profile.values), str(cell.perturbation.values), float(cell.duration_s), float(cell.snr_db))
+    others = (str(cell.viscosity.values), str(cell.scenario.values))
+    absent = () if isinstance(PROFILES[labels[0]], SquareWave) else ("rise_time", "switch_dip")
     for method in cell.method_key.values:
         own = cell.sel(method_key=method)
         for name, value, error in zip(own.metric.values, own.value.values, own.standard_error.values, strict=True):
             if name not in absent:
-                yield *labels, str(method), int(own.trials), str(name), float(value), float(error), UNITS[str(name)]
+                row = (*labels, str(method), int(own.trials), str(name), float(value), UNITS[str(name)], float(error))
+                yield *row, *others
 
 
 def _values(own: Any) -> Iterator[tuple[str, float]]:

@@ -1,0 +1,134 @@
+import numpy as np
+import pytest
+import xarray as xr
+from tests.benchmark.conftest import SMALL
+
+import tvsysid as tv
+from tvsysid.benchmark import Study, run, score, summarize
+from tvsysid.benchmark.scores import COLUMNS, UNITS
+
+
+def made_up(estimates, over_time=None, profile="square"):
+    """Results of one scenario and one method from stiffness of shape (trial, time)."""
+    trials = len(estimates)
+    time = np.arange(200) / 100
+    cell = ("scenario", "trial", "method_key")
+    over_time = np.full((trials, 200), 90.0) if over_time is None else over_time
+    return xr.Dataset(
+        {
+            "stiffness": ((*cell, "time"), estimates[None, :, None]),
+            "time_varying_vaf": ((*cell, "time"), over_time[None, :, None]),
+            "vaf": ((*cell, "statistic"), np.linspace(90, 99, 3 * trials).reshape(1, trials, 1, 3)),
+            "bandpassed_vaf": ((*cell, "statistic"), np.linspace(80, 89, 3 * trials).reshape(1, trials, 1, 3)),
+            "seconds": (cell, np.ones((1, trials, 1))),
+            "failure": (cell, np.full((1, trials, 1), "")),
+            "true_stiffness": (("scenario", "time"), np.asarray(tv.benchmark.PROFILES[profile](time))[None]),
+            "checksums": (("scenario", "trial", "variable"), np.ones((1, trials, 1), dtype=np.uint64)),
+        },
+        coords={
+            "scenario": ["cell"], "method_key": ["mine"], "trial": np.arange(trials),
+            "time": time,
+            "profile": ("scenario", [profile]), "perturbation": ("scenario", ["prbs"]),
+            "duration_s": ("scenario", [150.0]), "snr_db": ("scenario", [10.0]),
+            "viscosity": ("scenario", ["constant"]),
+        },
+    )  # fmt: skip
+
+
+def noisy(random, trials, spread=3.0, bias=2.0):
+    truth = tv.simulate.SquareWave()(np.arange(200) / 100)
+    return truth + bias + spread * random.normal(size=(trials, 200))
+
+
+def test_summary_holds_every_metric(results):
+    table = summarize(score(results))
+    assert tuple(table.columns) == COLUMNS
+    assert set(table.metric) == set(UNITS)
+    cell = table[(table.method == "sds") & (table.perturbation == "prbs")].set_index("metric").value
+    found = results.sel(scenario="square-prbs-60s-10dB", method_key="sds")
+    estimates, truth = found.stiffness.values, found.true_stiffness.values
+    assert cell["bias_error"] == tv.metrics.bias_error(estimates, truth)
+    assert cell["total_error"] ** 2 == pytest.approx(cell["bias_error"] ** 2 + cell["random_error"] ** 2)
+    assert cell["rise_time"] == tv.metrics.rise_time(results.time.values, estimates)
+    assert cell["vaf"] == pytest.approx(float(found.vaf.sel(statistic="mean").mean()))
+    assert cell["lowest_vaf"] == found.vaf.sel(statistic="mean").min()
+    assert cell["left_out"] == cell["failed"] == 0
+    assert set(table.trials) == {3}
+    sine = summarize(score(run(Study(**SMALL | {"stiffness": ["sine"]}), workers=1)))
+    assert not {"rise_time", "switch_dip"} & set(sine.metric)
+
+
+def test_replicates_of_equal_weights_are_the_metrics_themselves(monkeypatch, random):
+    results = made_up(noisy(random, 8), 90 + random.normal(size=(8, 200)))
+
+    class Even:
+        def multinomial(self, count, shares, size):
+            return np.ones((size, count), dtype=int)
+
+    monkeypatch.setattr(np.random, "default_rng", lambda seed: Even())
+    scores = score(results)
+    for name in set(UNITS) - {"lowest_vaf", "left_out", "failed", "debiased_bias_error"}:
+        at = scores.sel(metric=name)
+        np.testing.assert_allclose(at.replicates, at.value.item(), rtol=1e-9, err_msg=name)
+
+
+def test_standard_errors_are_the_spread_of_repeated_studies(random):
+    repeated = [score(made_up(noisy(random, 40))).sel(scenario="cell", method_key="mine") for _ in range(100)]
+    told = {name: np.mean([float(one.standard_error.sel(metric=name)) for one in repeated]) for name in UNITS}
+    for name in ("bias_error", "debiased_bias_error", "random_error", "total_error"):
+        spread = np.std([float(one.value.sel(metric=name)) for one in repeated])
+        assert told[name] == pytest.approx(spread, rel=0.3), name
+
+
+def test_replicates_of_the_debiased_bias_are_centred_on_it(random):
+    at = score(made_up(noisy(random, 30, spread=10.0, bias=3.0))).sel(metric="debiased_bias_error")
+    assert float(at.replicates.mean()) == pytest.approx(at.value.item(), abs=0.25 * at.standard_error.item() + 0.05)
+    plain = score(made_up(noisy(random, 30, spread=10.0, bias=3.0))).sel(metric="bias_error")
+    assert float(plain.replicates.mean()) > plain.value.item() + 0.1
+
+
+def test_one_trial_has_no_standard_error(random):
+    scores = score(made_up(noisy(random, 1)))
+    assert np.isnan(scores.standard_error).all()
+    assert np.isfinite(scores.value.sel(metric="bias_error")).all()
+
+
+def test_a_dip_at_the_switches_is_measured(random):
+    over_time = np.full((4, 200), 95.0)
+    over_time[:, 45:56] = over_time[:, 145:156] = 75.0
+    at = score(made_up(noisy(random, 4), over_time)).sel(metric="switch_dip")
+    assert at.value.item() == 20
+    assert at.standard_error.item() < 1e-9
+
+
+def test_spreads_where_the_joint_is_soft_and_stiff(random):
+    soft = tv.simulate.SquareWave()(np.arange(200) / 100) < 100
+    over_time = 90 + np.where(soft, 2.0, 1.0) * np.array([[-1.0], [1.0]])
+    values = score(made_up(noisy(random, 2), over_time)).value
+    assert values.sel(metric="time_varying_vaf_sd_soft").item() == 2
+    assert values.sel(metric="time_varying_vaf_sd_stiff").item() == 1
+    assert values.sel(metric="time_varying_vaf_sd").item() == 1.5
+
+
+def test_failed_trials_are_left_out_and_counted(random):
+    estimates = noisy(random, 5)
+    results = made_up(estimates)
+    results.stiffness[0, 2] = np.nan
+    results.failure[0, 2] = "x"
+    scores = score(results)
+    assert scores.trials.item() == 4
+    assert scores.value.sel(metric="failed").item() == 1
+    kept = np.delete(estimates, 2, axis=0)
+    assert scores.value.sel(metric="random_error").item() == tv.metrics.random_error(kept)
+    assert np.isfinite(scores.replicates.sel(metric="total_error")).all()
+    results.failure[:] = "x"
+    assert np.isnan(score(results).value.sel(metric="bias_error")).all()
+
+
+def test_times_without_an_estimate_are_left_out(random):
+    estimates = noisy(random, 6)
+    estimates[:, :5] = np.nan
+    estimates[3, 100] = np.nan
+    scores = score(made_up(estimates))
+    assert scores.value.sel(metric="left_out").item() == 6
+    assert np.isfinite(scores.replicates.sel(metric="total_error")).all()

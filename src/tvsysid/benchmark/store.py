@@ -198,13 +198,13 @@ def _prepare(path: Path, study: Study, fresh: Path) -> None:
     if path.exists() and not root.is_file():
         raise InputError(f"{path}: something else is in the way; expected a store of results, or nothing")
     kept = _attributes(root)
-    _create(fresh, study, kept.get("machine") or machine())
+    _create(fresh, study, (kept or {}).get("machine") or machine())
     if not path.exists():
         for file in fresh.rglob("*"):
             _to_disk(file)
         fresh.rename(path)
         return
-    _compare(path, kept, _attributes(fresh / "zarr.json"))
+    _compare(path, kept, _attributes(fresh / "zarr.json") or {})
     for file in sorted(item for item in fresh.rglob("*") if item.is_file()):
         place = path / file.relative_to(fresh)
         content, expected = _content(place), file.read_bytes()
@@ -221,10 +221,10 @@ def _prepare(path: Path, study: Study, fresh: Path) -> None:
         leftover.unlink(missing_ok=True)
 
 
-def _compare(path: Path, kept: dict[str, Any], ours: dict[str, Any]) -> None:
+def _compare(path: Path, kept: dict[str, Any] | None, ours: dict[str, Any]) -> None:
     """Raise if the store says that it is another's."""
-    if not kept:
-        return  # cut short, or no store; the comparison of the files tells
+    if kept is None:
+        return  # cut short, or damaged; the comparison of the files tells
     if kept.get("layout") != ours["layout"]:
         raise InputError(
             f"{path}: expected a store of tvsysid's layout {LAYOUT}, found {kept.get('layout', 'none')}; give another"
@@ -315,12 +315,12 @@ def machine() -> str:
     return f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores"
 
 
-def _attributes(root: Path) -> dict[str, Any]:
-    """Attributes in a group's metadata; none if it is cut short or no metadata."""
+def _attributes(root: Path) -> dict[str, Any] | None:
+    """Attributes in a group's metadata; None if it cannot be read."""
     try:
         found = json.loads(_content(root))
     except (UnicodeDecodeError, json.JSONDecodeError):
-        return {}
+        return None
     attributes = found.get("attributes") if isinstance(found, dict) else None
     return attributes if isinstance(attributes, dict) else {}
 

@@ -77,6 +77,29 @@ def test_a_study_from_a_file_with_options_in_its_place(tvsysid, tmp_path):
     assert (set(table.perturbation), set(table.duration_s), set(table.trials)) == ({"prbs"}, {40.0}, {2})
 
 
+def test_identify_by_an_own_method(tvsysid, tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "plainly.py").write_text(
+        "import numpy as np\n"
+        "class Model:\n"
+        "    def __init__(self, stiffness):\n        self.stiffness = stiffness\n"
+        "    def predict(self, ensemble):\n        return self.stiffness * ensemble.angle[:, ensemble.core]\n"
+        "class Mine:\n"
+        "    def identify(self, ensemble):\n        return Model(np.full(ensemble.samples, 80.0))\n"
+        "class Faulty:\n    def identify(self, ensemble):\n        return 1 / 0\n"
+    )
+    tvsysid("simulate", "joint.mat", "--duration", 40)
+    code, out, err = tvsysid("identify", "joint.mat", *IDENTIFY, "--method", "plainly:Mine", "--method", "sds")
+    assert (code, err) == (0, "")
+    assert "plainly:Mine" in out
+    table = pd.read_csv(tmp_path / "tvsysid-identify" / "stiffness.csv").groupby("method")
+    assert set(table.get_group("plainly:Mine").stiffness) == {80.0}
+    assert table.get_group("plainly:Mine").inertia.isna().all()
+    code, _, err = tvsysid("identify", "joint.mat", *IDENTIFY, "--method", "plainly:Faulty")
+    assert code == 2
+    assert "method plainly:Faulty: ZeroDivisionError: division by zero (plainly.py, line 12)" in err
+
+
 def test_an_own_method_that_fails_is_told_and_the_others_are_kept(tvsysid, tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "faulty.py").write_text(

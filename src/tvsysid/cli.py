@@ -321,7 +321,7 @@ def identify(
         with _progress("identifying") as advance, threadpool_limits(1):
             for number, (label, item) in enumerate(chosen.items()):
                 advance(number, len(chosen))
-                models[label] = item.identify(ensemble)
+                models[label] = _identified(label, item, ensemble)
     measured = ensemble.torque[:, ensemble.core]
     predictions = {label: model.predict(ensemble) for label, model in models.items()}
     over_time = {label: time_varying_vaf(measured, predicted) for label, predicted in predictions.items()}
@@ -750,6 +750,18 @@ def _time_table(results: Any) -> Table:
 def _duration(seconds: float) -> str:
     minutes = seconds / 60
     return f"{seconds:.0f} s" if minutes < 2 else f"{minutes:.0f} min" if minutes < 120 else f"{minutes / 60:.1f} h"
+
+
+def _identified(label: str, method: Any, ensemble: Ensemble) -> Model:
+    """Model, whoever's the method is; an error of somebody else's is told with its place."""
+    from tvsysid.methods import adopted, told
+
+    try:
+        return adopted(method.identify(ensemble), label, ensemble)
+    except InputError:
+        raise
+    except Exception as error:
+        raise InputError(f"method {label}: {told(error)}") from error
 
 
 def _identification_table(models: dict[str, Model], shares: dict[str, Any], ensemble: Ensemble) -> Table:

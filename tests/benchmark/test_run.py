@@ -108,7 +108,7 @@ def test_own_method_enters(results):
     [
         ("raises", r"ZeroDivisionError: no such luck \(conftest.py, line \d+\)"),
         ("exits", r"SystemExit: 3 \(conftest.py, line \d+\)"),
-        ("short", r"InputError: the model's stiffness must have the shape \(200,\), it has \(199,\)"),
+        ("short", r"InputError: Mine: the model's stiffness must be of shape \(200,\), it is \(199,\)"),
     ],
 )
 def test_a_method_that_fails_is_marked_and_spoils_no_other(fault, reason):

@@ -13,7 +13,7 @@ def test_lines_over_seconds_of_data(summary):
     drawn(figure, "png")
     grid = np.array(figure.axes).reshape(3, 2)
     assert [axes.get_title() for axes in grid[0]] == ["filtered noise", "PRBS"]
-    assert {axes.get_xlabel() for axes in grid[-1]} == {"seconds of data (s)"}
+    assert {axes.get_xlabel() for axes in grid[-1]} == {"data (s)"}
     assert all(axes.get_ylabel().endswith("(N·m/rad)") for axes in grid[:, 0])
     assert grid[0, 0].get_xscale() == grid[1, 0].get_yscale() == "log"
     assert grid[0, 0].get_yscale() == "linear"

@@ -20,7 +20,7 @@ from threadpoolctl import ThreadpoolController
 from tvsysid import metrics
 from tvsysid.benchmark.study import PERIOD, PERTURBATIONS, RATE, Scenario
 from tvsysid.errors import DoubtfulWarning, InputError
-from tvsysid.methods.foreign import told
+from tvsysid.methods.foreign import adopted, told
 from tvsysid.preprocess import decimate, segment
 from tvsysid.signals import Ensemble
 from tvsysid.simulate import joint
@@ -197,21 +197,18 @@ def _measure(method: Any, ensemble: Ensemble, torque: Array, clock: _Clock) -> d
     started = time.perf_counter()
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DoubtfulWarning)
-        model = method.identify(ensemble)
+        found = method.identify(ensemble)
     seconds = time.perf_counter() - started
-    stiffness = np.asarray(model.stiffness, dtype=np.float64)
-    if stiffness.shape != (ensemble.samples,):
-        raise InputError(f"the model's stiffness must have the shape ({ensemble.samples},), it has {stiffness.shape}")
-    diagnostics = getattr(model, "diagnostics", None)
+    model = adopted(found, type(method).__name__, ensemble)
     doubts = [str(item.message) for item in caught if issubclass(item.category, DoubtfulWarning)]
     with clock.stage("scoring"):
         predicted = model.predict(ensemble)
         return {
-            "stiffness": stiffness,
+            "stiffness": model.stiffness,
             "time_varying_vaf": metrics.time_varying_vaf(torque, predicted),
             "vaf": _statistics(metrics.vaf(torque, predicted)),
             "bandpassed_vaf": _statistics(metrics.bandpassed_vaf(torque, predicted, RATE)),
-            "parameters": float(getattr(diagnostics, "parameters", np.nan)),
+            "parameters": model.diagnostics.parameters,
             "seconds": seconds,
             "doubts": "; ".join(dict.fromkeys(doubts)),
             "failure": "",

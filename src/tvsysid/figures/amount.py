@@ -20,7 +20,7 @@ ERRORS = {
     "random_error": "random error\n(N·m/rad)",
     "total_error": "total error\n(N·m/rad)",
 }
-AMOUNTS = {"duration_s": "seconds of data (s)", "snr_db": "signal-to-noise ratio (dB)"}
+AMOUNTS = {"duration_s": "data (s)", "snr_db": "signal-to-noise ratio (dB)"}
 MARKERS = "osD^vPX<"
 
 

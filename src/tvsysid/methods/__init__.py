@@ -4,7 +4,7 @@ from tvsysid.methods.base import Method
 from tvsysid.methods.birf import BasisIRF
 from tvsysid.methods.eirf import EnsembleIRF
 from tvsysid.methods.esm import EnsembleSpectral
-from tvsysid.methods.foreign import Identifies
+from tvsysid.methods.foreign import Identifies, adopted, told
 from tvsysid.methods.kbr import KernelRegression
 from tvsysid.methods.registry import METHODS, clashes, create, describe, key_of, names, parse
 from tvsysid.methods.sds import ShortDataSegments
@@ -18,10 +18,12 @@ __all__ = [
     "KernelRegression",
     "Method",
     "ShortDataSegments",
+    "adopted",
     "clashes",
     "create",
     "describe",
     "key_of",
     "names",
     "parse",
+    "told",
 ]

@@ -5,21 +5,27 @@ from __future__ import annotations
 import importlib
 import inspect
 import json
+import math
 import os
 import sysconfig
 import textwrap
 import traceback
 from collections.abc import Callable
-from dataclasses import is_dataclass
+from dataclasses import dataclass, is_dataclass
 from functools import cache
 from importlib.metadata import distributions
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, get_type_hints
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import ConfigDict, PydanticUserError, TypeAdapter, ValidationError
 
 from tvsysid.errors import InputError
+from tvsysid.models import Diagnostics, Model
 from tvsysid.signals import Ensemble
+
+Array = NDArray[np.float64]
 
 GROUP = "tvsysid.methods"
 """Group of entry points under which a package offers its methods."""
@@ -160,6 +166,71 @@ def converted(label: str, target: Any, texts: dict[str, str]) -> dict[str, Any]:
 def settings_of(target: Any) -> dict[str, Any]:
     """Settings that a class takes, with their defaults; ``inspect.Parameter.empty`` for those that must be given."""
     return {item.name: item.default for item in _parameters(target) if item.kind in _BY_NAME}
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class ForeignModel(Model):
+    """What a method of other people found, with NaN for what it does not say.
+
+    Parameters
+    ----------
+    found
+        Its own model.
+    """
+
+    found: Any
+
+    def _predict(self, ensemble: Ensemble) -> Array:
+        predicted = np.asarray(self.found.predict(ensemble), dtype=np.float64)
+        if predicted.shape != (len(ensemble), ensemble.samples):
+            raise InputError(
+                f"{self.method}: predict(ensemble) must be of shape (realization, time), here ({len(ensemble)}, "
+                f"{ensemble.samples}), it is {predicted.shape}"
+            )
+        return predicted
+
+
+def adopted(found: Any, label: str, ensemble: Ensemble) -> Model:
+    """Model of the package from what a method found.
+
+    Parameters
+    ----------
+    found
+        A model of the package, which is returned as it is, or anything with ``stiffness`` and ``predict(ensemble)``.
+    label
+        The method and its settings, in words.
+    ensemble
+        That it was identified from.
+
+    Raises
+    ------
+    InputError
+        If it has no ``stiffness`` or ``predict``, or its stiffness is not one number for each time.
+    """
+    if isinstance(found, Model):
+        return found
+    for name in ("stiffness", "predict"):
+        if not hasattr(found, name):
+            raise InputError(f"{label}: identify returned an object of type {type(found).__name__} without {name}")
+    count = ensemble.samples
+    stiffness = np.array(found.stiffness, dtype=np.float64)
+    if stiffness.shape != (count,):
+        raise InputError(f"{label}: the model's stiffness must be of shape ({count},), it is {stiffness.shape}")
+
+    def optional(name: str) -> Array:
+        values = np.array(getattr(found, name, np.nan), dtype=np.float64)
+        return np.array(np.broadcast_to(values, count)) if values.shape in ((), (count,)) else np.full(count, np.nan)
+
+    return ForeignModel(
+        method=label,
+        sampling_rate=ensemble.sampling_rate,
+        time=ensemble.time,
+        stiffness=stiffness,
+        viscosity=optional("viscosity"),
+        inertia=optional("inertia"),
+        diagnostics=Diagnostics(parameters=math.nan),
+        found=found,
+    )
 
 
 def told(error: BaseException, file: str | None = None) -> str:

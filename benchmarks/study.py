@@ -1,0 +1,110 @@
+"""Where the time of a study goes: run ``python benchmarks/study.py`` from the repository root.
+
+Runs a study (``--preset paper`` for the whole of the paper's) with one process and with as many as there are cores, and
+prints for each stage the simulated seconds that it gets through in a second, what writing the results costs beside the
+trials, and the most memory that all processes held at once (proportional set size; Linux only).
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+from rich.console import Console
+from rich.table import Table
+
+import tvsysid as tv
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Where the time of a study goes.")
+    parser.add_argument("--preset", default="quick", choices=tv.benchmark.PRESETS)
+    parser.add_argument("--workers", type=int, nargs="*", default=sorted({1, os.cpu_count() or 1}))
+    chosen = parser.parse_args()
+    study = tv.benchmark.Study.preset(chosen.preset)
+    console = Console()
+    first = None
+    for workers in chosen.workers:
+        results, seconds, memory = timed(study, workers)
+        first = first or seconds
+        console.print(stages_table(results, seconds, f"{chosen.preset}, {workers} process{'es' * (workers > 1)}"))
+        simulated = float(results.duration_s.sum()) * study.trials
+        console.print(
+            f"{seconds:.1f} s, {simulated / seconds:,.0f} simulated seconds per second, {first / seconds:.2f} x as "
+            f"fast as with {chosen.workers[0]} process(es); peak memory {memory / 2**20:,.0f} MiB\n",
+            highlight=False,
+        )
+
+
+def timed(study: tv.benchmark.Study, workers: int) -> tuple[xr.Dataset, float, int]:
+    """Results, seconds and bytes."""
+    with tempfile.TemporaryDirectory() as folder, watched_memory() as peak:
+        started = time.perf_counter()
+        results = tv.benchmark.run(study, store=Path(folder) / "results.zarr", workers=workers)
+        seconds = time.perf_counter() - started
+        return results.load(), seconds, peak[0]
+
+
+def stages_table(results: xr.Dataset, seconds: float, title: str) -> Table:
+    """A row for each stage, summed over all workers."""
+    simulated = float(results.duration_s.sum()) * results.sizes["trial"]
+    spent = {str(name): float(results.stage_seconds.sel(stage=name).sum()) for name in results.stage.values}
+    spent |= {str(name): float(results.seconds.sel(method_key=name).sum()) for name in results.method_key.values}
+    table = Table(title=title, title_justify="left", caption="times of all workers, but for the last row")
+    table.add_column("stage")
+    for heading in ("s", "share, %", "simulated seconds per second"):
+        table.add_column(heading, justify="right")
+    total = sum(spent.values())
+    for name, time_spent in [*spent.items(), ("all of these", total)]:
+        rate = f"{simulated / time_spent:,.0f}"
+        table.add_row(name, f"{time_spent:.1f}", f"{100 * time_spent / total:.0f}", rate)
+    table.add_row("from start to end", f"{seconds:.1f}", "", f"{simulated / seconds:,.0f}")
+    return table
+
+
+@contextmanager
+def watched_memory() -> Iterator[list[int]]:
+    """Most bytes that this process and its children held at once, looked at ten times a second."""
+    peak, ended = [0], threading.Event()
+
+    def watch() -> None:
+        while not ended.wait(0.1):
+            peak[0] = max(peak[0], sum(proportional_bytes(process) for process in family()))
+
+    thread = threading.Thread(target=watch, daemon=True)
+    thread.start()
+    try:
+        yield peak
+    finally:
+        ended.set()
+        thread.join()
+
+
+def family() -> list[Any]:
+    """Folders in /proc of this process and its children."""
+    found = [Path("/proc/self")]
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            if int(stat.read_text().rpartition(")")[2].split()[1]) == os.getpid():
+                found.append(stat.parent)
+    return found
+
+
+def proportional_bytes(process: Path) -> int:
+    with suppress(OSError):
+        for line in (process / "smaps_rollup").read_text().splitlines():
+            if line.startswith("Pss:"):
+                return 1024 * int(line.split()[1])
+    return 0
+
+
+if __name__ == "__main__":
+    main()

@@ -135,6 +135,22 @@ def test_the_store_of_another_version_is_refused_with_what_differs(copy):
         read_results(copy)
 
 
+def test_a_method_that_was_changed_is_another_one(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    source = (
+        "class Model:\n    stiffness = [GAIN] * 200\n"
+        "    def predict(self, e):\n        return GAIN * e.angle[:, e.core]\n"
+        "class Mine:\n    def identify(self, ensemble):\n        return Model()\n"
+    )
+    (tmp_path / "changing.py").write_text(source.replace("GAIN", "90.0"))
+    study = Study(duration_s=40, trials=1, perturbation="prbs", methods="changing:Mine")
+    run(study, store=tmp_path / "results.zarr", workers=1)
+    run(study, store=tmp_path / "results.zarr", workers=1)
+    (tmp_path / "changing.py").write_text(source.replace("GAIN", "100.0"))
+    with pytest.raises(tv.InputError, match=r"files were other ones .*changing:Mine: \w{12} there, \w{12} here"):
+        run(study, store=tmp_path / "results.zarr", workers=1)
+
+
 def test_something_else_in_the_way_is_refused(tmp_path):
     file, folder = tmp_path / "file", tmp_path / "folder"
     file.write_text("mine")

@@ -53,7 +53,7 @@ def trials_in(folder):
     )
 
 
-def wait_for(condition, seconds=60.0):
+def wait_for(condition, seconds=300.0):
     ends = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < ends, "waited in vain"
@@ -70,7 +70,7 @@ def children_of(pid):
 
 
 def finished(process, code=0):
-    _, errors = process.communicate(timeout=120)
+    _, errors = process.communicate(timeout=300)
     assert process.returncode == code, errors
     return errors
 
@@ -95,7 +95,7 @@ def test_killed_at_ten_random_moments_and_gone_on_with(tmp_path, uninterrupted):
         assert process.poll() is None
         process.kill()
         process.communicate()
-        wait_for(lambda: not any(Path(f"/proc/{pid}").exists() for pid in workers), 20)  # noqa: B023
+        wait_for(lambda: not any(Path(f"/proc/{pid}").exists() for pid in workers))  # noqa: B023
         assert trials_in(tmp_path) >= before
         before = trials_in(tmp_path)
     assert before < TOTAL

@@ -7,9 +7,9 @@ import os
 import signal
 import tempfile
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
-from contextlib import contextmanager, nullcontext
+from contextlib import closing, contextmanager, nullcontext
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -105,14 +105,16 @@ def _run_missing(
     done = total - len(trials)
     if progress is not None:
         progress(done, total)
-    for trial, outcome in _outcomes(trials, workers, executor):
-        store.write(numbers[trial.scenario], trial.number, outcome)
-        done += 1
-        if progress is not None:
-            progress(done, total)
+    # Closed at once if writing fails, so that no worker goes on in vain.
+    with closing(_outcomes(trials, workers, executor)) as outcomes:
+        for trial, outcome in outcomes:
+            store.write(numbers[trial.scenario], trial.number, outcome)
+            done += 1
+            if progress is not None:
+                progress(done, total)
 
 
-def _outcomes(trials: list[Trial], workers: int | None, executor: Executor | None) -> Iterator[tuple[Trial, Outcome]]:
+def _outcomes(trials: list[Trial], workers: int | None, executor: Executor | None) -> Generator[tuple[Trial, Outcome]]:
     if executor is not None:
         try:
             yield from _from(executor, trials, workers or int(getattr(executor, "_max_workers", UNKNOWN_WORKERS)))
@@ -167,11 +169,10 @@ def _from_processes(trials: list[Trial], workers: int) -> Iterator[tuple[Trial, 
                     yield trial, outcome
                     del left[trial.scenario, trial.number]
         except BrokenExecutor:
-            # It was one of the first ones left; the others among them only shared its pool.
-            for trial in under_way[: (1 + AHEAD) * workers]:
-                if (trial.scenario, trial.number) in left:
-                    yield trial, _alone(trial, killers)
-                    del left[trial.scenario, trial.number]
+            # It was one of those under way, the first ones left; the others among them only shared its pool.
+            for place, trial in list(left.items())[: (1 + AHEAD) * workers]:
+                yield trial, _alone(trial, killers)
+                del left[place]
 
 
 def _alone(trial: Trial, killers: dict[str, str]) -> Outcome:

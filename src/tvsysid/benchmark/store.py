@@ -229,7 +229,12 @@ def _compare(path: Path, kept: dict[str, Any] | None, ours: dict[str, Any]) -> N
         raise InputError(
             f"{path}: expected a store of tvsysid's layout {LAYOUT}, found {kept.get('layout', 'none')}; give another"
         )
-    for name, what in (("study", "another study"), ("versions", "other versions of the software")):
+    parts = {
+        "study": "another study",
+        "versions": "other versions of the software",
+        "sources": "methods whose files were other ones (digests)",
+    }
+    for name, what in parts.items():
         try:
             found = json.loads(kept.get(name, ""))
         except (TypeError, json.JSONDecodeError):
@@ -249,6 +254,7 @@ def _create(path: Path, study: Study, of_machine: str) -> None:
         "layout": LAYOUT,
         "study": study.to_json(),
         "versions": json.dumps(versions()),
+        "sources": json.dumps(study.sources),
         "machine": of_machine,
     }
     group: Any = zarr.create_group(path, zarr_format=3, attributes=attributes)

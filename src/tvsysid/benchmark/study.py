@@ -6,6 +6,7 @@ import difflib
 import hashlib
 import itertools
 import json
+import sys
 import tomllib
 from functools import cached_property
 from pathlib import Path
@@ -239,6 +240,17 @@ class Study(_Settings):
             value if isinstance(value, str) else repr(value): parse(value) if isinstance(value, str) else value
             for value in self.methods
         }
+
+    @property
+    def sources(self) -> dict[str, str]:
+        """Digest of the file that holds each method of somebody else's: a method that was changed is another one."""
+        found = {}
+        for label, method in self.named_methods.items():
+            module = sys.modules.get(type(method).__module__)
+            file = getattr(module, "__file__", None)
+            if file and not type(method).__module__.startswith("tvsysid.") and Path(file).is_file():
+                found[label] = hashlib.sha256(Path(file).read_bytes()).hexdigest()[:12]
+        return found
 
     @cached_property
     def scenarios(self) -> tuple[Scenario, ...]:

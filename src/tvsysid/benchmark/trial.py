@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
-from tvsysid import metrics
+from tvsysid import __version__, metrics
 from tvsysid.benchmark.study import PERIOD, PERTURBATIONS, RATE, Scenario
 from tvsysid.errors import DoubtfulWarning, InputError
 from tvsysid.methods.foreign import adopted, told
@@ -47,7 +47,8 @@ NUMBERS = {
 
 def versions() -> dict[str, str]:
     """What the last bits of a result depend on."""
-    return {name: version(name) for name in ("tvsysid", "numpy", "scipy")} | {"python": platform.python_version()}
+    libraries = {name: version(name) for name in ("numpy", "scipy")}
+    return {"tvsysid": __version__} | libraries | {"python": platform.python_version()}
 
 
 @dataclass(frozen=True)

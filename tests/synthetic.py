@@ -57,6 +57,7 @@ def results_of(scenarios=(*SQUARE, *SINE), methods=tuple(METHODS), trials=6, vis
             "vaf": ((*cell, "statistic"), statistics),
             "bandpassed_vaf": ((*cell, "statistic"), statistics - 1.5),
             "parameters": (cell, np.full(sizes, 25.0)),
+            "checksums": (("scenario", "trial", "variable"), np.ones((*sizes[:2], 1), dtype=np.uint64)),
             "seconds": (cell, seconds),
             "stage_seconds": (("scenario", "trial", "stage"), np.full((*sizes[:2], 3), 0.05)),
             "doubts": (cell, np.full(sizes, "", dtype=object)),
@@ -170,6 +171,7 @@ def responses_of(methods=("eirf", "sds", "birf")):
         {
             "impulse_response": (("method_key", "instant", "lag"), found),
             "true_impulse_response": (("instant", "lag"), truth),
+            "distance": (("method_key", "instant"), np.sqrt(((found - truth) ** 2).mean(axis=-1))),
         },
         coords={
             "method_key": list(methods), "instant": [0.25, 1.0], "lag": lag, "stiffness": ("instant", [50.0, 150.0]),

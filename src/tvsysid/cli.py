@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import os
 import shlex
 import signal
@@ -24,6 +25,7 @@ from tvsysid.errors import DoubtfulWarning, InputError
 if TYPE_CHECKING:
     import pandas as pd
 
+    from tvsysid.benchmark import Check
     from tvsysid.models import Model
     from tvsysid.signals import Ensemble
 
@@ -381,12 +383,7 @@ def check_method(
 
     Example: `tvsysid check-method mymethod:SlidingFit`, or with settings `mymethod:SlidingFit:window=0.2`
     """
-    from rich.markup import escape
-
-    from tvsysid.benchmark import check_method as check
-    from tvsysid.methods import parse
-
-    checks = check(parse(name))
+    checks = _checked_apart(name)
     for item in checks:
         sign = "[green]✓[/]" if item.passed else "[red]✗[/]" if item.required else "[yellow]✗[/]"
         advice = "" if item.required or item.passed else " (advice)"
@@ -571,11 +568,13 @@ def _print_plan(study: Any, workers: int) -> None:
         f"methods: {', '.join(study.named_methods)}\n"
         f"{study.trials} trials of each of {len(study.scenarios)} scenarios, seed {study.seed}: {taken.trials} trials, "
         f"{taken.simulated_s:,.0f} s of data\n"
-        f"about {_duration(taken.work_s / workers)} with {workers} process{'es' if workers > 1 else ''}, "
-        f"and {taken.size_bytes / 1e6:,.1f} MB of results; nothing was run",
+        f"about {_duration(taken.work_s / workers)} with {workers} process{'es' if workers > 1 else ''}, beside the "
+        f"start and the figures, and {taken.size_bytes / 1e6:,.1f} MB of results; nothing was run",
         highlight=False,
         soft_wrap=True,
     )
+    for label, reason in taken.failures.items():
+        errors.print(f"[red]error:[/] {escape(f'{label} fails: {reason}')}", highlight=False, soft_wrap=True)
 
 
 def _run_study(study: Any, out: Path, workers: int | None, scheduler: str | None) -> Any:
@@ -589,6 +588,8 @@ def _run_study(study: Any, out: Path, workers: int | None, scheduler: str | None
         with _progress(title) as advance, _executor(scheduler) as (executor, threads):
 
             def count_kept(done: int, total: int) -> None:
+                if done and not kept[1]:
+                    errors.print(f"going on: {done} of {total} trials are there already", highlight=False)
                 kept[:] = done, total
                 advance(done, total)
 
@@ -606,6 +607,31 @@ def _run_study(study: Any, out: Path, workers: int | None, scheduler: str | None
             f"{error.filename or out}: {error.strerror or error}; {kept[0]} of {kept[1]} trials are kept: once this is "
             "mended, the same command goes on from there"
         ) from error
+
+
+def _checked_apart(name: str) -> list[Check]:
+    """Checks of a method in a process of its own, which it may end."""
+    import multiprocessing
+    from concurrent.futures import BrokenExecutor, ProcessPoolExecutor
+
+    from tvsysid.methods import parse
+
+    parse(name)  # what is wrong with the name is told from here
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+        try:
+            return pool.submit(_checks_of, name).result()
+        except BrokenExecutor as error:
+            raise InputError(
+                f"method {name}: it ends the whole process, as os._exit or a crash in compiled code does; a method "
+                "must return a model, or raise an error"
+            ) from error
+
+
+def _checks_of(name: str) -> list[Check]:
+    from tvsysid.benchmark import check_method as check
+    from tvsysid.methods import parse
+
+    return check(parse(name))
 
 
 @contextmanager
@@ -645,7 +671,8 @@ def _write_study(results: Any, out: Path, command: str) -> bool:
             with whole_file(out / name) as file:
                 table.to_csv(file, index=False, float_format="%.6g")
         square = bool((results.profile == "square").any())
-        illustrations = study_figures(results, summary, example_responses() if square else None)
+        seed = json.loads(results.attrs["study"])["seed"]
+        illustrations = study_figures(results, summary, example_responses(seed) if square else None)
         for name, item in illustrations.items():
             for ending in ("png", "pdf", "svg"):
                 save(item.figure, out / "figures" / f"{name}.{ending}")
@@ -655,7 +682,8 @@ def _write_study(results: Any, out: Path, command: str) -> bool:
         output.print(_benchmark_table(summary[summary.scenario == label]))
     if len(labels) > MOST_TABLES:
         output.print(f"and {len(labels) - MOST_TABLES} more scenarios in summary.csv and report.html", highlight=False)
-    output.print(_claims_table(claims))
+    if (claims.verdict != "not studied").any():
+        output.print(_claims_table(claims))
     output.print(_time_table(results))
     complete = _print_troubles(results)
     _say_written(out, ["report.html", "summary.csv", "claims.csv", f"figures/ ({len(illustrations)})", STORE])
@@ -725,7 +753,9 @@ def _claims_table(claims: pd.DataFrame) -> Table:
     for claim, verdict in zip(studied.claim.astype(str), studied.verdict.astype(str), strict=True):
         table.add_row(claim, f"{symbols[verdict]} {verdict}")
     if len(studied) < len(claims):
-        table.caption = f"{len(claims) - len(studied)} more need other scenarios: --preset paper, --preset viscosity"
+        table.caption = (
+            f"{len(claims) - len(studied)} more of its claims need other scenarios: --preset paper, snr, viscosity"
+        )
     return table
 
 

@@ -86,11 +86,14 @@ def test_a_loss_of_power_that_cuts_the_newest_files_short_loses_only_their_trial
 def test_the_leavings_of_a_kill_are_cleared_away(copy):
     partial = copy / "stiffness" / "c" / "0" / "0" / "0" / "0.abc.partial"
     partial.write_bytes(b"half")
-    leftover = copy.parent / ".results.zarr-xyz"
+    leftover, mine = copy.parent / ".results.zarr.new", copy.parent / ".results.zarr-mine"
     leftover.mkdir()
+    (leftover / "half").touch()
+    mine.mkdir()
     rerun(copy)
     assert not partial.exists()
     assert not leftover.exists()
+    assert mine.exists()
 
 
 def test_damage_is_refused_and_the_file_named(copy):

@@ -34,8 +34,9 @@ def example_responses(seed: int = 0) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
-        ``impulse_response`` over (method_key, instant, lag) and ``true_impulse_response`` over (instant, lag), in
-        N·m/(rad·s), with the coordinate ``stiffness`` in N·m/rad over (instant).
+        ``impulse_response`` over (method_key, instant, lag), ``true_impulse_response`` over (instant, lag), and
+        ``distance`` between them (root mean square over lags) over (method_key, instant), in N·m/(rad·s), with the
+        coordinate ``stiffness`` in N·m/rad over (instant).
     """
     import xarray as xr  # noqa: PLC0415  # heavy
 
@@ -57,9 +58,12 @@ def example_responses(seed: int = 0) -> xr.Dataset:
     truth = [k * weights[0] + viscosity * weights[1] + simulation.inertia * weights[2] for k in stiffness]
     rows = [round(instant * RATE) for instant in INSTANTS]
     dims = ("method_key", "instant", "lag")
+    found = np.stack([model.impulse_response[rows] for model in models])
+    distance = np.sqrt(np.mean((found - np.stack(truth)) ** 2, axis=-1))
     return xr.Dataset(
         {
-            "impulse_response": (dims, np.stack([model.impulse_response[rows] for model in models])),
+            "impulse_response": (dims, found),
+            "distance": (dims[:2], distance),
             "true_impulse_response": (dims[1:], np.stack(truth)),
         },
         coords={

@@ -7,8 +7,16 @@ import os
 import signal
 import tempfile
 import threading
-from collections.abc import Callable, Generator, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
+from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    wait,
+)
 from contextlib import closing, contextmanager, nullcontext
 from dataclasses import replace
 from itertools import islice
@@ -25,6 +33,8 @@ if TYPE_CHECKING:
 
 AHEAD = 2
 """Trials that wait for each worker: enough to keep it busy; more would only take memory."""
+Place = tuple[int, int]
+"""Numbers of scenario and trial."""
 UNKNOWN_WORKERS = 32
 """Workers assumed of an executor that does not say how many it has."""
 
@@ -97,82 +107,98 @@ def _run_missing(
 ) -> None:
     total = len(study.scenarios) * study.trials
     places = store.missing()
-    numbers = {scenario: number for number, scenario in enumerate(study.scenarios)}
-    trials = [
-        Trial(study.scenarios[place], number, study.seed_of(study.scenarios[place], number), methods)
-        for place, number in places
-    ]
-    done = total - len(trials)
+    done = total - len(places)
+
+    def trial_at(place: Place) -> Trial:
+        scenario = study.scenarios[place[0]]
+        return Trial(scenario, place[1], study.seed_of(scenario, place[1]), methods)
+
     if progress is not None:
         progress(done, total)
     # Closed at once if writing fails, so that no worker goes on in vain.
-    with closing(_outcomes(trials, workers, executor)) as outcomes:
-        for trial, outcome in outcomes:
-            store.write(numbers[trial.scenario], trial.number, outcome)
+    with closing(_outcomes(trial_at, places, workers, executor)) as outcomes:
+        for place, outcome in outcomes:
+            store.write(*place, outcome)
             done += 1
             if progress is not None:
                 progress(done, total)
 
 
-def _outcomes(trials: list[Trial], workers: int | None, executor: Executor | None) -> Generator[tuple[Trial, Outcome]]:
+def _outcomes(
+    trial_at: Callable[[Place], Trial], places: list[Place], workers: int | None, executor: Executor | None
+) -> Generator[tuple[Place, Outcome]]:
     if executor is not None:
+        at_a_time = workers or int(getattr(executor, "_max_workers", UNKNOWN_WORKERS))
         try:
-            yield from _from(executor, trials, workers or int(getattr(executor, "_max_workers", UNKNOWN_WORKERS)))
-        except BrokenExecutor as error:
+            yield from _from(executor, trial_at, places, at_a_time)
+        except (BrokenExecutor, CancelledError) as error:
             raise InputError(
-                f"run: the executor gave up: {error}; what was finished is kept in the store; the same call goes on"
+                f"run: the executor gave up ({type(error).__name__}: {error}); what was finished is kept in the store, "
+                "and the same call goes on from there"
             ) from error
         return
-    workers = min(workers or os.cpu_count() or 1, len(trials))
-    if workers <= 1:
-        yield from ((trial, run_trial(trial)) for trial in trials)
+    workers = workers or os.cpu_count() or 1
+    if workers == 1:
+        yield from ((place, run_trial(trial_at(place))) for place in places)
     else:
-        yield from _from_processes(trials, workers)
+        yield from _from_processes(trial_at, places, workers)
 
 
-def _from(executor: Executor, trials: Sequence[Trial], workers: int) -> Iterator[tuple[Trial, Outcome]]:
+def _from(
+    executor: Executor, trial_at: Callable[[Place], Trial], places: Iterable[Place], workers: int
+) -> Generator[tuple[Place, Outcome]]:
     """Outcomes as they come; never more than a few trials are under way."""
-    queue = iter(trials)
-    pending: dict[Future[Outcome], Trial] = {}
+    queue = iter(places)
+    pending: dict[Future[Outcome], Place] = {}
     try:
         while True:
-            for trial in islice(queue, (1 + AHEAD) * workers - len(pending)):
-                pending[executor.submit(run_trial, trial)] = trial
+            for place in islice(queue, (1 + AHEAD) * workers - len(pending)):
+                pending[_submit(executor, trial_at(place))] = place
             if not pending:
                 return
             done, _ = wait(pending, return_when=FIRST_COMPLETED)
             for future in done:
-                trial = pending[future]
                 try:
                     outcome = future.result()
-                except (BrokenExecutor, InputError):
+                except (BrokenExecutor, CancelledError, InputError):
                     raise
                 except Exception as error:
                     reason = f"the worker failed: {type(error).__name__}: {error}"
-                    outcome = all_failed(len(trial.methods), reason)
-                del pending[future]
-                yield trial, outcome
+                    outcome = all_failed(len(trial_at(pending[future]).methods), reason)
+                yield pending.pop(future), outcome
     finally:
         for future in pending:
             future.cancel()
 
 
-def _from_processes(trials: list[Trial], workers: int) -> Iterator[tuple[Trial, Outcome]]:
+def _submit(executor: Executor, trial: Trial) -> Future[Outcome]:
+    try:
+        return executor.submit(run_trial, trial)
+    except RuntimeError as error:  # it was shut down
+        raise BrokenExecutor(str(error)) from error
+
+
+def _from_processes(
+    trial_at: Callable[[Place], Trial], places: list[Place], workers: int
+) -> Generator[tuple[Place, Outcome]]:
     """Outcomes from local processes; where one dies, its trials are run again, each by itself."""
-    left = {(trial.scenario, trial.number): trial for trial in trials}
+    left = dict.fromkeys(places)
     killers: dict[str, str] = {}
+
+    def without_killers(place: Place) -> Trial:
+        return replace(trial_at(place), left_out=dict(killers))
+
     while left:
-        under_way = [replace(trial, left_out=killers) for trial in left.values()]
         try:
             with _processes(min(workers, len(left))) as pool:
-                for trial, outcome in _from(pool, under_way, workers):
-                    yield trial, outcome
-                    del left[trial.scenario, trial.number]
+                for place, outcome in _from(pool, without_killers, list(left), workers):
+                    del left[place]
+                    yield place, outcome
         except BrokenExecutor:
             # It was one of those under way, the first ones left; the others among them only shared its pool.
-            for place, trial in list(left.items())[: (1 + AHEAD) * workers]:
-                yield trial, _alone(trial, killers)
+            for place in list(left)[: (1 + AHEAD) * workers]:
                 del left[place]
+                yield place, _alone(trial_at(place), killers)
 
 
 def _alone(trial: Trial, killers: dict[str, str]) -> Outcome:
@@ -221,6 +247,11 @@ def _processes(workers: int) -> Iterator[ProcessPoolExecutor]:
                 "`if __name__ == '__main__':`, because each worker imports it; or give workers=1"
             ) from error
         yield pool
+    except (KeyboardInterrupt, GeneratorExit):
+        # Nobody waits for what is under way any more, least of all for a method that hangs.
+        for process in list((pool._processes or {}).values()):
+            process.terminate()
+        raise
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
 

@@ -107,12 +107,13 @@ def score(results: xr.Dataset) -> xr.Dataset:
             if not used.any():
                 continue
             own, weights = own.isel(trial=used), chosen[:, used]
-            weights = weights[weights.any(axis=1)] / weights.sum(axis=1, keepdims=True)[weights.any(axis=1)]
+            drawn = weights.any(axis=1)
+            weights = weights[drawn] / weights[drawn].sum(axis=1, keepdims=True)
             for name, number_ in _values(own):
                 value[place, number, names.index(name)] = number_
             if trials[place, number] > 1:
                 for name, numbers in _replicates(own, weights):
-                    replicates[place, number, names.index(name), : len(weights)] = numbers
+                    replicates[place, number, names.index(name), drawn] = numbers
     dims = ("scenario", "method_key", "metric")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # no replicates, no error
@@ -167,7 +168,8 @@ def _values(own: Any) -> Iterator[tuple[str, float]]:
     truth, time = own.true_stiffness.values, own.time.values
     yield "bias_error", metrics.bias_error(estimates, truth)
     yield "debiased_bias_error", metrics.debiased_bias_error(estimates, truth)
-    yield "random_error", metrics.random_error(estimates)
+    # One trial has no spread that could be told.
+    yield "random_error", metrics.random_error(estimates) if len(estimates) > 1 else np.nan
     yield "total_error", metrics.total_error(estimates, truth)
     wave = PROFILES[str(own.profile.values)]
     if isinstance(wave, SquareWave):
@@ -188,14 +190,17 @@ def _replicates(own: Any, weights: Array) -> Iterator[tuple[str, Array]]:
     estimates, over_time = own.stiffness.values, own.time_varying_vaf.values
     known = np.isfinite(estimates).all(axis=0)
     truth, time = own.true_stiffness.values, own.time.values
+    count = len(estimates)
+    narrower = count / (count - 1)  # a draw varies less than what it is drawn from
     if known.any():
         mean = weights @ estimates[:, known]
         random = np.maximum(0.0, (weights @ estimates[:, known] ** 2 - mean**2).mean(axis=1))
         bias = ((mean - truth[known]) ** 2).mean(axis=1)
         yield "bias_error", np.sqrt(bias)
         # A draw's bias holds the random error's part twice: the sample's, and that of drawing from it.
-        yield "debiased_bias_error", np.sqrt(np.maximum(0.0, bias - 2 * random / len(estimates)))
-        yield "random_error", np.sqrt(random)
+        twice = random * (2 * count - 1) / (count - 1) ** 2
+        yield "debiased_bias_error", np.sqrt(np.maximum(0.0, bias - twice))
+        yield "random_error", np.sqrt(random * narrower)
         yield "total_error", np.sqrt(bias + random)
     mean_over_time = weights @ over_time
     wave = PROFILES[str(own.profile.values)]
@@ -205,7 +210,7 @@ def _replicates(own: Any, weights: Array) -> Iterator[tuple[str, Array]]:
     yield "vaf", weights @ own.vaf.values[:, 0]
     yield "bandpassed_vaf", weights @ own.bandpassed_vaf.values[:, 0]
     yield "lowest_time_varying_vaf", _least(mean_over_time)
-    variance = np.maximum(0.0, weights @ over_time**2 - mean_over_time**2)
+    variance = narrower * np.maximum(0.0, weights @ over_time**2 - mean_over_time**2)
     yield from _spreads(np.sqrt(variance), truth)
     yield "seconds", weights @ own.seconds.values
 
@@ -237,4 +242,5 @@ def _dip(time: Array, over_time: Array, wave: SquareWave) -> Array:
 
 
 def _least(values: Array) -> Array:
-    return np.asarray(np.min(values, axis=-1, where=np.isfinite(values), initial=100.0))
+    known = np.isfinite(values)
+    return np.where(known.any(axis=-1), np.min(values, axis=-1, where=known, initial=100.0), np.nan)

@@ -14,10 +14,9 @@ import json
 import os
 import platform
 import shutil
-import tempfile
 import warnings
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -61,13 +60,9 @@ MEANING = {
 class Store:
     """An open store; made by :func:`open_store`."""
 
-    def __init__(self, path: Path) -> None:
-        import zarr  # noqa: PLC0415  # heavy
-
+    def __init__(self, path: Path, group: Any) -> None:
         self.path = path
-        group: Any = zarr.open_group(path, mode="r+", zarr_format=3, use_consolidated=False)
         self._arrays: dict[str, Any] = {name: group[name] for name in (*MEASURED, "checksums")}
-        self.torn = 0
 
     def missing(self) -> list[tuple[int, int]]:
         """Scenario and trial numbers that are to be run: those not there, cut short or with a failure.
@@ -78,41 +73,83 @@ class Store:
             If a chunk is whole but not what was written.
         """
         scenarios, trials = self._arrays["checksums"].shape[:2]
-        self.torn = 0
         places = ((scenario, trial) for scenario in range(scenarios) for trial in range(trials))
-        return [place for place in places if not self._is_there(*place)]
+        return [
+            place for place in places if _state(self._file, *place) != WHOLE or _content(self._file("failure", *place))
+        ]
+
+    def torn(self) -> int:
+        """Number of trials whose files are missing in part or cut short.
+
+        Raises
+        ------
+        InputError
+            If a chunk is whole but not what was written.
+        """
+        scenarios, trials = self._arrays["checksums"].shape[:2]
+        return sum(self._is_torn(scenario, trial) for scenario in range(scenarios) for trial in range(trials))
+
+    def _is_torn(self, scenario: int, trial: int) -> bool:
+        state = _state(self._file, scenario, trial)
+        if state != ABSENT:
+            return state == TORN
+        # Never finished; what there is of it must be readable all the same.
+        sizes = {name: len(_content(self._file(name, scenario, trial))) for name in (*NUMBERS, "stage_seconds")}
+        return any(size not in (0, 8 * int(np.prod(self._arrays[name].chunks))) for name, size in sizes.items())
 
     def write(self, scenario: int, trial: int, outcome: Outcome) -> None:
         """Write one trial; it is there when this returns, and absent until then."""
         place = (scenario, trial)
+        if _content(self._file("checksums", *place)):
+            outcome = self._kept_where_failed(place, outcome)
         self._file("checksums", *place).unlink(missing_ok=True)
         for name in MEASURED:
             self._arrays[name][place] = outcome[name]
         self._arrays["checksums"][place] = np.array([_checksum(self._file(name, *place)) for name in MEASURED])
 
-    def _is_there(self, scenario: int, trial: int) -> bool:
-        recorded = _content(self._file("checksums", scenario, trial))
-        if not recorded:
-            return False
-        sums = np.frombuffer(recorded, dtype="<u8") if len(recorded) == 8 * len(MEASURED) else np.zeros(0, np.uint64)
-        whole = len(sums) > 0
-        for name, expected in zip(MEASURED, sums.tolist(), strict=False):
-            file = self._file(name, scenario, trial)
-            content = _content(file)
-            if len(content) < expected >> 32:
-                whole = False
-            elif _sum(content) != expected:
-                raise InputError(
-                    f"{file}: this file does not hold what was written there; to have its trial run again, remove the "
-                    "file; to start afresh, remove the store"
-                )
-        self.torn += not whole
-        return whole and not sums[MEASURED.index("failure")]
+    def _kept_where_failed(self, place: tuple[int, int], outcome: Outcome) -> Outcome:
+        """Outcome of a trial that is run again, with what is there already of methods that failed this time only."""
+        if _state(self._file, *place) != WHOLE:
+            return outcome
+        failed = np.array([bool(text) for text in outcome["failure"]])
+        before = np.array([bool(text) for text in self._arrays["failure"][place]])
+        merged = {name: np.array(values) for name, values in outcome.items()}
+        for name in (*NUMBERS, *STRINGS):
+            merged[name][failed & ~before] = self._arrays[name][place][failed & ~before]
+        return merged
 
     def _file(self, name: str, scenario: int, trial: int) -> Path:
         array = self._arrays[name]
         key = array.metadata.encode_chunk_key((scenario, trial) + (0,) * (array.ndim - 2))
         return self.path / name / str(key)
+
+
+WHOLE, TORN, ABSENT = "whole", "torn", "absent"
+
+
+def _state(file_of: Callable[[str, int, int], Path], scenario: int, trial: int) -> str:
+    """Whether a trial's files are as its checksums say, missing or cut short, or it has no checksums.
+
+    Raises
+    ------
+    InputError
+        If a file is of full length but holds something else.
+    """
+    recorded = _content(file_of("checksums", scenario, trial))
+    if len(recorded) != 8 * len(MEASURED):
+        return TORN if recorded else ABSENT
+    state = WHOLE
+    for name, expected in zip(MEASURED, np.frombuffer(recorded, dtype="<u8").tolist(), strict=True):
+        file = file_of(name, scenario, trial)
+        content = _content(file)
+        if len(content) < expected >> 32:
+            state = TORN
+        elif _sum(content) != expected:
+            raise InputError(
+                f"{file}: this file does not hold what was written there; to have its trial run again, remove the "
+                "file; to start afresh, remove the store"
+            )
+    return state
 
 
 @contextmanager
@@ -132,14 +169,20 @@ def open_store(path: Path, study: Study) -> Iterator[Store]:
         If the folder holds something else, the results of another study, of other versions of the software, or damaged
         ones; or if another process writes to it.
     """
+    import zarr  # noqa: PLC0415  # heavy
     from filelock import FileLock, Timeout  # noqa: PLC0415  # with the store only
 
+    path = path.resolve()  # one lock, by whatever name it is opened
     path.parent.mkdir(parents=True, exist_ok=True)
+    fresh = path.parent / f".{path.name}.new"
     try:
         with FileLock(path.parent / f".{path.name}.lock", timeout=0):
-            with tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.name}-") as temporary:
-                _prepare(path, study, Path(temporary) / "store")
-            yield Store(path)
+            shutil.rmtree(fresh, ignore_errors=True)  # of a process that was killed
+            try:
+                _prepare(path, study, fresh)
+            finally:
+                shutil.rmtree(fresh, ignore_errors=True)
+            yield Store(path, zarr.open_group(path, mode="r+", zarr_format=3, use_consolidated=False))
     except Timeout as error:
         raise InputError(f"{path}: another process is writing to this store; wait for it, or give another") from error
 
@@ -160,9 +203,10 @@ def read_results(path: str | Path) -> xr.Dataset:
     Raises
     ------
     InputError
-        If the folder is not such a store.
+        If the folder is not such a store, or files of it are cut short or damaged.
     """
     import xarray as xr  # noqa: PLC0415  # heavy
+    import zarr  # noqa: PLC0415  # heavy
 
     if not Path(path).is_dir():
         raise InputError(f"{path}: there is no such folder; expected a store written by tvsysid's benchmark")
@@ -174,6 +218,13 @@ def read_results(path: str | Path) -> xr.Dataset:
     if results.attrs.get("layout") != LAYOUT:
         found = results.attrs.get("layout", "none")
         raise InputError(f"{path}: expected a store of tvsysid's layout {LAYOUT}, found {found}")
+    group: Any = zarr.open_group(path, mode="r", zarr_format=3, use_consolidated=False)
+    store = Store(Path(path), group)
+    if torn := store.torn():
+        raise InputError(
+            f"{path}: {torn} trials are cut short, as a loss of power leaves them; give the command that ran the study "
+            "again, and they are run again"
+        )
     texts = {
         name: (values.dims, values.values.astype(object).astype(str))
         for name, values in results.coords.items()
@@ -191,9 +242,6 @@ def size_in_bytes(study: Study) -> int:
 
 def _prepare(path: Path, study: Study, fresh: Path) -> None:
     """Make the store, or see that it is the study's and whole in its metadata."""
-    for leftover in path.parent.glob(f".{path.name}-*"):
-        if leftover != fresh.parent:
-            shutil.rmtree(leftover, ignore_errors=True)
     root = path / "zarr.json"
     if path.exists() and not root.is_file():
         raise InputError(f"{path}: something else is in the way; expected a store of results, or nothing")
@@ -241,7 +289,9 @@ def _compare(path: Path, kept: dict[str, Any] | None, ours: dict[str, Any]) -> N
             found = {}
         if found != json.loads(ours[name]):
             told = differences(found, json.loads(ours[name]))
-            raise InputError(f"{path}: the store is of {what}: {told}; give another, or remove it to start afresh")
+            raise InputError(
+                f"{path}: the store is of {what}: {told}; give another folder, or remove it to start afresh"
+            )
 
 
 def _create(path: Path, study: Study, of_machine: str) -> None:

@@ -101,7 +101,7 @@ class _Settings(BaseModel):
         for value in values or ():
             count = value / PERIOD
             if not count >= 2 or abs(count - round(count)) > 1e-9:
-                raise ValueError(f"expected at least two whole realizations of {PERIOD:g} s")
+                raise ValueError(f"expected whole realizations of 2 s, two at least: multiples of {PERIOD:g} s")
         return values and _unique(values)
 
     @field_validator("snr_db", check_fields=False)
@@ -231,15 +231,14 @@ class Study(_Settings):
                 parse(value)
             elif isinstance(value, type) or not callable(getattr(value, "identify", None)):
                 raise ValueError("expected the key of a method, or an object with identify(ensemble)")
-        return _unique(values)
+        if len(set(map(_label, _unique(values)))) < len(values):
+            raise ValueError("two methods have the same name; as dataclasses their settings tell them apart")
+        return values
 
     @cached_property
     def named_methods(self) -> dict[str, Any]:
         """Method objects by the label that they have in results."""
-        return {
-            value if isinstance(value, str) else repr(value): parse(value) if isinstance(value, str) else value
-            for value in self.methods
-        }
+        return {_label(value): parse(value) if isinstance(value, str) else value for value in self.methods}
 
     @property
     def sources(self) -> dict[str, str]:
@@ -290,6 +289,13 @@ PRESETS: dict[str, dict[str, Any]] = {
     "viscosity": {"viscosity": VISCOSITIES, "trials": 100},
 }
 """Studies by name: the default, that of van de Ruit et al. 2021 with its Appendix A, and two that it leaves open."""
+
+
+def _label(method: Any) -> str:
+    """Name of a method in results: as typed, its repr, or that of its class where the repr tells an address only."""
+    if isinstance(method, str):
+        return method
+    return type(method).__name__ if " at 0x" in repr(method) else repr(method)
 
 
 def _overridden(settings: dict[str, Any], others: dict[str, Any]) -> dict[str, Any]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import platform
+import sys
+import threading
 import time
 import warnings
 from collections.abc import Iterator, Mapping
@@ -20,7 +22,7 @@ from threadpoolctl import ThreadpoolController
 from tvsysid import __version__, metrics
 from tvsysid.benchmark.study import PERIOD, PERTURBATIONS, RATE, Scenario
 from tvsysid.errors import DoubtfulWarning, InputError
-from tvsysid.methods.foreign import adopted, told
+from tvsysid.methods.foreign import adopted, is_loose, told
 from tvsysid.preprocess import decimate, segment
 from tvsysid.signals import Ensemble
 from tvsysid.simulate import joint
@@ -47,7 +49,7 @@ NUMBERS = {
 
 def versions() -> dict[str, str]:
     """What the last bits of a result depend on."""
-    libraries = {name: version(name) for name in ("numpy", "scipy")}
+    libraries = {name: version(name) for name in ("numpy", "scipy", "zarr")}
     return {"tvsysid": __version__} | libraries | {"python": platform.python_version()}
 
 
@@ -81,7 +83,7 @@ class Trial:
 
 
 def pickled(methods: Mapping[str, Any]) -> dict[str, bytes]:
-    """Methods as they travel; a class from a script or notebook travels whole.
+    """Methods as they travel; a class from a script, notebook or loose file travels whole, for workers lack that.
 
     Raises
     ------
@@ -90,15 +92,22 @@ def pickled(methods: Mapping[str, Any]) -> dict[str, bytes]:
     """
     travelling = {}
     for label, method in methods.items():
+        module = sys.modules.get(type(method).__module__)
+        by_value = module is not None and is_loose(module)
+        if by_value:
+            cloudpickle.register_pickle_by_value(module)
         try:
             travelling[label] = cloudpickle.dumps(method)
         except Exception as error:
             raise InputError(f"method {label}: cannot be sent to a worker: {type(error).__name__}: {error}") from error
+        finally:
+            if by_value:
+                cloudpickle.unregister_pickle_by_value(module)
     return travelling
 
 
 def run_trial(trial: Trial) -> Outcome:
-    """Simulate a trial and identify it by each method.
+    """Simulate a trial and identify it by each method; one trial at a time in a process.
 
     Returns
     -------
@@ -113,7 +122,8 @@ def run_trial(trial: Trial) -> Outcome:
     """
     if (here := _versions()) != trial.versions:
         raise InputError(f"run: a worker has other software: {differences(trial.versions, here)}")
-    with _one_thread().limit(limits=1):
+    # Warnings are caught and BLAS is limited for a whole process: one trial at a time in it.
+    with _ONE_AT_A_TIME, _blas().limit(limits=1):
         return _run_trial(trial)
 
 
@@ -155,12 +165,8 @@ def differences(theirs: Mapping[str, Any], ours: Mapping[str, Any]) -> str:
 
 
 _versions = cache(versions)
-_one_thread = cache(ThreadpoolController)
-
-
-@cache
-def _unpickled(method: bytes) -> Any:
-    return cloudpickle.loads(method)
+_blas = cache(ThreadpoolController)
+_ONE_AT_A_TIME = threading.Lock()
 
 
 class _Clock:
@@ -189,7 +195,8 @@ def _failed(reason: str) -> dict[str, Any]:
 def _attempt(method: bytes, ensemble: Ensemble, torque: Array, clock: _Clock) -> dict[str, Any]:
     # A method that calls sys.exit() has failed like any other.
     try:
-        return _measure(_unpickled(method), ensemble, torque, clock)
+        # Unpickled for each trial, so that nothing that it remembers passes from one to the next.
+        return _measure(cloudpickle.loads(method), ensemble, torque, clock)
     except (Exception, SystemExit) as error:
         return _failed(told(error))
 
@@ -201,6 +208,8 @@ def _measure(method: Any, ensemble: Ensemble, torque: Array, clock: _Clock) -> d
         found = method.identify(ensemble)
     seconds = time.perf_counter() - started
     model = adopted(found, type(method).__name__, ensemble)
+    if not np.isfinite(model.stiffness).any():
+        raise InputError("it found no stiffness at any time")
     doubts = [str(item.message) for item in caught if issubclass(item.category, DoubtfulWarning)]
     with clock.stage("scoring"):
         predicted = model.predict(ensemble)

@@ -26,7 +26,7 @@ BARS = {
     "rise_time": "rise time\n(s)",
     "vaf": "VAF\n(%)",
 }
-OUTLYING = 3.0
+OUTLYING = 5.0
 """Bars are cut off at this multiple of what is usual among the methods, so that one does not hide the others."""
 SMALL = 7.5
 """Points of the small print."""
@@ -127,7 +127,7 @@ def _stiffness(row: Sequence[Axes], cell: xr.Dataset, which: str) -> None:
 
 def _varying_vaf(row: Sequence[Axes], cell: xr.Dataset, which: str) -> None:
     for axes, method in zip(row, cell.method_key.values, strict=True):
-        _band(axes, cell.time.values, cell.time_varying_vaf.sel(method_key=method), _hue(cell, method))
+        _band(axes, cell.time.values, cell.time_varying_vaf.sel(method_key=method), _hue(cell, method), most=100.0)
     known = cell.time_varying_vaf.values[np.isfinite(cell.time_varying_vaf.values)]
     lowest = _floor(float(np.quantile(known, 0.01)) if known.size else 0.0)
     row[0].set_ylim(lowest, 102)
@@ -147,15 +147,15 @@ def _percent(floor: float) -> str:
     return f"(%, from {floor:.0f} %)" if floor > 0 else "(%)"
 
 
-def _band(axes: Axes, time: Array, values: Any, hue: str) -> None:
-    """Mean and twice the standard deviation of values (trial, time), over the trials that have one."""
+def _band(axes: Axes, time: Array, values: Any, hue: str, most: float = np.inf) -> None:
+    """Mean and twice the standard deviation of values (trial, time) that cannot be more than so much."""
     known = values.notnull()
     if not bool(known.any()):
         axes.text(0.5, 0.5, "no estimate", transform=axes.transAxes, ha="center", va="center", fontsize=SMALL)
         return
     mean, spread = values.mean("trial"), 2 * values.std("trial")
     if int(known.sum("trial").max()) > 1:
-        axes.fill_between(time, mean - spread, mean + spread, color=hue, alpha=0.25, linewidth=0)
+        axes.fill_between(time, mean - spread, np.minimum(mean + spread, most), color=hue, alpha=0.25, linewidth=0)
     axes.plot(time, mean, color=hue, linewidth=1.4)
 
 

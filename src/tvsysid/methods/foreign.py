@@ -15,6 +15,7 @@ from dataclasses import dataclass, is_dataclass
 from functools import cache
 from importlib.metadata import distributions
 from pathlib import Path
+from types import ModuleType
 from typing import Any, NamedTuple, Protocol, get_type_hints
 
 import numpy as np
@@ -231,6 +232,12 @@ def adopted(found: Any, label: str, ensemble: Ensemble) -> Model:
         diagnostics=Diagnostics(parameters=math.nan),
         found=found,
     )
+
+
+def is_loose(module: ModuleType) -> bool:
+    """Whether a module is a file of the user's, not an installed package."""
+    file = getattr(module, "__file__", None)
+    return bool(file) and not str(file).startswith(_library_folders()) and module.__name__ != "__main__"
 
 
 def told(error: BaseException, file: str | None = None) -> str:

@@ -79,12 +79,17 @@ def bias_error(estimates: ArrayLike, truth: ArrayLike) -> float:
 def debiased_bias_error(estimates: ArrayLike, truth: ArrayLike) -> float:
     r"""Bias error without what the random error contributes to it.
 
-    .. math:: \sqrt{\max\left(0, Err_{bias}^2 - Err_{random}^2 / M\right)}
+    .. math:: \sqrt{\max\left(0, Err_{bias}^2 - Err_{random}^2 / (M - 1)\right)}
 
-    Parameters and result are those of :func:`bias_error`; M is the number of trials.
+    The mean of M trials has their variance over M, and the random error, which divides by M, is that variance times
+    (M - 1) / M. Parameters and result are those of :func:`bias_error`; NaN for a single trial, which does not tell, and
+    where no time has an estimate in every trial.
     """
     trials = len(_trials(estimates)[0])
-    return math.sqrt(max(0.0, bias_error(estimates, truth) ** 2 - random_error(estimates) ** 2 / trials))
+    squared = bias_error(estimates, truth) ** 2
+    if trials < 2 or math.isnan(squared):
+        return math.nan
+    return math.sqrt(max(0.0, squared - random_error(estimates) ** 2 / (trials - 1)))
 
 
 def random_error(estimates: ArrayLike) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+OBJECT = re.compile(r"\w+\(.*\)")
+"""Label of a method that was given as an object, which no file can name."""
 SETTINGS = {
     "stiffness": "stiffness profiles",
     "perturbation": "perturbations",
@@ -79,16 +82,18 @@ def _content(
 ) -> dict[str, Any]:
     """What the template is filled with."""
     study = _json(results, "study")
-    failed = int((results.failure != "").sum())
+    there = results.checksums.values.any(axis=-1)
+    known = results.failure.values[there]
     return {
         "outcome": tables.outcome(results, summary, claims),
         "sizes": {str(name): size for name, size in results.sizes.items()},
-        "identifications": results.failure.size,
-        "failed": failed,
+        "unfinished": [int(there.sum()), there.size] if not there.all() else None,
+        "identifications": known.size,
+        "failed": sum(text != "" for text in known.ravel()),
         "version": _json(results, "versions").get("tvsysid", __version__),
         "versions": {name: each for name, each in _json(results, "versions").items() if name != "tvsysid"},
         "machine": results.attrs.get("machine", ""),
-        "minutes": float(results.seconds.sum() + results.stage_seconds.sum()) / 60,
+        "seconds": round(float(results.seconds.sum() + results.stage_seconds.sum())),
         "settings": {SETTINGS.get(name, name.replace("_", " ")): _words(value) for name, value in study.items()},
         "ranking": tables.ranking(results, summary),
         "figures": [
@@ -106,7 +111,7 @@ def _content(
         "methods": tables.methods(results),
         "troubles": tables.troubles(results),
         "command": command,
-        "toml": tomli_w.dumps(study),
+        "toml": "" if any(OBJECT.fullmatch(label) for label in study.get("methods", ())) else tomli_w.dumps(study),
     }
 
 

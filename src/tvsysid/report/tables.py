@@ -145,7 +145,7 @@ def outcome(results: xr.Dataset, summary: pd.DataFrame, claims: pd.DataFrame) ->
         sentences.append(f"Of all {len(traits)} scenarios the total error is lowest for {wins}.")
     if len(claims):
         counts = claims.verdict.value_counts()
-        verdicts = ", ".join(f"{counts[verdict]} {verdict}" for verdict in SYMBOLS if verdict in counts)
+        verdicts = ", ".join(f"{verdict}: {counts[verdict]}" for verdict in SYMBOLS if verdict in counts)
         sentences.append(f"Of {len(claims)} claims of the paper: {verdicts}.")
     return sentences
 

@@ -137,6 +137,9 @@ def joint(
     run_in, margin, inside = (round(seconds * rate) for seconds in (RUN_IN, MARGIN, duration))
     samples = inside + 2 * margin
     try:
+        if isinstance(seed, np.random.SeedSequence):
+            # Spawning counts in the sequence: with a copy, the same one gives the same numbers again.
+            seed = np.random.SeedSequence(seed.entropy, spawn_key=seed.spawn_key, pool_size=seed.pool_size)
         random, noise_random = np.random.default_rng(seed).spawn(2)
     except (TypeError, ValueError) as error:
         raise InputError(f"joint: seed must be a whole number of zero or more, got {seed!r}") from error

@@ -3,6 +3,7 @@
 from tvsysid.figures.amount import error_against_amount
 from tvsysid.figures.comparison import method_comparison
 from tvsysid.figures.identification import identified_stiffness
+from tvsysid.figures.preparation import preparation_steps
 from tvsysid.figures.responses import impulse_responses
 from tvsysid.figures.study import Illustration, study_figures
 from tvsysid.figures.style import drawn, lines, save
@@ -15,6 +16,7 @@ __all__ = [
     "impulse_responses",
     "lines",
     "method_comparison",
+    "preparation_steps",
     "save",
     "study_figures",
 ]

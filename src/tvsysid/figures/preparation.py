@@ -1,0 +1,115 @@
+"""Alignment and exclusion step by step, like figure 7 of van de Ruit et al. 2021."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tvsysid.figures.style import PALETTE, TRUTH, plain
+from tvsysid.preprocess import Preparation, Step
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+KEPT = "#B8B8B8"
+
+
+def preparation_steps(preparation: Preparation, title: str = "") -> Figure:
+    """Torque before and after, and what each step judged and excluded.
+
+    Parameters
+    ----------
+    preparation
+        Of :func:`tvsysid.preprocess.prepare`.
+    title
+        Above all.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Above the recorded and the prepared torque, below one axes for each step.
+    """
+    from matplotlib.figure import Figure  # noqa: PLC0415  # heavy
+
+    figure = Figure(figsize=(10.0, 6.4), layout="constrained")
+    grid = figure.add_gridspec(2, 6)
+    before, after = figure.add_subplot(grid[0, :3]), figure.add_subplot(grid[0, 3:])
+    account, time = preparation.account, preparation.recorded.time
+    recorded, prepared = preparation.recorded, preparation.ensemble
+
+    _realizations(before, time, recorded.torque[:, recorded.core], account.excluded_by)
+    _reference(before, time, preparation.alignment.mean)
+    before.set_title(f"recorded: {len(recorded)} realizations", fontsize=9)
+    _realizations(after, time, prepared.torque[:, prepared.core], np.full(len(prepared), ""))
+    after.set_title(f"prepared: {len(prepared)} realizations, mean subtracted", fontsize=9)
+
+    names = ("1. aligned to the target", "2. component at the task's frequency", "3. residual, low-passed")
+    for number, (step, name) in enumerate(zip(preparation.steps, names, strict=True)):
+        axes = figure.add_subplot(grid[1, 2 * number : 2 * number + 2])
+        _realizations(axes, time, step.judged, step.account.excluded_by)
+        _limits(axes, time, step)
+        axes.set_title(f"{name}: {np.count_nonzero(~step.account.kept)} excluded", fontsize=9)
+    for axes in figure.axes:
+        axes.set_xlabel("time within a realization (s)", fontsize=8)
+        axes.tick_params(labelsize=8)
+        axes.set_xlim(0, recorded.duration)
+        axes.locator_params(axis="x", nbins=5)
+    for axes in (before, after, figure.axes[2]):
+        axes.set_ylabel("torque (N·m)", fontsize=8)
+    figure.legend(handles=_legend(), frameon=False, fontsize=8, loc="outside lower center", ncols=7)
+    figure.suptitle(title, fontsize=11)
+    return figure
+
+
+COLOURS = {"alignment": PALETTE[1], "task component": PALETTE[0], "residual": PALETTE[2]}
+"""Colour of the realizations that each step excluded."""
+
+
+def _realizations(axes: Axes, time: NDArray[np.float64], torque: NDArray[np.float64], steps: NDArray[np.str_]) -> None:
+    """Every realization, those excluded in front and in the colour of the step."""
+    from matplotlib.collections import LineCollection  # noqa: PLC0415  # heavy
+
+    plain(axes)
+    for step, colour in {"": KEPT, **COLOURS}.items():
+        chosen = torque[steps == step]
+        lines = [np.column_stack([time, values]) for values in chosen]
+        # Hundreds of lines as paths would make a vector file of many megabytes.
+        axes.add_collection(
+            LineCollection(
+                lines, colors=colour, linewidths=0.8 if step else 0.4, alpha=0.9 if step else 0.6, rasterized=True
+            )
+        )
+    axes.autoscale_view()
+
+
+def _reference(axes: Axes, time: NDArray[np.float64], target: NDArray[np.float64]) -> None:
+    axes.plot(time, target, color="black", linewidth=1.6)
+
+
+def _limits(axes: Axes, time: NDArray[np.float64], step: Step) -> None:
+    """The target torque, or mean and limits."""
+    if step.half_width is None:
+        _reference(axes, time, step.mean)
+        return
+    axes.plot(time, step.mean, color=TRUTH, linewidth=1.2)
+    for limit in (step.mean - step.half_width, step.mean + step.half_width):
+        axes.plot(time, limit, color=TRUTH, linewidth=1.2, linestyle="--")
+
+
+def _legend() -> list[object]:
+    from matplotlib.lines import Line2D  # noqa: PLC0415  # heavy
+
+    excluded = {"shifted too far": "alignment", "unlike in the task": "task component", "unlike otherwise": "residual"}
+    return [
+        Line2D([], [], color=KEPT, linewidth=1.5, label="kept"),
+        *(
+            Line2D([], [], color=COLOURS[step], linewidth=1.5, label=f"excluded: {why}")
+            for why, step in excluded.items()
+        ),
+        Line2D([], [], color="black", linewidth=1.6, label="target"),
+        Line2D([], [], color=TRUTH, linewidth=1.2, label="mean"),
+        Line2D([], [], color=TRUTH, linewidth=1.2, linestyle="--", label="limits"),
+    ]

@@ -1,0 +1,112 @@
+"""From a recording of repeated behaviour to the ensemble that is identified: the paper's whole sequence."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from tvsysid.preprocess.account import Account, Step
+from tvsysid.preprocess.align import align
+from tvsysid.preprocess.decimate import decimate
+from tvsysid.preprocess.exclude import exclude_residual_outliers, exclude_task_outliers
+from tvsysid.preprocess.segment import segment, subtract_mean
+from tvsysid.preprocess.trim import trim
+from tvsysid.signals import Ensemble, Recording
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Preparation:
+    """An ensemble ready for identification, and how it came about.
+
+    Parameters
+    ----------
+    ensemble
+        Realizations that were kept, their mean subtracted.
+    recorded
+        All realizations as they were cut, for comparison.
+    alignment, task, residual
+        The three steps that exclude, in order.
+    """
+
+    ensemble: Ensemble
+    recorded: Ensemble
+    alignment: Step
+    task: Step
+    residual: Step
+
+    @property
+    def steps(self) -> tuple[Step, ...]:
+        """The steps that exclude, in order."""
+        return self.alignment, self.task, self.residual
+
+    @property
+    def account(self) -> Account:
+        """What became of each realization that was cut."""
+        return self.alignment.account + self.task.account + self.residual.account
+
+    def __repr__(self) -> str:
+        return f"Preparation({self.ensemble!r}; {self.account!r})"
+
+
+def prepare(
+    recording: Recording,
+    *,
+    reference: str = "target",
+    rate: float = 128.0,
+    ends: float = 5.0,
+    period: float = 2.0,
+    context: float = 0.5,
+    search: float = 0.5,
+    max_shift: float = 0.25,
+    task_limit: float = 3.0,
+    cutoff: float = 5.0,
+    residual_limit: float = 3.0,
+) -> Preparation:
+    """Decimate, trim, cut, align, exclude what is unlike the rest, subtract the mean.
+
+    Parameters
+    ----------
+    recording
+        Trials in which one behaviour was repeated, with the reference as a channel.
+    reference
+        Name of the channel with the torque to be followed, in N·m.
+    rate
+        Sampling rate to decimate to, in Hz.
+    ends
+        Seconds taken off both ends of each trial. They must last for ``context + search``, which the first and last
+        realization of a trial take from them.
+    period
+        Duration of a realization in s: one cycle of the task.
+    context
+        Seconds of the record that each realization has on either side in the end.
+    search, max_shift
+        See :func:`align`.
+    task_limit
+        See :func:`exclude_task_outliers`.
+    cutoff, residual_limit
+        See :func:`exclude_residual_outliers`.
+
+    Returns
+    -------
+    Preparation
+        The ensemble, and an account of every realization.
+
+    References
+    ----------
+    van de Ruit et al. 2021, sections 4.1.4 and 4.1.5; the defaults are theirs. They took off the ends before they cut;
+    here a margin of them stays as context, so that no realization is lost or continued by invention.
+
+    Examples
+    --------
+    >>> import tvsysid as tv
+    >>> participant = tv.simulate.participant(1)
+    >>> tv.preprocess.prepare(participant.noise.recording).ensemble
+    Ensemble(... realizations of 2 s at 128 Hz, context 0.5 s; ...)
+    """
+    margin = context + search
+    lowered = decimate(recording, rate)
+    trimmed = trim(lowered, ends, margin)
+    recorded = segment(trimmed, period, margin)
+    alignment = align(recorded, reference, search, max_shift)
+    task = exclude_task_outliers(alignment.ensemble, task_limit)
+    residual = exclude_residual_outliers(subtract_mean(task.ensemble), cutoff, residual_limit)
+    return Preparation(subtract_mean(residual.ensemble), recorded, alignment, task, residual)

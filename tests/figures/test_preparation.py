@@ -1,0 +1,47 @@
+import numpy as np
+import pytest
+from matplotlib.collections import LineCollection
+from matplotlib.colors import to_hex
+from tests.virtual import prepared
+
+from tvsysid.figures import preparation_steps
+from tvsysid.figures.preparation import COLOURS, KEPT
+from tvsysid.figures.style import drawn
+
+
+@pytest.fixture(scope="module")
+def figure():
+    return preparation_steps(prepared(1, "prbs"), "A participant")
+
+
+def lines_by_colour(axes):
+    collections = [each for each in axes.collections if isinstance(each, LineCollection)]
+    return {to_hex(each.get_colors()[0]).upper(): each.get_segments() for each in collections if each.get_segments()}
+
+
+def test_every_realization_is_drawn_in_the_colour_of_what_became_of_it(figure):
+    preparation = prepared(1, "prbs")
+    before, after, *steps = figure.axes
+    counts = {colour: len(lines) for colour, lines in lines_by_colour(before).items()}
+    kept = len(preparation.ensemble)
+    expected = {COLOURS[step]: count for step, count in preparation.account.counts.items()}
+    assert counts == {KEPT: kept, **expected}
+    assert {colour: len(lines) for colour, lines in lines_by_colour(after).items()} == {KEPT: kept}
+    for axes, step, colour in zip(steps, preparation.steps, COLOURS.values(), strict=True):
+        drawn_lines = lines_by_colour(axes)
+        np.testing.assert_array_equal([line[:, 1] for line in drawn_lines[colour]], step.judged[~step.account.kept])
+        assert f"{np.count_nonzero(~step.account.kept)} excluded" in axes.get_title()
+
+
+def test_target_and_limits_are_drawn_and_axes_have_units(figure):
+    before, _, alignment, task, residual = figure.axes
+    preparation = prepared(1, "prbs")
+    for axes in (before, alignment):
+        np.testing.assert_array_equal(axes.lines[0].get_ydata(), preparation.alignment.mean)
+    for axes, step in ((task, preparation.task), (residual, preparation.residual)):
+        mean, low, high = (line.get_ydata() for line in axes.lines)
+        np.testing.assert_allclose(high - mean, step.half_width)
+        np.testing.assert_allclose(mean - low, step.half_width)
+    assert all(axes.get_xlabel() == "time within a realization (s)" for axes in figure.axes)
+    assert before.get_ylabel() == "torque (N·m)"
+    assert drawn(figure, "png").startswith(b"\x89PNG")

@@ -1,0 +1,35 @@
+"""Virtual participants that tests share, and the same without imperfections."""
+
+from dataclasses import replace
+from functools import cache, lru_cache
+
+import tvsysid as tv
+
+IMPERFECTIONS = (
+    "delay",
+    "delay_jitter",
+    "amplitude_jitter",
+    "amplitude_drift",
+    "offset_jitter",
+    "fluctuation",
+    "sensor_noise",
+    "late_noise",
+    "late_prbs",
+    "weak",
+    "twitches",
+)
+
+
+@lru_cache(maxsize=2)
+def participant_of(number: int) -> tv.simulate.Participant:
+    return tv.simulate.participant(number)
+
+
+def perfect(number: int = 1, **changes: float) -> tv.simulate.Traits:
+    """Traits of a person who follows the target without fail."""
+    return replace(tv.simulate.Traits.of(number), **{**dict.fromkeys(IMPERFECTIONS, 0.0), **changes})
+
+
+@cache
+def prepared(number: int, perturbation: str) -> tv.preprocess.Preparation:
+    return tv.preprocess.prepare(getattr(participant_of(number), perturbation).revealed)

@@ -218,6 +218,16 @@ def test_a_joint_that_is_held_before_and_after_is_no_doubt(tmp_path, random):
     assert len(read(tmp_path / "ankle.mat")) == 500
 
 
+def test_a_perturbation_between_two_levels_is_no_doubt_but_a_third_is(tmp_path, random):
+    angle, torque = np.repeat(random.choice([-0.1, 0.1], 20), 50), random.normal(size=1000)
+    savemat(tmp_path / "ankle.mat", {"pos": angle, "tq": torque})
+    read(tmp_path / "ankle.mat")
+    angle[400:450] = 0.0
+    savemat(tmp_path / "ankle.mat", {"pos": angle, "tq": torque})
+    with pytest.warns(tv.DoubtfulWarning, match=r"pos stays at 0 for 0\.5 s from 4 s in trial 1 of 1;"):
+        read(tmp_path / "ankle.mat")
+
+
 def test_a_constant_channel_is_told(tmp_path, random):
     savemat(
         tmp_path / "ankle.mat", {"pos": 0.1 * random.normal(size=50), "tq": random.normal(size=50), "emg": np.ones(50)}

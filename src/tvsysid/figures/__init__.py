@@ -1,6 +1,7 @@
 """Pictures: each function takes results and returns a figure; none computes more than means and spreads."""
 
 from tvsysid.figures.amount import error_against_amount
+from tvsysid.figures.channels import recorded_channels
 from tvsysid.figures.comparison import method_comparison
 from tvsysid.figures.identification import identified_stiffness
 from tvsysid.figures.responses import impulse_responses
@@ -15,6 +16,7 @@ __all__ = [
     "impulse_responses",
     "lines",
     "method_comparison",
+    "recorded_channels",
     "save",
     "study_figures",
 ]

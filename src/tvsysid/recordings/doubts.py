@@ -18,6 +18,8 @@ LARGEST_ANGLE = 0.5
 """RMS in rad above which an angle about its mean is probably in degrees."""
 LONGEST_STANDSTILL = 0.25
 """Seconds of the same value, over and over, from which on a signal was probably lost."""
+AT_A_LEVEL = 0.02
+"""Part of a signal's range that is counted to its lowest or highest level."""
 SAME_RATE = 1e-3
 """Relative difference of rates that counts as none: files round them."""
 SPELLINGS = {
@@ -90,6 +92,7 @@ def _standstills(recording: Recording, name: str, signal: Array, amid: bool) -> 
         lost = (seconds > LONGEST_STANDSTILL) & (lengths > 2)
         if amid:
             lost &= (starts > 0) & (starts + lengths < len(values))
+            lost &= ~_held(values, values[starts], lost)
         places = np.flatnonzero(lost)
         if len(places):
             longest = places[np.argmax(lengths[places])]
@@ -99,6 +102,15 @@ def _standstills(recording: Recording, name: str, signal: Array, amid: bool) -> 
                 f"{recording.start + starts[longest] / recording.sampling_rate:.6g} s in trial {number + 1} of "
                 f"{len(recording.trials)}{more}; if the signal was lost there, cut that out"
             )
+
+
+def _held(values: Array, levels: Array, lost: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which standstills are those of a perturbation that switches between two levels, such as a PRBS."""
+    low, high = values.min(), values.max()
+    margin = AT_A_LEVEL * (high - low)
+    at_low, at_high = levels <= low + margin, levels >= high - margin
+    held: NDArray[np.bool_] = at_low | at_high
+    return held if (lost & at_low).any() and (lost & at_high).any() else np.zeros_like(held)
 
 
 def _runs(values: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

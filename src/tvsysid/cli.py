@@ -354,7 +354,7 @@ def inspect(
     ],
     plot: Annotated[
         Path | None,
-        typer.Option(metavar="FILE.png", help="Picture to write, .png, .pdf or .svg. [tvsysid-inspect/<FILE>.png]"),
+        typer.Option(metavar="FILE.png", help="Picture to write, .png, .pdf or .svg. [tvsysid-inspect/FILE.png]"),
     ] = None,
 ) -> None:
     """Show which channels a file holds.

@@ -13,8 +13,9 @@ def test_axes_have_units_and_time_where_they_are_stated():
     figure = recorded_channels(channels, "ankle_$1$.mat")
     drawn(figure, "png")
     first, second = figure.axes
-    assert (first.get_xlabel(), first.get_ylabel()) == ("time (s)", "pos \\$x\\$\n(rad)")
-    assert (second.get_xlabel(), second.get_ylabel()) == ("sample", "tq\n(unit not stated)")
+    assert [axes.get_title("left") for axes in figure.axes] == ["pos \\$x\\$", "tq"]
+    assert (first.get_xlabel(), first.get_ylabel()) == ("time (s)", "rad")
+    assert (second.get_xlabel(), second.get_ylabel()) == ("sample", "unit not stated")
     np.testing.assert_array_equal(first.lines[0].get_xdata(), np.arange(100) / 50)
     np.testing.assert_array_equal(second.lines[1].get_ydata(), -values)
 

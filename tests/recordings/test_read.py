@@ -136,6 +136,8 @@ def test_a_missing_file_and_a_folder_are_refused(tmp_path):
     (tmp_path / "folder.mat").mkdir()
     with pytest.raises(tv.InputError, match="expected a file, this is a folder"):
         read(tmp_path / "folder.mat")
+    with pytest.raises(tv.InputError, match="expected a file, this is a folder"):
+        read(tmp_path)
 
 
 def test_a_truncated_mat_file_is_refused_wherever_it_is_cut(mat):

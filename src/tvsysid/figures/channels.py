@@ -35,7 +35,7 @@ def recorded_channels(
     """
     from matplotlib.figure import Figure  # noqa: PLC0415  # heavy
 
-    figure = Figure(figsize=(7.0, 1.0 + 1.6 * len(channels)), layout="constrained")
+    figure = Figure(figsize=(7.0, 1.0 + 1.7 * len(channels)), layout="constrained")
     grid = figure.subplots(len(channels), 1, squeeze=False)[:, 0]
     for axes, (name, (channel, columns)) in zip(grid, channels.items(), strict=True):
         plain(axes)
@@ -43,7 +43,8 @@ def recorded_channels(
         for number, (positions, values) in enumerate(columns):
             axes.plot(positions / (rate or 1.0), values, color=PALETTE[number % len(PALETTE)], linewidth=0.7)
         unit = channel.unit.replace("$", r"\$") or "unit not stated"
-        axes.set_ylabel(f"{wrapped(name)}\n({unit})", fontsize=8)
+        axes.set_title(wrapped(name, width=100), fontsize=9, loc="left")
+        axes.set_ylabel(unit, fontsize=8)
         axes.set_xlabel("sample" if rate is None else "time (s)", fontsize=8)
         axes.tick_params(labelsize=8)
         axes.margins(x=0)

@@ -66,13 +66,13 @@ def describe_file(path: str | Path) -> dict[str, Channel]:
         If the file cannot be read, or is not what its ending says.
     """
     file = Path(path)
-    kind = FORMATS.get(file.suffix.lower())
-    if kind is None:
-        raise InputError(f"{file}: unknown ending {file.suffix!r}; files that can be read end in {', '.join(FORMATS)}")
     if not file.exists():
         raise InputError(f"{file}: no such file")
     if not file.is_file():
         raise InputError(f"{file}: expected a file, this is a folder")
+    kind = FORMATS.get(file.suffix.lower())
+    if kind is None:
+        raise InputError(f"{file}: unknown ending {file.suffix!r}; files that can be read end in {', '.join(FORMATS)}")
     if file.stat().st_size == 0:
         raise InputError(f"{file}: the file is empty")
     with _told(file, kind):

@@ -182,6 +182,41 @@ def test_trials_and_degrees(tvsysid, tmp_path):
     assert table.stiffness.mean() == pytest.approx(100, abs=3)
 
 
+def test_inspect_lists_and_draws(tvsysid, tmp_path):
+    tvsysid("simulate", "joint.mat", "--duration", 4)
+    code, out, err = tvsysid("inspect", "joint.mat")
+    assert (code, err) == (0, "")
+    rows = [[cell.strip() for cell in line.split("│")[1:-1]] for line in out.splitlines() if "│" in line]
+    assert ["angle", "4000 x 1", "float64", "-", "1000"] in rows
+    assert ["sampling_rate", "1 x 1", "float64", "-", "-"] in rows
+    assert "wrote tvsysid-inspect/joint.mat.png" in out
+    assert (tmp_path / "tvsysid-inspect" / "joint.mat.png").stat().st_size > 5000
+    assert tvsysid("inspect", "joint.mat", "--plot", "deep/joint.svg")[0] == 0
+    assert "torque" in (tmp_path / "deep" / "joint.svg").read_text()
+
+
+def test_inspect_of_a_file_with_many_channels_and_none(tvsysid):
+    np.savez("many.npz", note=np.array("[red]hello"), **{f"c{number}": np.ones((3, 2)) for number in range(14)})
+    code, out, err = tvsysid("inspect", "many.npz")
+    assert (code, err) == (0, "note: 2 more channels are not drawn\n")
+    assert "text" in out
+    np.savez("none.npz", note=np.array("hello"))
+    assert "no signals to draw" in tvsysid("inspect", "none.npz")[1]
+
+
+def test_identify_takes_other_formats(tvsysid, tmp_path):
+    tvsysid("simulate", "joint.mat", "--duration", 60)
+    from scipy.io import loadmat
+
+    signals = loadmat("joint.mat")
+    xr.Dataset({name: ("time", signals[name].ravel()) for name in ("angle", "torque")}).to_netcdf(
+        "joint.nc", engine="h5netcdf"
+    )
+    code, out, err = tvsysid("identify", "joint.nc", *IDENTIFY, "--method", "birf")
+    assert (code, err) == (0, "")
+    assert "28 realizations of 2 s" in out
+
+
 def test_methods_are_listed_with_what_they_assume(tvsysid):
     code, out, _ = tvsysid("methods")
     assert code == 0
@@ -252,7 +287,9 @@ def test_check_method_passes_the_packages_own(tvsysid, name):
     assert f"{name} passes: enter it with tvsysid benchmark --method {name}\n" in out
 
 
-@pytest.mark.parametrize("command", [(), ("benchmark",), ("check-method",), ("identify",), ("methods",), ("simulate",)])
+@pytest.mark.parametrize(
+    "command", [(), ("benchmark",), ("check-method",), ("identify",), ("inspect",), ("methods",), ("simulate",)]
+)
 def test_help(tvsysid, command):
     code, out, _ = tvsysid(*command, "--help")
     assert code == 0
@@ -267,7 +304,10 @@ def test_version(tvsysid):
     ("words", "message"),
     [
         (("identify", "nowhere.mat", *IDENTIFY), "nowhere.mat: no such file"),
-        (("identify", "joint.mat", "--angle", "pos", *IDENTIFY[2:]), "no channel 'pos'; it holds angle (40000 x 1)"),
+        (
+            ("identify", "joint.mat", "--angle", "pos", *IDENTIFY[2:]),
+            "no channel 'pos'; it holds angle (40000 x 1, 1000 Hz)",
+        ),
         (("identify", "joint.mat", *IDENTIFY, "--decimate", "300"), "not a whole multiple of 300 Hz"),
         (("identify", "joint.mat", *IDENTIFY, "--period", "90"), "no realization of 90 s"),
         (("identify", "joint.mat", *IDENTIFY, "--method", "arx"), "unknown method 'arx'"),
@@ -279,6 +319,8 @@ def test_version(tvsysid):
         (("identify", "joint.mat", "--angle", "angle"), "Missing option"),
         (("identify", "joint.mat", *IDENTIFY, "--rate", "0"), "positive number of hertz"),
         (("identify", "joint.mat", *IDENTIFY, "--out", "joint.mat"), "joint.mat"),
+        (("inspect", "nowhere.mat"), "nowhere.mat: no such file"),
+        (("inspect", "joint.mat", "--plot", "joint.doc"), "unknown ending '.doc'; give one of .png, .pdf, .svg"),
         (("simulate", "joint.docx"), "unknown ending '.docx'"),
         (("simulate", "other.mat", "--duration", "-1"), "duration must be positive"),
         (("benchmark", "--duration", "3"), "whole realizations of 2 s"),

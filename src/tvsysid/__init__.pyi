@@ -21,6 +21,7 @@ from .numerics.bases import GaussianBumps as GaussianBumps
 from .numerics.bases import HaarWavelets as HaarWavelets
 from .numerics.bases import LegendrePolynomials as LegendrePolynomials
 from .recordings import read_recording as read_recording
+from .recordings import read_trials as read_trials
 from .signals import Ensemble as Ensemble
 from .signals import Recording as Recording
 

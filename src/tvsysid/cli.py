@@ -44,6 +44,10 @@ errors = Console(stderr=True)
 DEFAULT_METHODS = ["eirf", "sds", "birf", "esm", "kbr"]  # those of tvsysid.methods.names(), which takes long to import
 MOST_TABLES = 4
 """Scenarios whose table is printed; the report has all."""
+MOST_DRAWN = 12
+"""Channels of a file that are drawn."""
+MOST_COLUMNS = 20
+"""Columns of a matrix that are drawn."""
 INTERRUPTED = 130
 """Exit code after Ctrl-C."""
 STORE = "results.zarr"
@@ -239,7 +243,9 @@ def report(
 
 @app.command()
 def identify(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="MAT (version 5 or 7), CSV or TSV file.")],
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="MAT, CSV, TSV, NPZ, HDF5, NetCDF, Parquet or C3D file.")
+    ],
     angle: Annotated[str, typer.Option(metavar="NAME", help="Variable or column that holds the angle.")],
     torque: Annotated[str, typer.Option(metavar="NAME", help="Variable or column that holds the torque, in N·m.")],
     rate: Annotated[float, typer.Option(metavar="HZ", help="Sampling rate of the file.")],
@@ -269,8 +275,8 @@ def identify(
 ) -> None:
     """Identify stiffness over time from a recording.
 
-    Reads angle and torque, decimates, cuts the record into realizations of one period, subtracts the mean over
-    realizations, and identifies by each method.
+    Reads angle and torque (`tvsysid inspect FILE` shows the names in a file), decimates, cuts the record into
+    realizations of one period, subtracts the mean over realizations, and identifies by each method.
 
     VAF is the share of the recorded torque that the model predicts for the very data it was identified from: a method
     with many parameters has a high one even where its stiffness is noise.
@@ -336,6 +342,55 @@ def identify(
         save(figure, out / f"stiffness.{ending}")
     output.print(_identification_table(models, shares, ensemble))
     _say_written(out, ["stiffness.csv", "models.nc", "stiffness.png", "stiffness.pdf"])
+
+
+@app.command()
+def inspect(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE",
+            help="MAT (any version, with structures or nldat objects), CSV or TSV with a header line, NPZ, HDF5, "
+            "NetCDF, Parquet (`tvsysid[parquet]`) or C3D (`tvsysid[c3d]`).",
+        ),
+    ],
+    plot: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.png", help="Picture to write, .png, .pdf or .svg. [tvsysid-inspect/FILE.png]"),
+    ] = None,
+) -> None:
+    """Show which channels a file holds.
+
+    Prints the name, shape and type of each, and unit and sampling rate where the file states them, and draws those
+    that are signals, against time where the rate is stated and against samples where it is not. The names are what
+    `--angle` and `--torque` of `tvsysid identify` take.
+
+    Example: `tvsysid inspect ankle.mat`
+
+    Example: `tvsysid inspect ankle.mat --plot ankle.pdf`
+    """
+    from tvsysid.figures import recorded_channels, save
+    from tvsysid.recordings import describe_file
+
+    picture = plot or Path("tvsysid-inspect") / f"{file.name}.png"
+    if picture.suffix.lower() not in (".png", ".pdf", ".svg"):
+        raise InputError(f"{picture}: unknown ending {picture.suffix!r}; give one of .png, .pdf, .svg")
+    channels = describe_file(file)
+    table = Table(title=escape(file.name), title_justify="left")
+    table.add_column("channel", overflow="fold")
+    for heading in ("shape", "type", "unit", "rate (Hz)"):
+        table.add_column(heading, overflow="fold", justify="right" if heading in ("shape", "rate (Hz)") else "left")
+    for name, channel in channels.items():
+        rate = "-" if channel.sampling_rate is None else f"{channel.sampling_rate:g}"
+        shape = " x ".join(map(str, channel.shape)) or "one value"
+        table.add_row(escape(name), shape, escape(channel.dtype), escape(channel.unit) or "-", rate)
+    output.print(table)
+    drawn = _outlines(channels)
+    if not drawn:
+        output.print("no signals to draw", highlight=False)
+        return
+    save(recorded_channels(drawn, file.name), picture)
+    output.print(f"wrote {picture}", highlight=False, soft_wrap=True)
 
 
 @app.command()
@@ -823,6 +878,39 @@ def _identification_table(models: dict[str, Model], shares: dict[str, Any], ense
             f"{1000 * model.diagnostics.seconds:.0f}",
         )
     return table
+
+
+def _outlines(channels: dict[str, Any]) -> dict[str, Any]:
+    """What is drawn of a file: the first of its signals that fit in memory, and of each at most so many columns."""
+    import numpy as np
+
+    from tvsysid.recordings import outline
+
+    drawn: dict[str, Any] = {}
+    signals = {
+        name: channel
+        for name, channel in channels.items()
+        if channel.values is not None
+        and len(channel.shape) in (1, 2)
+        and max(channel.shape) > 1
+        and 0 not in channel.shape
+    }
+    for name, channel in signals.items():
+        if len(drawn) == MOST_DRAWN:
+            text = f"{len(signals) - MOST_DRAWN} more channels are not drawn"
+            errors.print(f"[yellow]note:[/] {text}", highlight=False)
+            break
+        try:
+            values = channel.read(name)
+        except InputError as error:
+            errors.print(f"[yellow]note:[/] not drawn: {escape(str(error))}", highlight=False, soft_wrap=True)
+            continue
+        if np.iscomplexobj(values):
+            continue
+        values = values.ravel() if min(values.shape) == 1 else values
+        columns = [values] if values.ndim == 1 else list(values.T[:MOST_COLUMNS])
+        drawn[name] = (channel, [outline(np.asarray(column, dtype=float)) for column in columns])
+    return drawn
 
 
 def _stiffness_table(models: dict[str, Model], over_time: dict[str, Any]) -> pd.DataFrame:

@@ -6,6 +6,7 @@ import pytest
 from scipy.io import savemat
 
 import tvsysid as tv
+from tvsysid.recordings import join_trials
 
 
 @pytest.fixture
@@ -107,10 +108,14 @@ def file_with(folder, name, content):
     [
         ("empty.mat", b"", "the file is empty"),
         ("empty.csv", b"", "the file is empty"),
-        ("text.mat", b"pos,tq\n1,2\n3,4\n" * 40, "not a MAT file that can be read"),
+        ("text.mat", b"pos,tq\n1,2\n3,4\n" * 40, "by its content it is text; give it the ending .csv or .tsv"),
         ("noise.mat", bytes(range(256)) * 20, "not a MAT file that can be read"),
-        ("hdf.mat", b"MATLAB 7.3 MAT-file, Platform: GLNXA64" + b" " * 200, "version 7.3 is not read yet"),
-        ("hdf5.mat", b"\x89HDF\r\n\x1a\n" + b" " * 200, "version 7.3 is not read yet"),
+        ("hdf.mat", b"MATLAB 7.3 MAT-file, Platform: GLNXA64" + b" " * 200, "not a MAT file that can be read"),
+        (
+            "hdf5.mat",
+            b"\x89HDF\r\n\x1a\n" + b" " * 200,
+            "by its content it is an HDF5 file; give it the ending .h5 or .hdf5",
+        ),
         ("binary.csv", bytes(range(128, 256)) * 20, "not a text table with a header line"),
         ("header.csv", b"pos,tq\n", "got an empty array"),
         ("words.csv", b"pos,tq\n1,2\nhigh,4\n", "words.csv: pos: expected real numbers"),
@@ -131,6 +136,8 @@ def test_a_missing_file_and_a_folder_are_refused(tmp_path):
     (tmp_path / "folder.mat").mkdir()
     with pytest.raises(tv.InputError, match="expected a file, this is a folder"):
         read(tmp_path / "folder.mat")
+    with pytest.raises(tv.InputError, match="expected a file, this is a folder"):
+        read(tmp_path)
 
 
 def test_a_truncated_mat_file_is_refused_wherever_it_is_cut(mat):
@@ -149,3 +156,83 @@ def test_nothing_is_unpickled(tmp_path):
     for name in ("trap.mat", "trap.csv"):
         with pytest.raises(tv.InputError):
             read(file_with(tmp_path, name, pickle.dumps(Trap())))
+
+
+@pytest.fixture
+def days(tmp_path, random):
+    files = []
+    for day, length in enumerate((200, 300)):
+        files.append(tmp_path / f"day{day}.csv")
+        table = pd.DataFrame(random.normal(scale=0.1, size=(length, 3)), columns=["pos", "tq", "emg"])
+        table.to_csv(files[-1], index=False)
+    return files
+
+
+def read_days(days, **settings):
+    return tv.read_trials(days, angle="pos", torque="tq", **({"sampling_rate": 100.0} | settings))
+
+
+def test_trials_in_files_of_their_own(days):
+    recording = read_days(days, torque_sign=-1, start=-0.5, channels=["emg"])
+    assert recording.trial_starts == (0, 200)
+    assert recording.start == -0.5
+    for file, trial in zip(days, recording.trials, strict=True):
+        table = pd.read_csv(file)
+        np.testing.assert_allclose(recording.angle[trial], table.pos, rtol=1e-15)
+        np.testing.assert_allclose(recording.torque[trial], -table.tq, rtol=1e-15)
+        np.testing.assert_allclose(recording.channels["emg"][trial], table.emg, rtol=1e-15)
+
+
+def test_files_of_several_trials_each(mat):
+    assert read_days([mat, mat], columns="trials").trial_starts == (0, 40, 80, 120, 160, 200)
+
+
+def test_trials_that_cannot_be_joined_are_refused(days, random):
+    with pytest.raises(tv.InputError, match=r"expected several files, got .*day0\.csv'; give a list"):
+        read_days(days[0])
+    with pytest.raises(tv.InputError, match="expected recordings, got none"):
+        read_days([])
+    one, two = random.normal(size=(2, 50))
+    other = tv.Recording(one, two, 50.0)
+    with pytest.raises(tv.InputError, match=r"recording 1 and the first differ in sampling rate: 50\.0 instead of 100"):
+        join_trials([tv.Recording(one, two, 100.0), other])
+    with pytest.raises(tv.InputError, match=r"differ in channels: \[\] instead of \['emg'\]"):
+        join_trials([tv.Recording(one, two, 50.0, channels={"emg": one}), other])
+
+
+def test_a_lost_signal_is_told_with_trial_and_time(tmp_path, random):
+    signals = random.normal(scale=0.1, size=(2, 500, 2))
+    signals[0, 100:140, 1] = 0.05
+    signals[1, 460:, 0] = 0.0
+    savemat(tmp_path / "ankle.mat", {"pos": signals[0], "tq": signals[1]})
+    with pytest.warns(tv.DoubtfulWarning) as told:
+        read(tmp_path / "ankle.mat", columns="trials", start=-1.0)
+    assert [str(item.message) for item in told] == [
+        "ankle.mat: pos stays at 0.05 for 0.4 s from 0 s in trial 2 of 2; if the signal was lost there, cut that out",
+        "ankle.mat: tq stays at 0 for 0.4 s from 3.6 s in trial 1 of 2; if the signal was lost there, cut that out",
+    ]
+
+
+def test_a_joint_that_is_held_before_and_after_is_no_doubt(tmp_path, random):
+    angle, torque = random.normal(scale=0.1, size=(2, 500))
+    angle[:100], angle[400:], angle[200:220] = 0.0, 0.2, 0.1
+    savemat(tmp_path / "ankle.mat", {"pos": angle, "tq": torque})
+    assert len(read(tmp_path / "ankle.mat")) == 500
+
+
+def test_a_perturbation_between_two_levels_is_no_doubt_but_a_third_is(tmp_path, random):
+    angle, torque = np.repeat(random.choice([-0.1, 0.1], 20), 50), random.normal(size=1000)
+    savemat(tmp_path / "ankle.mat", {"pos": angle, "tq": torque})
+    read(tmp_path / "ankle.mat")
+    angle[400:450] = 0.0
+    savemat(tmp_path / "ankle.mat", {"pos": angle, "tq": torque})
+    with pytest.warns(tv.DoubtfulWarning, match=r"pos stays at 0 for 0\.5 s from 4 s in trial 1 of 1;"):
+        read(tmp_path / "ankle.mat")
+
+
+def test_a_constant_channel_is_told(tmp_path, random):
+    savemat(
+        tmp_path / "ankle.mat", {"pos": 0.1 * random.normal(size=50), "tq": random.normal(size=50), "emg": np.ones(50)}
+    )
+    with pytest.warns(tv.DoubtfulWarning, match="all 50 values of channel emg are 1; is this the right channel"):
+        read(tmp_path / "ankle.mat", channels=["emg"])

@@ -1,9 +1,20 @@
 import numpy as np
 import pytest
 import xarray as xr
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
 
 import tvsysid as tv
-from tvsysid.recordings import whole_file, write_models, write_simulation
+from tvsysid.recordings import (
+    load_ensemble,
+    load_recording,
+    whole_file,
+    write_ensemble,
+    write_models,
+    write_recording,
+    write_simulation,
+)
 
 
 @pytest.mark.parametrize("ending", [".mat", ".csv", ".tsv"])
@@ -54,3 +65,101 @@ def test_a_file_appears_whole_or_not_at_all(tmp_path):
         file.write_text("after")
         assert target.read_text() == "before"
     assert target.read_text() == "after"
+
+
+NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
+NAMES = st.text(st.characters(exclude_categories=["Cs"]), max_size=80) | st.sampled_from(
+    ["angle", "Time", "trial_starts"]
+)
+RATES = st.floats(1e-3, 1e6)
+
+
+def signals(shape):
+    moving = arrays.arrays(float, shape, elements=NUMBERS).filter(lambda values: values.min() < values.max())
+    return st.tuples(moving, moving, st.dictionaries(NAMES, arrays.arrays(float, shape, elements=NUMBERS), max_size=3))
+
+
+@st.composite
+def recordings(draw):
+    length = draw(st.integers(2, 30))
+    angle, torque, channels = draw(signals(length))
+    borders = draw(st.sets(st.integers(1, length - 1), max_size=3))
+    start = draw(st.floats(-1e6, 1e6))
+    return tv.Recording(angle, torque, draw(RATES), start, channels, (0, *sorted(borders)))
+
+
+@st.composite
+def ensembles(draw):
+    count, length = draw(st.tuples(st.integers(1, 4), st.integers(2, 12)))
+    angle, torque, channels = draw(signals((count, length)))
+    placed = st.fixed_dictionaries(
+        {
+            "onsets": arrays.arrays(float, count, elements=NUMBERS),
+            "trials": arrays.arrays(np.int64, count, elements=st.integers(0, 2**31)),
+        }
+    )
+    context, left_out = draw(st.integers(0, (length - 1) // 2)), draw(st.integers(0, 99))
+    others = draw(st.just({}) | placed)
+    return tv.Ensemble(angle, torque, draw(RATES), context, channels=channels, left_out=left_out, **others)
+
+
+def assert_same(one, two):
+    assert type(one) is type(two)
+    assert list(one.channels) == list(two.channels)
+    for name, values in vars(one).items():
+        if name == "channels":
+            for channel in values:
+                np.testing.assert_array_equal(values[channel], two.channels[channel], strict=True)
+        else:
+            np.testing.assert_array_equal(values, getattr(two, name), strict=isinstance(values, np.ndarray))
+
+
+@pytest.mark.parametrize("ending", [".nc", ".mat"])
+@given(recording=recordings())
+def test_a_recording_is_read_back_unchanged(tmp_path_factory, ending, recording):
+    file = tmp_path_factory.mktemp("written") / f"ankle{ending}"
+    write_recording(file, recording)
+    assert_same(load_recording(file), recording)
+
+
+@pytest.mark.parametrize("ending", [".nc", ".mat"])
+@given(ensemble=ensembles())
+def test_an_ensemble_is_read_back_unchanged(tmp_path_factory, ending, ensemble):
+    file = tmp_path_factory.mktemp("written") / f"ankle{ending}"
+    write_ensemble(file, ensemble)
+    assert_same(load_ensemble(file), ensemble)
+
+
+@pytest.mark.parametrize("ending", [".nc", ".mat"])
+def test_a_written_recording_is_a_file_like_others(tmp_path, random, ending):
+    angle, torque, emg = random.normal(scale=0.1, size=(3, 100))
+    write_recording(tmp_path / f"ankle{ending}", tv.Recording(angle, torque, 100.0, channels={"emg": emg}))
+    found = tv.read_recording(
+        tmp_path / f"ankle{ending}", angle="angle", torque="torque", sampling_rate=100.0, channels=["emg"]
+    )
+    np.testing.assert_array_equal(found.channels["emg"], emg)
+    with pytest.warns(tv.DoubtfulWarning, match="the file states 100 Hz for angle, torque, and is read at 50 Hz"):
+        tv.read_recording(tmp_path / f"ankle{ending}", angle="angle", torque="torque", sampling_rate=50.0)
+
+
+@pytest.mark.parametrize("ending", [".nc", ".mat"])
+def test_what_cannot_be_written_or_loaded_is_refused(tmp_path, random, monkeypatch, ending):
+    angle, torque = random.normal(scale=0.1, size=(2, 100))
+    recording = tv.Recording(angle, torque, 100.0)
+    with pytest.raises(tv.InputError, match=r"unknown ending '.csv'; give one of .nc, .mat"):
+        write_recording(tmp_path / "ankle.csv", recording)
+    write_recording(tmp_path / f"ankle{ending}", recording)
+    with pytest.raises(tv.InputError, match="not written by write_ensemble"):
+        load_ensemble(tmp_path / f"ankle{ending}")
+    before = (tmp_path / f"ankle{ending}").read_bytes()
+
+    def lose_power(file, *_, **__):
+        file.write_bytes(b"half of it")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("tvsysid.recordings.write.savemat", lose_power)
+    monkeypatch.setattr(xr.Dataset, "to_netcdf", lambda _, file, **__: lose_power(file))
+    with pytest.raises(OSError, match="No space left"):
+        write_recording(tmp_path / f"ankle{ending}", tv.Recording(torque, angle, 100.0))
+    assert (tmp_path / f"ankle{ending}").read_bytes() == before
+    assert [item.name for item in tmp_path.iterdir()] == [f"ankle{ending}"]

@@ -1,6 +1,7 @@
 """Pictures: each function takes results and returns a figure; none computes more than means and spreads."""
 
 from tvsysid.figures.amount import error_against_amount
+from tvsysid.figures.channels import recorded_channels
 from tvsysid.figures.comparison import method_comparison
 from tvsysid.figures.identification import identified_stiffness
 from tvsysid.figures.preparation import preparation_steps
@@ -17,6 +18,7 @@ __all__ = [
     "lines",
     "method_comparison",
     "preparation_steps",
+    "recorded_channels",
     "save",
     "study_figures",
 ]

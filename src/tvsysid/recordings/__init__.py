@@ -1,7 +1,30 @@
 """Recordings and models from and to files."""
 
 from tvsysid.recordings.atomic import whole_file
-from tvsysid.recordings.read import read_recording
-from tvsysid.recordings.write import write_models, write_simulation
+from tvsysid.recordings.channel import Channel, outline
+from tvsysid.recordings.find import describe_file
+from tvsysid.recordings.read import join_trials, read_recording, read_trials
+from tvsysid.recordings.write import (
+    load_ensemble,
+    load_recording,
+    write_ensemble,
+    write_models,
+    write_recording,
+    write_simulation,
+)
 
-__all__ = ["read_recording", "whole_file", "write_models", "write_simulation"]
+__all__ = [
+    "Channel",
+    "describe_file",
+    "join_trials",
+    "load_ensemble",
+    "load_recording",
+    "outline",
+    "read_recording",
+    "read_trials",
+    "whole_file",
+    "write_ensemble",
+    "write_models",
+    "write_recording",
+    "write_simulation",
+]

@@ -1,39 +1,155 @@
-"""MAT files of version 5 and 7."""
+"""MAT files of every version, with structures, and the objects of the Kearney lab's toolbox."""
 
 from __future__ import annotations
 
+import math
 import warnings
-import zlib
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 from numpy.typing import NDArray
-from scipy.io import loadmat
-from scipy.io.matlab import MatlabOpaque, MatReadError, MatReadWarning
+from scipy.io import loadmat, whosmat
+from scipy.io.matlab import MatlabObject, MatlabOpaque, MatReadWarning
 
-from tvsysid.errors import InputError
+from tvsysid.recordings.channel import NUMBERS, Channel, in_memory, kind_of, stated_rate, stated_unit
+from tvsysid.recordings.hdf5 import values_of
+from tvsysid.recordings.memory import check_fits
+from tvsysid.recordings.signatures import seems
 
-HDF5_SIGNATURE = b"\x89HDF"
-VERSION_73 = b"MATLAB 7.3"
+NUMERIC_CLASSES = (
+    "double",
+    "single",
+    "logical",
+    *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)),
+)
+PLAIN_CLASSES = (*NUMERIC_CLASSES, "char", "cell", "struct", "function_handle")
 
 
-def read_mat(file: Path) -> dict[str, NDArray[Any]]:
-    """Variables of a MAT file by name, matrices as time x trial."""
-    with file.open("rb") as stream:
-        head = stream.read(128)
-    if head.startswith((HDF5_SIGNATURE, VERSION_73)):
-        raise InputError(f"{file}: MAT version 7.3 is not read yet; save it in MATLAB with save(..., '-v7')")
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", MatReadWarning)  # of objects, which are left out below
-            variables = loadmat(file, mat_dtype=True)
-    except (MatReadError, ValueError, TypeError, KeyError, IndexError, EOFError, NotImplementedError, OSError) as error:
-        raise InputError(f"{file}: not a MAT file that can be read ({error})") from error
-    except (zlib.error, MemoryError) as error:
-        raise InputError(f"{file}: the MAT file is damaged ({error}); copy it again") from error
-    channels = {name: values for name, values in variables.items() if not name.startswith("__")}
-    objects = [name for name, values in channels.items() if isinstance(values, MatlabOpaque)]
-    if objects and len(objects) == len(channels):
-        raise InputError(f"{file}: it holds only MATLAB objects, which are not read yet; save their data as matrices")
-    return {name: np.asarray(values) for name, values in channels.items() if name not in objects}
+def read_mat(file: Path) -> dict[str, Channel]:
+    """Variables of a MAT file by name, matrices as time x trial.
+
+    A structure's fields are channels ``name.field``. An ``nldat`` object's channels are ``name.channel``, with the
+    units and the increment of time that it states.
+    """
+    return dict(_version_73(file) if seems(file) == "MAT file of version 7.3" else _version_5(file))
+
+
+def _version_5(file: Path) -> Iterator[tuple[str, Channel]]:
+    with suppress(TypeError):  # it knows no objects
+        check_fits(str(file), 8 * sum(math.prod(shape) for _, shape, _ in whosmat(file)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MatReadWarning)  # of objects, which are read below
+        variables = loadmat(file, mat_dtype=True)
+    opaque = [name for name, values in variables.items() if isinstance(values, MatlabOpaque)]
+    for name, values in variables.items():
+        if not name.startswith("__") and name not in opaque:
+            yield from _channels(name, values)
+    if opaque:
+        for name, values in _objects(file).items():
+            if name not in variables or name in opaque:
+                yield from _channels(name, values)
+
+
+def _objects(file: Path) -> dict[str, Any]:
+    """Variables as the library reads them that knows MATLAB's objects."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of pandas, about options that the library sets
+        import matio  # noqa: PLC0415  # heavy
+
+        return {name: values for name, values in matio.load_from_mat(str(file)).items() if not name.startswith("__")}
+
+
+def _channels(name: str, values: Any) -> Iterator[tuple[str, Channel]]:
+    """One channel for a matrix, several for a structure or an object."""
+    properties = getattr(values, "properties", None)
+    kind = getattr(values, "classname", None)
+    if isinstance(values, MatlabObject) and values.size == 1 and values.dtype.names:
+        properties = {field: values.ravel()[0][field] for field in values.dtype.names}
+    if kind is not None:
+        if kind == "nldat" and isinstance(properties, Mapping):
+            yield from _nldat(name, properties)
+        else:
+            yield name, Channel(np.shape(values), f"an object of class {kind}")
+        return
+    array = np.asarray(values)
+    if array.dtype.names and array.size == 1:
+        for field in array.dtype.names:
+            yield from _channels(f"{name}.{field}", array.ravel()[0][field])
+    elif array.dtype.names:
+        yield name, Channel(array.shape, "structures")
+    elif array.dtype.kind == "O":
+        yield name, Channel(array.shape, "cells")
+    else:
+        yield name, in_memory(array)
+
+
+def _nldat(name: str, properties: Mapping[str, Any]) -> Iterator[tuple[str, Channel]]:
+    """Channels of the toolbox's ``nldat``: samples x channels x realizations."""
+    values = np.asarray(properties.get("dataSet"))
+    if values.dtype.kind not in NUMBERS or values.ndim not in (2, 3):
+        yield name, Channel(values.shape, "an nldat object without data")
+        return
+    labels, units = _texts(properties.get("chanNames")), _texts(properties.get("chanUnits"))
+    # An increment is one of time in seconds only where the object says so.
+    domain = " ".join(_texts(properties.get("domainName"))).lower().replace(" ", "")
+    increment = stated_rate(properties.get("domainIncr")) if domain == "time(s)" else None
+    for number in range(values.shape[1]):
+        label = labels[number] if number < len(labels) and labels.count(labels[number]) == 1 else str(number + 1)
+        unit = stated_unit(units[number]) if number < len(units) else ""
+        yield f"{name}.{label}", in_memory(values[:, number], unit, None if increment is None else 1 / increment)
+
+
+def _texts(values: Any) -> list[str]:
+    """Texts of a cell array, or of one text."""
+    if isinstance(values, str):
+        return [values.strip()]
+    return [text for item in values.ravel() for text in _texts(item)] if isinstance(values, np.ndarray) else []
+
+
+def _version_73(file: Path) -> Iterator[tuple[str, Channel]]:
+    with h5py.File(file, "r") as root:
+        names = [name for name in root if not name.startswith("#")]
+        objects = [name for name in names if _class(root[name]) not in (*PLAIN_CLASSES, "")]
+        for name in names:
+            if name not in objects:
+                yield from _items(file, name, root[name])
+    if objects:
+        found = _objects(file)
+        for name in objects:
+            yield from _channels(name, found[name])
+
+
+def _class(item: Any) -> str:
+    told = item.attrs.get("MATLAB_class", b"")
+    return told.decode("ascii", "replace") if isinstance(told, bytes) else str(told)
+
+
+def _items(file: Path, name: str, item: Any) -> Iterator[tuple[str, Channel]]:
+    if isinstance(item, h5py.Group):
+        if "MATLAB_sparse" in item.attrs:
+            yield name, Channel((), "a sparse matrix")
+            return
+        for field in item:
+            yield from _items(file, f"{name}.{field}", item[field])
+        return
+    # MATLAB stores columns, HDF5 rows.
+    shape = item.shape[::-1]
+    if item.attrs.get("MATLAB_empty", 0):
+        yield name, Channel((0, 0), "no values")
+    elif _class(item) == "char":
+        yield name, Channel(shape, "text")
+    elif item.dtype.kind == "V" and item.dtype.names == ("real", "imag"):
+        yield name, Channel(shape, "complex numbers")
+    elif item.dtype.kind in NUMBERS:
+        yield name, Channel(shape, str(item.dtype), values=partial(_transposed, file, item.name))
+    else:
+        yield name, Channel(shape, "cells" if item.dtype.kind == "O" else kind_of(item.dtype))
+
+
+def _transposed(file: Path, name: str) -> NDArray[Any]:
+    return values_of(file, name).T

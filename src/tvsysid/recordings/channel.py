@@ -1,0 +1,180 @@
+"""A channel of a file: what is known of it before it is read, and how it is read."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tvsysid.errors import InputError
+from tvsysid.recordings.memory import check_fits
+
+RATE_NAMES = ("sampling_rate", "samplingrate", "sample_rate", "samplerate", "sampling_frequency", "fs")
+"""Variables and attributes, in lower case, by which files state a sampling rate in Hz."""
+UNIT_NAMES = ("units", "unit")
+NUMBERS = "biufc"
+NO_UNITS = ("", "defaultunits", "unknown", "none")
+TIMES_ITS_SIZE = 3
+"""Memory that a channel takes while it is read, converted and checked, as a multiple of its float64 values."""
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A variable or column of a file, with what the file states of it.
+
+    Parameters
+    ----------
+    shape
+        As it is read; (time,) or (time, trial) for a signal.
+    dtype
+        NumPy's name for numbers; a word such as ``"text"`` for what cannot be a signal.
+    unit
+        As the file states it, or empty.
+    sampling_rate
+        In Hz, as the file states it, or None.
+    values
+        Reads the values; None for what cannot be a signal.
+    """
+
+    shape: tuple[int, ...]
+    dtype: str
+    unit: str = ""
+    sampling_rate: float | None = None
+    values: Callable[[], NDArray[Any]] | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def described(self) -> str:
+        """Shape, and unit and rate where they are stated, in words."""
+        words = " x ".join(map(str, self.shape)) or "one value"
+        words += f" of {self.dtype}" if self.values is None else ""
+        words += f", {self.unit}" if self.unit else ""
+        return words + (f", {self.sampling_rate:g} Hz" if self.sampling_rate is not None else "")
+
+    def read(self, name: str) -> NDArray[Any]:
+        """Values, as the file has them.
+
+        Parameters
+        ----------
+        name
+            What the channel is, for the message.
+
+        Raises
+        ------
+        InputError
+            If it holds no numbers, or more than there is memory for.
+        """
+        if 0 in self.shape:
+            raise InputError(f"{name}: expected samples, got an empty array of shape {self.shape}")
+        if self.values is None:
+            raise InputError(f"{name}: expected real numbers, got {self.dtype}; name another channel or convert it")
+        check_fits(name, 8 * TIMES_ITS_SIZE * math.prod(self.shape))
+        return self.values()
+
+
+def in_memory(values: ArrayLike, unit: str = "", sampling_rate: float | None = None) -> Channel:
+    """Channel of values that are read already."""
+    array = np.asarray(values)
+    word = kind_of(array.dtype)
+    return Channel(array.shape, word, unit, sampling_rate, (lambda: array) if array.dtype.kind in NUMBERS else None)
+
+
+def kind_of(dtype: np.dtype[Any]) -> str:
+    """Name of a type in words."""
+    if dtype.kind in NUMBERS:
+        return str(dtype)
+    if dtype.kind in "mM":
+        return "dates"
+    return "text" if dtype.kind in "USTO" else "records"
+
+
+def stated_unit(unit: Any) -> str:
+    """Unit as a file states it, without brackets around; empty if it states none.
+
+    Examples
+    --------
+    >>> stated_unit(" (rad) "), stated_unit(b"N m"), stated_unit("Default Units")
+    ('rad', 'N m', '')
+    """
+    text = (unit.decode("utf-8", "replace") if isinstance(unit, bytes) else str(unit)).strip()
+    text = re.sub(r"^\((.*)\)$|^\[(.*)\]$", r"\1\2", text).strip()
+    return "" if re.sub(r"\W", "", text.lower()) in NO_UNITS and text not in ("%", "°") else text
+
+
+def stated_rate(value: Any) -> float | None:
+    """Sampling rate as a file states it, or None for what is none."""
+    try:
+        rate = float(np.asarray(value).item())
+    except (ValueError, TypeError):
+        return None
+    return rate if math.isfinite(rate) and rate > 0 else None
+
+
+def stated(*attributes: Mapping[str, Any]) -> tuple[str, float | None]:
+    """Unit and sampling rate that attributes state; those of the first mapping go before those of the next."""
+    unit, rate = "", None
+    for item in attributes:
+        for name, value in item.items():
+            if name.lower() in UNIT_NAMES and item is attributes[0]:
+                unit = stated_unit(value)
+            elif name.lower() in RATE_NAMES and rate is None:
+                rate = stated_rate(value)
+    return unit, rate
+
+
+def with_rates(channels: Mapping[str, Channel]) -> dict[str, Channel]:
+    """Channels with the rate that a variable such as ``sampling_rate`` beside them, or above all, states."""
+    rates = {}
+    for name, channel in channels.items():
+        place, own = _split(name)
+        if own.lower() in RATE_NAMES and channel.values is not None and math.prod(channel.shape) == 1:
+            rates[place] = stated_rate(channel.values())
+    return {
+        name: channel
+        if channel.sampling_rate is not None or math.prod(channel.shape) <= 1
+        else replace(channel, sampling_rate=rates.get(_split(name)[0], rates.get("")))
+        for name, channel in channels.items()
+    }
+
+
+def listed(channels: Mapping[str, Channel]) -> str:
+    """Names of channels, each with what is known of it."""
+    return ", ".join(f"{name} ({channel.described})" for name, channel in channels.items()) or "nothing"
+
+
+def outline(values: NDArray[Any], blocks: int = 2000) -> tuple[NDArray[np.int64], NDArray[Any]]:
+    """Positions and values of the lowest and the highest sample of each block: what is seen of a long signal.
+
+    Parameters
+    ----------
+    values
+        Shape (time,).
+    blocks
+        Shorter signals than two samples for each block come out whole.
+
+    Returns
+    -------
+    tuple
+        Positions, increasing, and values there.
+    """
+    if len(values) <= 2 * blocks:
+        return np.arange(len(values)), values
+    edges = np.linspace(0, len(values), blocks + 1).astype(np.int64)
+    places = [first + place for first, end in pairwise(edges) for place in _extremes(values[first:end])]
+    positions = np.unique(np.asarray(places, dtype=np.int64))
+    return positions, values[positions]
+
+
+def _extremes(block: NDArray[Any]) -> tuple[int, int]:
+    # NaN counts as the lowest, so that a gap is seen.
+    return int(np.argmin(block)), int(np.argmax(np.nan_to_num(block, nan=-np.inf)))
+
+
+def _split(name: str) -> tuple[str, str]:
+    cut = max(name.rfind("/"), name.rfind(".")) + 1
+    return name[:cut], name[cut:]

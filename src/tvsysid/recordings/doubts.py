@@ -1,0 +1,123 @@
+"""What a file says of itself against what is said of it, and signals that look lost: legal, but doubtful."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tvsysid.recordings.channel import Channel
+from tvsysid.signals import Recording
+
+Array = NDArray[np.float64]
+
+LARGEST_ANGLE = 0.5
+"""RMS in rad above which an angle about its mean is probably in degrees."""
+LONGEST_STANDSTILL = 0.25
+"""Seconds of the same value, over and over, from which on a signal was probably lost."""
+AT_A_LEVEL = 0.02
+"""Part of a signal's range that is counted to its lowest or highest level."""
+SAME_RATE = 1e-3
+"""Relative difference of rates that counts as none: files round them."""
+SPELLINGS = {
+    "rad": ("rad", "radian", "radians"),
+    "deg": ("deg", "degree", "degrees", "°"),
+    "N·m": ("nm", "newtonmeter", "newtonmeters", "newtonmetre", "newtonmetres"),
+}
+
+
+def of_statements(
+    channels: Mapping[str, Channel], angle: str, torque: str, sampling_rate: float, angle_unit: Literal["rad", "deg"]
+) -> Iterator[str]:
+    """Contradictions between what a file states and what the caller says.
+
+    Parameters
+    ----------
+    channels
+        Those that are read, by name.
+    angle, torque
+        Names of theirs.
+    sampling_rate
+        In Hz, as the caller says.
+    angle_unit
+        As the caller says.
+    """
+    rates = {name: channel.sampling_rate for name, channel in channels.items()}
+    for rate in sorted({rate for rate in rates.values() if rate is not None}):
+        if abs(rate - sampling_rate) > SAME_RATE * sampling_rate:
+            names = ", ".join(name for name, own in rates.items() if own == rate)
+            yield (
+                f"the file states {rate:g} Hz for {names}, and is read at {sampling_rate:g} Hz as you say; is that "
+                "the right rate?"
+            )
+    for name, unit in ((angle, angle_unit), (torque, "N·m")):
+        told = channels[name].unit
+        if told and _plain(told) not in SPELLINGS[unit]:
+            yield f"the file states the unit {told!r} for {name}, and is read in {unit}; convert it, or name its unit"
+
+
+def of_signals(recording: Recording, angle: str, torque: str, angle_unit: Literal["rad", "deg"]) -> Iterator[str]:
+    """What looks wrong in the signals themselves.
+
+    Parameters
+    ----------
+    recording
+        As it was read.
+    angle, torque
+        Names of theirs in the file.
+    angle_unit
+        Unit of the angle in the file.
+    """
+    with np.errstate(over="ignore"):  # of a damaged file's numbers
+        size = float(np.std(recording.angle))
+    if size > LARGEST_ANGLE:
+        advice = "if it is in degrees, say so with angle_unit='deg'" if angle_unit == "rad" else "are these degrees?"
+        yield f"{angle} has an RMS of {size:.3g} rad about its mean; {advice}"
+    for name, values in recording.channels.items():
+        if values.min() == values.max():
+            yield f"all {len(values)} values of channel {name} are {values[0]:g}; is this the right channel?"
+    # A joint may be held before and after it is moved; but a torque sensor always has noise.
+    yield from _standstills(recording, angle, recording.angle, amid=True)
+    yield from _standstills(recording, torque, recording.torque, amid=False)
+
+
+def _standstills(recording: Recording, name: str, signal: Array, amid: bool) -> Iterator[str]:
+    for number, trial in enumerate(recording.trials):
+        values = signal[trial]
+        starts, lengths = _runs(values)
+        seconds = lengths / recording.sampling_rate
+        lost = (seconds > LONGEST_STANDSTILL) & (lengths > 2)
+        if amid:
+            lost &= (starts > 0) & (starts + lengths < len(values))
+            lost &= ~_held(values, values[starts], lost)
+        places = np.flatnonzero(lost)
+        if len(places):
+            longest = places[np.argmax(lengths[places])]
+            more = f", and {len(places) - 1} times more" if len(places) > 1 else ""
+            yield (
+                f"{name} stays at {values[starts[longest]]:g} for {seconds[longest]:.3g} s from "
+                f"{recording.start + starts[longest] / recording.sampling_rate:.6g} s in trial {number + 1} of "
+                f"{len(recording.trials)}{more}; if the signal was lost there, cut that out"
+            )
+
+
+def _held(values: Array, levels: Array, lost: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which standstills are those of a perturbation that switches between two levels, such as a PRBS."""
+    low, high = values.min(), values.max()
+    margin = AT_A_LEVEL * (high - low)
+    at_low, at_high = levels <= low + margin, levels >= high - margin
+    held: NDArray[np.bool_] = at_low | at_high
+    return held if (lost & at_low).any() and (lost & at_high).any() else np.zeros_like(held)
+
+
+def _runs(values: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """First sample and length of each run of exactly the same value."""
+    starts = np.concatenate([[0], np.flatnonzero(np.diff(values)) + 1])
+    return starts, np.diff(np.append(starts, len(values)))
+
+
+def _plain(unit: str) -> str:
+    return re.sub(r"[\s·⋅.*\-_()\[\]]", "", unit.lower())

@@ -1,0 +1,32 @@
+import numpy as np
+
+from tvsysid.figures import drawn, recorded_channels
+from tvsysid.recordings import Channel, outline
+
+
+def test_axes_have_units_and_time_where_they_are_stated():
+    values = np.sin(np.arange(100) / 10)
+    channels = {
+        "pos $x$": (Channel((100,), "float64", "rad", 50.0), [outline(values)]),
+        "tq": (Channel((100, 2), "float64"), [outline(values), outline(-values)]),
+    }
+    figure = recorded_channels(channels, "ankle_$1$.mat")
+    drawn(figure, "png")
+    first, second = figure.axes
+    assert [axes.get_title("left") for axes in figure.axes] == ["pos \\$x\\$", "tq"]
+    assert (first.get_xlabel(), first.get_ylabel()) == ("time (s)", "rad")
+    assert (second.get_xlabel(), second.get_ylabel()) == ("sample", "unit not stated")
+    np.testing.assert_array_equal(first.lines[0].get_xdata(), np.arange(100) / 50)
+    np.testing.assert_array_equal(second.lines[1].get_ydata(), -values)
+
+
+def test_an_outline_keeps_every_extreme():
+    values = np.random.default_rng(0).normal(size=100_000)
+    values[70_001] = 9.0
+    values[123] = np.nan
+    positions, kept = outline(values, blocks=500)
+    assert len(kept) <= 1000
+    assert (np.diff(positions) > 0).all()
+    np.testing.assert_array_equal(kept, values[positions])
+    assert {123, 70_001} <= set(positions)
+    np.testing.assert_array_equal(outline(values[:50])[1], values[:50])

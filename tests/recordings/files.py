@@ -1,0 +1,96 @@
+"""The same two signals in files of every format, as laboratories' programs write them."""
+
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+from scipy.io import savemat
+
+
+def write_mat(file, angle, torque):
+    savemat(file, {"pos": angle[:, None], "tq": torque[None, :], "fs": 200.0})
+
+
+def write_mat_73(file, angle, torque):
+    """As MATLAB writes it: a header of 512 bytes, columns stored as HDF5's rows, characters as numbers."""
+    with h5py.File(file, "w", userblock_size=512) as root:
+        for name, values in {"pos": angle[None, :], "tq": torque[:, None], "fs": np.full((1, 1), 200.0)}.items():
+            root.create_dataset(name, data=values).attrs["MATLAB_class"] = np.bytes_("double")
+        note = root.create_dataset("note", data=np.array([[104], [105]], dtype=np.uint16))
+        note.attrs["MATLAB_class"] = np.bytes_("char")
+        run = root.create_group("run")
+        run.attrs["MATLAB_class"] = np.bytes_("struct")
+        run.create_dataset("pos", data=np.stack([angle, -angle])).attrs["MATLAB_class"] = np.bytes_("double")
+        root.create_group("#refs#").create_dataset("a", data=[1.0])
+    with file.open("r+b") as stream:
+        stream.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
+
+
+def write_text(file, angle, torque):
+    separator = "\t" if file.suffix == ".tsv" else ","
+    pd.DataFrame({"pos": angle, "tq": torque}).to_csv(file, sep=separator, index=False)
+
+
+def write_npz(file, angle, torque):
+    np.savez_compressed(file, pos=angle, tq=torque, fs=200.0)
+
+
+def write_hdf5(file, angle, torque):
+    with h5py.File(file, "w") as root:
+        root.attrs["sampling_rate"] = 200.0
+        root.create_dataset("pos", data=angle, compression="gzip").attrs["units"] = "rad"
+        root.create_dataset("tq", data=torque).attrs["units"] = "N m"
+        root["run1/pos"] = angle
+
+
+def write_netcdf(file, angle, torque):
+    signals = {"pos": ("time", angle, {"units": "rad"}), "tq": ("time", torque, {"units": "N m"})}
+    # From 2 bytes and a factor, as loggers store it, to the values that it stands for.
+    encoding = {"coarse": {"dtype": "int16", "scale_factor": 0.001, "_FillValue": -32768}}
+    dataset = xr.Dataset({**signals, "coarse": ("time", np.round(angle, 3))}, attrs={"sampling_rate": 200.0})
+    dataset.to_netcdf(file, engine="h5netcdf", encoding=encoding)
+
+
+def write_netcdf_3(file, angle, torque):
+    signals = {"pos": ("time", angle, {"units": "rad"}), "tq": ("time", torque, {"units": "N m"})}
+    xr.Dataset(signals, attrs={"sampling_rate": 200.0}).to_netcdf(file, engine="scipy", format="NETCDF3_CLASSIC")
+
+
+def write_parquet(file, angle, torque):
+    pyarrow = pytest.importorskip("pyarrow", reason="pyarrow is not installed")
+    from pyarrow import parquet
+
+    columns = [
+        pyarrow.field(name, pyarrow.float64(), metadata={"unit": unit}) for name, unit in (("pos", "rad"), ("tq", "Nm"))
+    ]
+    schema = pyarrow.schema(columns, metadata={"sampling_rate": "200"})
+    parquet.write_table(pyarrow.table([angle, torque], schema=schema), file)
+
+
+def write_c3d(file, angle, torque):
+    ezc3d = pytest.importorskip("ezc3d", reason="ezc3d is not installed")
+    content = ezc3d.c3d()
+    content.add_parameter("ANALOG", "LABELS", ["pos", "tq"])
+    content.add_parameter("ANALOG", "UNITS", ["rad", "Nm"])
+    content["parameters"]["ANALOG"]["RATE"]["value"] = [200.0]
+    content["parameters"]["POINT"]["RATE"]["value"] = [100.0]
+    content["parameters"]["POINT"]["LABELS"]["value"] = ["ankle"]
+    content["data"]["points"] = np.ones((4, 1, len(angle) // 2))
+    content["data"]["analogs"] = np.stack([angle, torque])[None]
+    content.write(str(file))
+
+
+WRITERS = {
+    "v5.mat": write_mat,
+    "v73.mat": write_mat_73,
+    "ankle.csv": write_text,
+    "ankle.tsv": write_text,
+    "ankle.npz": write_npz,
+    "ankle.h5": write_hdf5,
+    "ankle.hdf5": write_hdf5,
+    "ankle.nc": write_netcdf,
+    "classic.nc": write_netcdf_3,
+    "ankle.parquet": write_parquet,
+    "ankle.c3d": write_c3d,
+}

@@ -1,0 +1,299 @@
+import pickle
+import tracemalloc
+
+import h5py
+import numpy as np
+import pytest
+import xarray as xr
+from scipy.io import savemat
+from scipy.io.matlab import MatlabObject
+from tests.recordings.files import WRITERS, write_hdf5, write_mat_73
+
+import tvsysid as tv
+from tvsysid.recordings import describe_file, memory
+
+NAMES = {"angle": "pos", "torque": "tq"}
+
+
+@pytest.fixture
+def signals(random):
+    return random.normal(scale=0.1, size=600), random.normal(size=600)
+
+
+@pytest.fixture(params=WRITERS)
+def file(request, tmp_path, signals):
+    path = tmp_path / request.param
+    WRITERS[request.param](path, *signals)
+    return path
+
+
+def read(file, sampling_rate=200.0, **settings):
+    return tv.read_recording(file, **(NAMES | settings), sampling_rate=sampling_rate)
+
+
+def test_every_format_gives_the_same_recording(file, signals):
+    recording = read(file)
+    exact = {"rtol": 1e-6, "atol": 1e-8} if file.suffix == ".c3d" else {"rtol": 0 if file.suffix != ".csv" else 1e-15}
+    np.testing.assert_allclose(recording.angle, signals[0], **exact)
+    np.testing.assert_allclose(recording.torque, signals[1], **exact)
+
+
+def test_what_is_stated_is_described_and_contradictions_warn(file):
+    described = describe_file(file)
+    assert set(np.ravel(described["pos"].shape)) <= {600, 1}
+    assert described["tq"].dtype == "float64"
+    if file.suffix in (".csv", ".tsv"):
+        assert (described["pos"].unit, described["pos"].sampling_rate) == ("", None)
+        read(file, 500.0)
+        return
+    assert described["pos"].sampling_rate == 200.0
+    with pytest.warns(tv.DoubtfulWarning, match="the file states 200 Hz for pos, tq, and is read at 500 Hz as you say"):
+        assert read(file, 500.0).sampling_rate == 500.0
+    if file.suffix not in (".mat", ".npz"):
+        assert described["pos"].unit == "rad"
+        with pytest.warns(tv.DoubtfulWarning, match="the file states the unit 'rad' for pos, and is read in deg"):
+            read(file, angle_unit="deg")
+
+
+def test_a_wrong_name_gets_those_that_are_there(file):
+    with pytest.raises(tv.InputError, match=r"no channel 'ang'; it holds (.*, )?pos \((600|600 x 1|1 x 600)[,)]"):
+        read(file, angle="ang")
+
+
+def test_a_truncated_file_is_refused_wherever_it_is_cut(file):
+    content = file.read_bytes()
+    if file.suffix in (".csv", ".tsv"):
+        pytest.skip("text may end anywhere; columns of different length are found elsewhere")
+    for cut in np.linspace(5, len(content) - 600, 25).astype(int):
+        file.write_bytes(content[:cut])
+        with pytest.raises(tv.InputError, match=file.name):
+            read(file)
+
+
+def test_damage_never_ends_in_another_error(file, random):
+    if file.suffix in (".h5", ".hdf5", ".nc", ".c3d") or file.name == "v73.mat":
+        pytest.skip("the C and C++ libraries beneath may read damaged headers in circles")
+    content = file.read_bytes()
+    for _ in range(25):
+        damaged = bytearray(content)
+        for place in random.integers(0, len(content), 40):
+            damaged[place] = random.integers(256)
+        file.write_bytes(damaged)
+        try:
+            read(file)
+        except tv.InputError:
+            continue
+        except tv.DoubtfulWarning:
+            continue
+
+
+@pytest.mark.parametrize("other", [".mat", ".csv", ".npz", ".h5", ".nc", ".parquet", ".c3d"])
+def test_a_renamed_file_is_told_what_it_is(file, other):
+    renamed = file.rename(file.with_suffix(other))
+    kinds = {"ankle.hdf5": "an HDF5", "ankle.h5": "an HDF5", "ankle.nc": "an HDF5", "classic.nc": "a NetCDF"}
+    kinds |= {"v5.mat": "a MAT file of version 5", "v73.mat": "a MAT file of version 7.3", "ankle.c3d": "a C3D"}
+    kinds |= {"ankle.npz": "a ZIP", "ankle.parquet": "a Parquet", "ankle.csv": "text", "ankle.tsv": "text"}
+    kind = kinds[file.name]
+    own = {"an HDF5": (".h5", ".hdf5", ".nc"), "text": (".csv", ".tsv")}.get(kind, (file.suffix,))
+    if other in own:
+        return
+    with pytest.raises(tv.InputError, match=rf"{renamed.name}: not a .* that can be read: by its content it is {kind}"):
+        describe_file(renamed)
+
+
+def test_a_file_that_may_not_be_opened_is_told(file, monkeypatch):
+    def refuse(*_, **__):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(type(file), "open", refuse)
+    with pytest.raises(tv.InputError, match=r"cannot be opened \(Permission denied\); close it in other programs"):
+        read(file)
+
+
+def test_a_file_that_is_locked_is_told(tmp_path, signals, monkeypatch):
+    def refuse(*_, **__):
+        raise BlockingIOError(11, "Unable to synchronously open file (unable to lock file)")
+
+    write_hdf5(tmp_path / "ankle.h5", *signals)
+    monkeypatch.setattr(h5py, "File", refuse)
+    with pytest.raises(tv.InputError, match=r"unable to lock file\)\); close it in other programs"):
+        read(tmp_path / "ankle.h5")
+
+
+def test_more_than_memory_is_refused_before_it_is_read(file, monkeypatch):
+    monkeypatch.setattr(memory, "available", lambda: 10_000)
+    with pytest.raises(tv.InputError, match=r"reading it takes .* GB, and 1e-05 GB of memory are free"):
+        read(file)
+
+
+@pytest.mark.parametrize("name", ["ankle.h5", "v73.mat", "ankle.npz"])
+def test_an_enormous_file_is_read_in_part(tmp_path, signals, name):
+    file = tmp_path / name
+    WRITERS[name](file, *signals)
+    if file.suffix == ".npz":
+        np.savez_compressed(file, pos=signals[0], tq=signals[1], big=np.zeros(20_000_000))
+    else:
+        with h5py.File(file, "r+") as root:
+            # A terabyte that takes no place on disk.
+            big = root.create_dataset("big", shape=(1000, 125_000_000), chunks=(1, 1_000_000), dtype="f8")
+            big.attrs["MATLAB_class"] = np.bytes_("double")
+    tracemalloc.start()
+    np.testing.assert_array_equal(read(file).angle, signals[0])
+    assert tracemalloc.get_traced_memory()[1] < 20e6
+    tracemalloc.stop()
+    if file.suffix != ".npz":
+        with pytest.raises(tv.InputError, match=r"reading it takes 3e\+03 GB"):
+            read(file, angle="big", torque="big")
+
+
+def test_structures_of_every_mat_version(tmp_path, signals):
+    savemat(tmp_path / "v5.mat", {"run": {"pos": np.stack([signals[0], -signals[0]], axis=1)}})
+    write_mat_73(tmp_path / "v73.mat", *signals)
+    for name in ("v5.mat", "v73.mat"):
+        recording = read(tmp_path / name, angle="run.pos", torque="run.pos", columns="trials")
+        np.testing.assert_array_equal(recording.angle, np.concatenate([signals[0], -signals[0]]))
+        assert recording.trial_starts == (0, 600)
+
+
+def test_matlab_7_3_characters_are_text(tmp_path, signals):
+    write_mat_73(tmp_path / "v73.mat", *signals)
+    assert list(describe_file(tmp_path / "v73.mat")) == ["fs", "note", "pos", "run.pos", "tq"]
+    with pytest.raises(tv.InputError, match=r"v73\.mat: note: expected real numbers, got text"):
+        read(tmp_path / "v73.mat", angle="note")
+
+
+def cells(*texts):
+    array = np.empty((1, len(texts)), dtype=object)
+    array[0] = [np.array([text]) for text in texts]
+    return array
+
+
+def nldat(signals, **changes):
+    return {
+        "chanNames": cells("pos", "tq"),
+        "chanUnits": cells("(deg)", "Nm"),
+        "domainIncr": np.array([[0.005]]),
+        "domainName": np.array(["Time (s)"]),
+        "dataSet": np.stack(signals, axis=1),
+    } | changes
+
+
+def write_object(file, values, age):
+    if age == "old":  # as @nldat was, a class made of a structure
+        record = np.empty((1, 1), dtype=[(name, object) for name in values])
+        for name, item in values.items():
+            record[name][0, 0] = item
+        savemat(file, {"io": MatlabObject(record, "nldat")})
+        return
+    import matio
+    from matio.utils import MatlabOpaque
+
+    matio.save_to_mat(str(file), {"io": MatlabOpaque(values, "nldat")}, version="v7" if age == "v7" else "v7.3")
+
+
+@pytest.mark.filterwarnings("ignore:.*future.infer_string")
+@pytest.mark.parametrize("age", ["old", "v7", "v7.3"])
+def test_toolbox_objects(tmp_path, signals, age):
+    file = tmp_path / "ankle.mat"
+    write_object(file, nldat(signals), age)
+    recording = read(file, angle="io.pos", torque="io.tq", angle_unit="deg")
+    np.testing.assert_array_equal(recording.torque, signals[1])
+    described = describe_file(file)
+    assert {name: (item.unit, item.sampling_rate) for name, item in described.items()} == {
+        "io.pos": ("deg", 200.0),
+        "io.tq": ("Nm", 200.0),
+    }
+
+
+def test_toolbox_objects_with_realizations_and_without_names(tmp_path, signals):
+    three = np.stack([np.stack(signals, axis=1), np.stack(signals[::-1], axis=1)], axis=2)
+    unnamed = nldat(signals, dataSet=three, chanNames=cells("x", "x"), domainName=np.array(["Frequency (Hz)"]))
+    write_object(tmp_path / "ankle.mat", unnamed, "old")
+    with pytest.warns(tv.DoubtfulWarning, match="has an RMS|states the unit 'deg'"):
+        recording = read(tmp_path / "ankle.mat", angle="io.1", torque="io.2", columns="trials")
+    np.testing.assert_array_equal(recording.angle, np.concatenate(signals))
+    assert describe_file(tmp_path / "ankle.mat")["io.1"].sampling_rate is None
+
+
+def test_objects_of_other_classes_are_named(tmp_path):
+    record = np.empty((1, 1), dtype=[("data", object)])
+    record["data"][0, 0] = np.ones((3, 1))
+    savemat(tmp_path / "ankle.mat", {"io": MatlabObject(record, "timeseries"), "x": np.ones(3)})
+    with pytest.raises(tv.InputError, match="io: expected real numbers, got an object of class timeseries"):
+        read(tmp_path / "ankle.mat", angle="io", torque="x")
+
+
+def test_groups_and_dimensions_of_netcdf(tmp_path, signals):
+    trials = xr.Dataset(
+        {
+            name: (("trial", "time"), values.reshape(3, 200))
+            for name, values in zip(NAMES.values(), signals, strict=True)
+        }
+    )
+    xr.DataTree.from_dict({"/": xr.Dataset(attrs={"fs": 200}), "/day1": trials}).to_netcdf(
+        tmp_path / "a.nc", engine="h5netcdf"
+    )
+    recording = read(tmp_path / "a.nc", angle="day1/pos", torque="day1/tq", columns="trials")
+    np.testing.assert_array_equal(recording.angle, signals[0])
+    assert recording.trial_starts == (0, 200, 400)
+
+
+def test_packed_netcdf_is_unpacked(tmp_path, signals):
+    WRITERS["ankle.nc"](tmp_path / "ankle.nc", *signals)
+    np.testing.assert_allclose(read(tmp_path / "ankle.nc", angle="coarse").angle, np.round(signals[0], 3), atol=1e-7)
+
+
+def test_labels_that_c3d_channels_share_are_numbered(tmp_path, signals, monkeypatch):
+    ezc3d = pytest.importorskip("ezc3d", reason="ezc3d is not installed")
+    WRITERS["ankle.c3d"](tmp_path / "ankle.c3d", *signals)
+    content = ezc3d.c3d(str(tmp_path / "ankle.c3d"))
+    content["parameters"]["ANALOG"]["LABELS"]["value"] = ["V", "V"]
+    content.write(str(tmp_path / "same.c3d"))
+    assert list(describe_file(tmp_path / "same.c3d")) == ["V (1)", "V (2)"]
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        (np.ones(600) + 1j, "expected real numbers, got values of type complex128"),
+        (np.array(["a"] * 600), "expected real numbers, got text"),
+        (np.array([[1.0], [1.0, 2.0]], dtype=object), "pickled objects, which are never read"),
+        (np.ones(599), "different lengths: other 599 x 1, tq 600 x 1; name channels that were sampled together"),
+        (np.ones((10, 20, 3)), "different lengths"),
+        (np.zeros(0), "different lengths: other 0 x 1"),
+        (np.full(600, np.nan), "600 of 600 values are NaN"),
+        (np.ones(600, dtype=bool), "values of type bool"),
+    ],
+)
+def test_what_is_no_signal_is_refused(tmp_path, signals, values, message):
+    file = tmp_path / "ankle.npz"
+    np.savez(file, other=values, tq=signals[1])
+    with pytest.raises(tv.InputError, match=message):
+        read(file, angle="other")
+
+
+def test_nothing_in_an_npz_is_unpickled(tmp_path):
+    class Trap:
+        def __reduce__(self):
+            return (pytest.fail, ("the file was unpickled",))
+
+    np.savez(tmp_path / "trap.npz", pos=np.array([Trap()], dtype=object), tq=np.ones(3))
+    with pytest.raises(tv.InputError, match="pos: expected real numbers, got pickled objects"):
+        read(tmp_path / "trap.npz")
+    (tmp_path / "trap.mat").write_bytes(pickle.dumps(Trap()))
+    with pytest.raises(tv.InputError, match="by its content it is a Python pickle, which is never read"):
+        read(tmp_path / "trap.mat")
+
+
+def test_links_to_other_files_are_not_followed(tmp_path, signals):
+    write_hdf5(tmp_path / "other.h5", *signals)
+    with h5py.File(tmp_path / "ankle.h5", "w") as root:
+        root["pos"] = h5py.ExternalLink("other.h5", "pos")
+        layout = h5py.VirtualLayout(shape=(600,), dtype="f8")
+        layout[:] = h5py.VirtualSource("missing.h5", "tq", shape=(600,))
+        root.create_virtual_dataset("tq", layout)
+    with pytest.raises(tv.InputError, match="no channel 'pos'; it holds tq"):
+        read(tmp_path / "ankle.h5")
+    # HDF5 itself would fill in zeros.
+    with pytest.raises(tv.InputError, match="tq: expected real numbers, got values in another file"):
+        read(tmp_path / "ankle.h5", angle="tq")

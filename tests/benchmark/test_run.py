@@ -136,6 +136,45 @@ def test_a_method_that_kills_its_worker_is_found_and_spoils_no_other():
     same(others, run(Study(**study.model_dump() | {"methods": ["sds", "birf"]}), workers=1).assign_attrs(found.attrs))
 
 
+def test_a_method_that_kills_its_worker_does_not_kill_this_process_with_one_trial_left():
+    found = run(Study(duration_s=40, trials=1, perturbation="prbs", methods=["sds", Mine("dies")]), workers=2)
+    assert [bool(text) for text in found.failure.values.ravel()] == [False, True]
+
+
+def test_a_trial_gives_the_same_numbers_whenever_and_however_often_it_is_run():
+    study = Study(duration_s=40, trials=1, perturbation="prbs", methods=["eirf"])
+    trial = Trial(study.scenarios[0], 0, study.seed_of(study.scenarios[0], 0), pickled(study.named_methods))
+    first, second = run_trial(trial), run_trial(trial)
+    np.testing.assert_array_equal(first["stiffness"], second["stiffness"])
+
+
+def test_threads_keep_each_trial_s_doubts():
+    study = Study(duration_s=[40, 80], trials=4, methods=["eirf", "sds"])
+    with ThreadPoolExecutor(4) as executor:
+        same(run(study, executor=executor), run(study, workers=1))
+
+
+def test_an_executor_that_was_shut_down_gives_up_plainly():
+    executor = ThreadPoolExecutor(1)
+    executor.shutdown()
+    with pytest.raises(tv.InputError, match=r"the executor gave up .*the same call goes on from there"):
+        run(Study(duration_s=40, trials=1, methods="sds"), executor=executor)
+
+
+def test_a_method_that_finds_nothing_has_failed():
+    found = run(Study(duration_s=40, trials=1, perturbation="prbs", methods=["sds", Mine("nothing")]), workers=1)
+    assert found.failure.values.ravel()[1] == "InputError: it found no stiffness at any time"
+
+
+def test_a_plain_object_is_named_by_its_class():
+    class Plain:
+        identify = Mine().identify
+
+    assert list(Study(methods=[Plain()]).named_methods) == ["Plain"]
+    with pytest.raises(tv.InputError, match="two methods have the same name"):
+        Study(methods=[Plain(), Plain()])
+
+
 def test_a_method_that_a_worker_cannot_unpickle_spoils_no_other():
     study = Study(duration_s=40, trials=1, perturbation="prbs", methods=["sds", "birf"])
     scenario = study.scenarios[0]

@@ -196,6 +196,35 @@ def store_outcome(results, scenario, trial):
     return {name: np.array(results[name].values[scenario, trial]) for name in names}
 
 
+def test_a_failure_never_takes_the_place_of_a_result(tmp_path, results):
+    path = tmp_path / "results.zarr"
+    with store.open_store(path, STUDY) as opened:
+        good, bad = store_outcome(results, 0, 1), store_outcome(results, 0, 1)
+        good["failure"][1] = "kbr failed the first time"
+        good["stiffness"][1] = np.nan
+        opened.write(0, 1, good)
+        bad["failure"][0] = "sds failed the second time"
+        bad["stiffness"][0] = np.nan
+        opened.write(0, 1, bad)
+        assert (0, 1) not in opened.missing()
+    np.testing.assert_array_equal(read_results(path).stiffness[0, 1], results.stiffness[0, 1])
+
+
+@pytest.mark.parametrize("left", [0, 100, None])
+def test_torn_results_are_not_read(copy, left):
+    chunk = copy / "stiffness" / "c" / "1" / "2" / "0" / "0"
+    chunk.unlink() if left is None else os.truncate(chunk, left)
+    with pytest.raises(tv.InputError, match=r"1 trials are cut short.*give the command that ran the study again"):
+        read_results(copy)
+
+
+def test_damaged_results_are_not_read(copy):
+    chunk = copy / "vaf" / "c" / "1" / "2" / "0" / "0"
+    chunk.write_bytes(bytes(reversed(chunk.read_bytes())))
+    with pytest.raises(tv.InputError, match=r"vaf/c/1/2/0/0: this file does not hold what was written there"):
+        read_results(copy)
+
+
 def test_written_trials_are_there_and_others_missing(tmp_path, results):
     path = tmp_path / "results.zarr"
     with store.open_store(path, STUDY) as opened:

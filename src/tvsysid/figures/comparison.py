@@ -207,7 +207,10 @@ def _top(values: Array) -> float:
     """Height at which bars are cut off: that of the longest, unless it is far from what is usual among methods."""
     each = np.sort([row[np.isfinite(row)].max() for row in values if np.isfinite(row).any()])
     usual = OUTLYING * each[(len(each) - 1) // 2]
-    return float(each[-1] if each[-1] <= usual or usual == 0 else 1.15 * values[values <= usual].max())
+    if each[-1] <= usual or usual == 0:
+        return float(each[-1])
+    cut = 1.15 * float(values[values <= usual].max())
+    return cut if each[-1] > 1.5 * cut else float(each[-1])  # little is gained by cutting off a little
 
 
 def _legend(figure: Figure, axes: Axes, bars: bool, trials: int) -> None:

@@ -198,7 +198,7 @@ def benchmark(
 
     Example: `tvsysid benchmark --preset paper --out paper`
     """
-    from tvsysid.benchmark import Study
+    from tvsysid.benchmark import Study, cores
 
     options: dict[str, Any] = {
         "stiffness": [item.value for item in stiffness or ()],
@@ -215,7 +215,7 @@ def benchmark(
         raise InputError(f"{study_file} and --preset {preset}: give one of them")
     study = Study.from_toml(study_file, **given) if study_file else Study.preset(preset or "quick", **given)
     if dry_run:
-        _print_plan(study, workers or os.cpu_count() or 1)
+        _print_plan(study, workers or cores())
         return
     _check_folder(out)
     results = _run_study(study, out, workers, scheduler)

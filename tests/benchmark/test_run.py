@@ -1,3 +1,4 @@
+import os
 import re
 import threading
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
@@ -8,7 +9,7 @@ import xarray as xr
 from tests.benchmark.conftest import SMALL, TIMES, Mine
 
 import tvsysid as tv
-from tvsysid.benchmark import Study, plan, run, score, summarize
+from tvsysid.benchmark import Study, cores, plan, run, score, summarize
 from tvsysid.benchmark.trial import Trial, pickled, run_trial
 
 
@@ -197,6 +198,17 @@ def test_a_worker_with_other_software_is_refused():
     sent = Trial(scenario, 0, study.seed_of(scenario, 0), {}, {"numpy": "1.0"})
     with pytest.raises(tv.InputError, match=r"a worker has other software: numpy: 1.0 there, \d.* here"):
         run_trial(sent)
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="this system does not bind processes to cores")
+def test_cores_are_those_that_may_be_used():
+    all_of_them = os.sched_getaffinity(0)
+    try:
+        os.sched_setaffinity(0, {min(all_of_them)})
+        assert cores() == 1
+    finally:
+        os.sched_setaffinity(0, all_of_them)
+    assert cores() == len(all_of_them)
 
 
 def test_wrong_workers_are_refused():

@@ -113,6 +113,7 @@ def test_seeds_differ_by_scenario_and_trial_and_pair_viscosities():
         ({"methods": ["sds", "sds"]}, "the same value is given twice"),
         ({"viscosity": ["high"]}, "unknown name 'high'; expected one of constant, covarying"),
         ({"trials": 0}, "trials: .*greater than or equal to 1"),
+        ({"trials": True}, "trials: expected a whole number; got True"),
         ({"trials": "many"}, "trials: .*valid integer"),
         ({"seed": -1}, "seed: "),
         ({"duration_s": [3.0]}, "whole realizations of 2 s"),

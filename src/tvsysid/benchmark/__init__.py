@@ -4,7 +4,7 @@ from tvsysid.benchmark.claims import judge
 from tvsysid.benchmark.contract import Check, check_method
 from tvsysid.benchmark.example import example_responses
 from tvsysid.benchmark.plan import plan
-from tvsysid.benchmark.run import run
+from tvsysid.benchmark.run import cores, run
 from tvsysid.benchmark.scores import score, summarize
 from tvsysid.benchmark.store import read_results
 from tvsysid.benchmark.study import PERTURBATIONS, PRESETS, PROFILES, Study
@@ -16,6 +16,7 @@ __all__ = [
     "Check",
     "Study",
     "check_method",
+    "cores",
     "example_responses",
     "judge",
     "plan",

@@ -97,6 +97,13 @@ def run(
         return results.load() if store is None else results
 
 
+def cores() -> int:
+    """Cores that this process may use; a job on a cluster may have fewer than the machine."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
 def _run_missing(
     study: Study,
     methods: dict[str, bytes],
@@ -137,7 +144,7 @@ def _outcomes(
                 "and the same call goes on from there"
             ) from error
         return
-    workers = workers or os.cpu_count() or 1
+    workers = workers or cores()
     if workers == 1:
         yield from ((place, run_trial(trial_at(place))) for place in places)
     else:

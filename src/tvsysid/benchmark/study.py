@@ -223,6 +223,13 @@ class Study(_Settings):
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
 
+    @field_validator("trials", "seed", mode="before")
+    @classmethod
+    def _no_truth_value(cls, value: Any) -> Any:
+        if isinstance(value, bool):
+            raise ValueError("expected a whole number")
+        return value
+
     @field_validator("methods")
     @classmethod
     def _can_identify(cls, values: tuple[Any, ...]) -> tuple[Any, ...]:

@@ -56,8 +56,7 @@ def timed(study: tv.benchmark.Study, workers: int) -> tuple[xr.Dataset, float, i
 def stages_table(results: xr.Dataset, seconds: float, title: str) -> Table:
     """A row for each stage, summed over all workers."""
     simulated = float(results.duration_s.sum()) * results.sizes["trial"]
-    spent = {str(name): float(results.stage_seconds.sel(stage=name).sum()) for name in results.stage.values}
-    spent |= {str(name): float(results.seconds.sel(method_key=name).sum()) for name in results.method_key.values}
+    spent = tv.benchmark.time_spent(results)
     table = Table(title=title, title_justify="left", caption="times of all workers, but for the last row")
     table.add_column("stage")
     for heading in ("s", "share, %", "simulated seconds per second"):

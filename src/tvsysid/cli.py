@@ -666,13 +666,13 @@ def _run_study(study: Any, out: Path, workers: int | None, scheduler: str | None
 
 def _checked_apart(name: str) -> list[Check]:
     """Checks of a method in a process of its own, which it may end."""
-    import multiprocessing
-    from concurrent.futures import BrokenExecutor, ProcessPoolExecutor
+    from concurrent.futures import BrokenExecutor
 
+    from tvsysid.benchmark import processes
     from tvsysid.methods import parse
 
     parse(name)  # what is wrong with the name is told from here
-    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+    with processes(1) as pool:
         try:
             return pool.submit(_checks_of, name).result()
         except BrokenExecutor as error:
@@ -746,22 +746,23 @@ def _write_study(results: Any, out: Path, command: str) -> bool:
 
 
 def _print_troubles(results: Any) -> bool:
-    """Print doubts, failures and missing trials; whether there were neither of the latter."""
+    """Print doubts, failures and missing trials; whether no method failed."""
+    from tvsysid.report import troubles
+
     there = results.checksums.values.any(axis=-1)
     if not there.all():
         text = f"{there.sum()} of {there.size} trials are there so far; the benchmark's command goes on from there"
         errors.print(f"[yellow]warning:[/] {text}", highlight=False, soft_wrap=True)
-    failures = 0
-    for label in results.method_key.values:
-        own = results.sel(method_key=label)
-        for name, what in (("doubts", "deserve doubt"), ("failure", "failed and are left out")):
-            told = [text for text in own[name].values.ravel() if text]
-            failures += len(told) if name == "failure" else 0
-            if told:
-                colour, kind = ("red", "error") if name == "failure" else ("yellow", "warning")
-                text = f"{label}: {len(told)} of {there.sum()} trials {what}; the first: {told[0]}"
-                errors.print(f"[{colour}]{kind}:[/] {escape(text)}", highlight=False, soft_wrap=True)
-    return not failures
+    met = troubles(results)
+    said = {
+        "doubtful": ("[yellow]warning:[/]", "deserve doubt"),
+        "failed": ("[red]error:[/]", "failed and are left out"),
+    }
+    for trouble in met:
+        sign, what = said[trouble["kind"]]
+        text = "{method}: {count} of {trials} trials {what}; the first: {first}".format(what=what, **trouble)
+        errors.print(f"{sign} {escape(text)}", highlight=False, soft_wrap=True)
+    return not any(trouble["kind"] == "failed" for trouble in met)
 
 
 def _scenario_title(row: Any) -> str:
@@ -816,11 +817,11 @@ def _claims_table(claims: pd.DataFrame) -> Table:
 
 def _time_table(results: Any) -> Table:
     """Where the time of the trials went, and how much data each stage gets through."""
+    from tvsysid.benchmark import time_spent
+
     there = results.checksums.values.any(axis=-1)
     simulated = float((results.duration_s.values * there.sum(axis=1)).sum())
-    spent = {str(name): float(results.stage_seconds.sel(stage=name).sum()) for name in results.stage.values}
-    methods = {str(name): float(results.seconds.sel(method_key=name).sum()) for name in results.method_key.values}
-    spent = {name: spent[name] for name in ("simulation", "preprocessing")} | methods | {"scoring": spent["scoring"]}
+    spent = time_spent(results)
     total = sum(spent.values())
     table = Table(title=f"where the time went: {_duration(total)} in all workers", title_justify="left")
     table.add_column("stage", overflow="fold")

@@ -4,8 +4,8 @@ from tvsysid.benchmark.claims import judge
 from tvsysid.benchmark.contract import Check, check_method
 from tvsysid.benchmark.example import example_responses
 from tvsysid.benchmark.plan import plan
-from tvsysid.benchmark.run import cores, run
-from tvsysid.benchmark.scores import score, summarize
+from tvsysid.benchmark.run import cores, processes, run
+from tvsysid.benchmark.scores import score, summarize, time_spent
 from tvsysid.benchmark.store import read_results
 from tvsysid.benchmark.study import PERTURBATIONS, PRESETS, PROFILES, Study
 
@@ -20,8 +20,10 @@ __all__ = [
     "example_responses",
     "judge",
     "plan",
+    "processes",
     "read_results",
     "run",
     "score",
     "summarize",
+    "time_spent",
 ]

@@ -208,12 +208,24 @@ def _cells(scores: Any, stiffness: str = "square", viscosity: str = "constant", 
 
 def _where(scores: Any, cell: str) -> str:
     at = scores.sel(scenario=cell)
-    return f"{ {'noise': 'noise', 'prbs': 'PRBS'}[str(at.perturbation.values)] }, {float(at.duration_s):g} s".strip()
+    perturbation = "PRBS" if at.perturbation == "prbs" else "noise"
+    return f"{perturbation}, {float(at.duration_s):g} s"
 
 
-def _figure(scores: Any, cell: str, method: str, metric: str) -> tuple[np.float64, Array]:
+def _figures(scores: Any, cell: str, method: str, metric: str) -> Array:
+    """A metric and its replicates behind it, so that what is done with the one is done with the others."""
     at = scores.sel(scenario=cell, method_key=method, metric=metric)
-    return np.float64(at.value.item()), at.replicates.values
+    return np.append(at.value.item(), at.replicates.values)
+
+
+def _margin(words: str, figures: Array) -> Margin:
+    return Margin(words, float(figures[0]), figures[1:])
+
+
+def _within(words: str, logarithms: Array) -> Iterator[Margin]:
+    """That a ratio is one to within a quarter: a margin on each side."""
+    for sign in (1, -1):
+        yield _margin(words, np.log1p(ALIKE) - sign * logarithms)
 
 
 def _amount(metric: str, value: float) -> str:
@@ -224,12 +236,10 @@ def _amount(metric: str, value: float) -> str:
 
 def _more(scores: Any, cell: str, metric: str, high: str, low: str) -> Margin:
     """That a metric of one method is above that of another."""
-    (above, above_left), (below, below_left) = (_figure(scores, cell, method, metric) for method in (high, low))
-    figures = f"{high} {_amount(metric, above)}, of {low} {_amount(metric, below)}"
+    above, below = (_figures(scores, cell, method, metric) for method in (high, low))
+    figures = f"{high} {_amount(metric, above[0])}, of {low} {_amount(metric, below[0])}"
     words = f"{NAMES[metric]} of {figures} ({_where(scores, cell)})"
-    if metric in RATIOS:
-        return Margin(words, float(np.log(above / below)), np.log(above_left / below_left))
-    return Margin(words, above - below, above_left - below_left)
+    return _margin(words, np.log(above / below) if metric in RATIOS else above - below)
 
 
 def _extreme(metric: str, method: str, highest: bool, **where: Any) -> Callable[[Any], Iterator[Margin]]:
@@ -270,44 +280,43 @@ def _lowest_two(metric: str, pair: tuple[str, str]) -> Callable[[Any], Iterator[
     return margins
 
 
-def _durations(scores: Any) -> Iterator[tuple[str, list[str]]]:
-    """For each perturbation its cells, shortest first, where there are several."""
+def _durations(scores: Any) -> Iterator[list[str]]:
+    """The cells of each perturbation, shortest first, where there are several."""
     for perturbation in ("noise", "prbs"):
         cells = [cell for cell in _cells(scores) if str(scores.perturbation.sel(scenario=cell).values) == perturbation]
         cells.sort(key=lambda cell: float(scores.duration_s.sel(scenario=cell)))
         if len(cells) > 1:
-            yield perturbation, cells
+            yield cells
 
 
 def _falls_most(scores: Any) -> Iterator[Margin]:
     """That eirf's random error falls by the largest factor from the least to the most data."""
-    for _, cells in _durations(scores):
+    for cells in _durations(scores):
         ends = cells[0], cells[-1]
         falls = {}
         for method in FIVE:
-            (first, first_left), (last, last_left) = (_figure(scores, cell, method, "random_error") for cell in ends)
-            falls[method] = np.log(first / last), np.log(first_left / last_left)
-        for method, (fall, left) in falls.items():
-            if method != "eirf":
-                own, own_left = falls["eirf"]
-                words = (
-                    f"from {_where(scores, ends[0])} to {_where(scores, ends[1])} the random error of eirf falls "
-                    f"{np.exp(own):.1f}-fold, of {method} {np.exp(fall):.1f}-fold"
-                )
-                yield Margin(words, own - fall, own_left - left)
+            first, last = (_figures(scores, cell, method, "random_error") for cell in ends)
+            falls[method] = np.log(first / last)
+        own = falls.pop("eirf")
+        for method, fall in falls.items():
+            words = (
+                f"from {_where(scores, ends[0])} to {_where(scores, ends[1])} the random error of eirf falls "
+                f"{np.exp(own[0]):.1f}-fold, of {method} {np.exp(fall[0]):.1f}-fold"
+            )
+            yield _margin(words, own - fall)
 
 
 def _improves_above_40(scores: Any) -> Iterator[Margin]:
     """That doubling 40 s does more to eirf's random error than the root of two that any average gives."""
-    for _, cells in _durations(scores):
+    for cells in _durations(scores):
         pair = [cell for cell in cells if float(scores.duration_s.sel(scenario=cell)) in (40.0, 80.0)]
         if len(pair) == 2:
-            (first, first_left), (last, last_left) = (_figure(scores, cell, "eirf", "random_error") for cell in pair)
+            first, last = (_figures(scores, cell, "eirf", "random_error") for cell in pair)
             words = (
-                f"random error of eirf {first:.1f} N·m/rad ({_where(scores, pair[0])}), {last:.1f} N·m/rad "
-                f"({_where(scores, pair[1])}): {first / last:.1f}-fold, where averaging alone gives 1.4-fold"
+                f"random error of eirf {first[0]:.1f} N·m/rad ({_where(scores, pair[0])}), {last[0]:.1f} N·m/rad "
+                f"({_where(scores, pair[1])}): {first[0] / last[0]:.1f}-fold, where averaging alone gives 1.4-fold"
             )
-            yield Margin(words, np.log(first / last) - np.log(2) / 2, np.log(first_left / last_left) - np.log(2) / 2)
+            yield _margin(words, np.log(first / last) - np.log(2) / 2)
 
 
 def _dips(methods: tuple[str, ...], sign: int) -> Callable[[Any], Iterator[Margin]]:
@@ -316,9 +325,9 @@ def _dips(methods: tuple[str, ...], sign: int) -> Callable[[Any], Iterator[Margi
     def margins(scores: Any) -> Iterator[Margin]:
         for cell in _cells(scores):
             for method in methods:
-                dip, left = _figure(scores, cell, method, "switch_dip")
-                words = f"time-varying VAF of {method} dips by {dip:.1f} points ({_where(scores, cell)})"
-                yield Margin(words, sign * (dip - DIP), sign * (left - DIP))
+                dip = _figures(scores, cell, method, "switch_dip")
+                words = f"time-varying VAF of {method} dips by {dip[0]:.1f} points ({_where(scores, cell)})"
+                yield _margin(words, sign * (dip - DIP))
 
     return margins
 
@@ -328,16 +337,12 @@ def _alike(scores: Any, pairs: Iterator[tuple[str, str]], metrics: tuple[str, ..
     for one, other in pairs:
         for method in FIVE:
             for metric in metrics:
-                (first, first_left), (last, last_left) = (
-                    _figure(scores, cell, method, metric) for cell in (one, other)
-                )
-                ratio, left = np.log(last / first), np.log(last_left / first_left)
+                first, last = (_figures(scores, cell, method, metric) for cell in (one, other))
                 words = (
-                    f"{NAMES[metric]} of {method} {first:.1f} N·m/rad ({_where(scores, one)}), {last:.1f} N·m/rad "
-                    f"({_where(scores, other)}{_viscosity(scores, other)})"
+                    f"{NAMES[metric]} of {method} {first[0]:.1f} N·m/rad ({_where(scores, one)}), {last[0]:.1f} "
+                    f"N·m/rad ({_where(scores, other)}{_viscosity(scores, other)})"
                 )
-                for sign in (1, -1):
-                    yield Margin(words, np.log1p(ALIKE) - sign * ratio, np.log1p(ALIKE) - sign * left)
+                yield from _within(words, np.log(last / first))
 
 
 def _viscosity(scores: Any, cell: str) -> str:
@@ -348,21 +353,17 @@ def _mostly_alike(metric: str) -> Callable[[Any], Iterator[Margin]]:
     """That a metric differs little between perturbations in most conditions: methods and durations."""
 
     def margins(scores: Any) -> Iterator[Margin]:
-        conditions = list(_pairs(scores, "perturbation", "noise", "prbs", _cells(scores)))
         sizes = []
-        for one, other in conditions:
+        for pair in _pairs(scores, "perturbation", "noise", "prbs", _cells(scores)):
             for method in FIVE:
-                (first, first_left), (last, last_left) = (
-                    _figure(scores, cell, method, metric) for cell in (one, other)
-                )
-                sizes.append((np.abs(np.log(last / first)), np.abs(np.log(last_left / first_left))))
-        if not sizes or np.isnan([size for size, _ in sizes]).any():
+                first, last = (_figures(scores, cell, method, metric) for cell in pair)
+                sizes.append(np.abs(np.log(last / first)))
+        if not sizes or np.isnan([size[0] for size in sizes]).any():
             return
-        little = np.log1p(ALIKE)
-        count = sum(bool(size < little) for size, _ in sizes)
+        little = np.array(sizes) < np.log1p(ALIKE)
+        count = int(little[:, 0].sum())
         words = f"{NAMES[metric]} differs by less than {100 * ALIKE:g} % in {count} of {len(sizes)} conditions"
-        shares = np.mean([left < little for _, left in sizes], axis=0)
-        yield Margin(words, count / len(sizes) - 0.5, shares - 0.5)
+        yield _margin(words, little.mean(axis=0) - 0.5)
 
     return margins
 
@@ -395,39 +396,35 @@ def _noise_is_like_data(scores: Any) -> Iterator[Margin]:
         if better is None:
             continue
         for method in FIVE:
-            (first, first_left), (last, last_left) = (
-                _figure(scores, place, method, "random_error") for place in (cell, better)
-            )
+            first, last = (_figures(scores, place, method, "random_error") for place in (cell, better))
             words = (
-                f"random error of {method} {first:.1f} N·m/rad at {snr:g} dB, {last:.1f} N·m/rad at {snr + 10:g} dB "
-                f"({_where(scores, cell)})"
+                f"random error of {method} {first[0]:.1f} N·m/rad at {snr:g} dB, {last[0]:.1f} N·m/rad at "
+                f"{snr + 10:g} dB ({_where(scores, cell)})"
             )
-            ratio, left = np.log(first / last) - np.log(10) / 2, np.log(first_left / last_left) - np.log(10) / 2
-            for sign in (1, -1):
-                yield Margin(words, np.log1p(ALIKE) - sign * ratio, np.log1p(ALIKE) - sign * left)
+            yield from _within(words, np.log(first / last) - np.log(10) / 2)
 
 
 def _more_spread_when_soft(scores: Any) -> Iterator[Margin]:
     for cell in _cells(scores, stiffness="sine"):
         for method in FIVE:
-            (soft, soft_left), (stiff, stiff_left) = (
-                _figure(scores, cell, method, f"time_varying_vaf_sd_{which}") for which in ("soft", "stiff")
+            soft, stiff = (
+                _figures(scores, cell, method, f"time_varying_vaf_sd_{which}") for which in ("soft", "stiff")
             )
             words = (
-                f"spread of the time-varying VAF of {method}: {soft:.2f} points below the mean stiffness, {stiff:.2f} "
-                f"above ({_where(scores, cell)})"
+                f"spread of the time-varying VAF of {method}: {soft[0]:.2f} points below the mean stiffness, "
+                f"{stiff[0]:.2f} above ({_where(scores, cell)})"
             )
-            yield Margin(words, soft - stiff, soft_left - stiff_left)
+            yield _margin(words, soft - stiff)
 
 
 def _more_spread_with_prbs(scores: Any) -> Iterator[Margin]:
     for cell, other in _pairs(scores, "perturbation", "noise", "prbs", _cells(scores, stiffness="sine")):
         for method in FIVE:
-            (noise, noise_left), (prbs, prbs_left) = (
-                _figure(scores, place, method, "time_varying_vaf_sd") for place in (cell, other)
+            noise, prbs = (_figures(scores, place, method, "time_varying_vaf_sd") for place in (cell, other))
+            words = (
+                f"spread of the time-varying VAF of {method}: {prbs[0]:.2f} points with PRBS, {noise[0]:.2f} with noise"
             )
-            words = f"spread of the time-varying VAF of {method}: {prbs:.2f} points with PRBS, {noise:.2f} with noise"
-            yield Margin(words, prbs - noise, prbs_left - noise_left)
+            yield _margin(words, prbs - noise)
 
 
 STIFFNESS, POINTS, SHARE = "N·m/rad", "percentage points", "share of conditions beyond half"

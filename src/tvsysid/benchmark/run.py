@@ -23,7 +23,7 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tvsysid.benchmark.store import Store, open_store, read_results
+from tvsysid.benchmark.store import Store, open_store
 from tvsysid.benchmark.study import Study
 from tvsysid.benchmark.trial import Outcome, Trial, all_failed, pickled, run_trial
 from tvsysid.errors import InputError
@@ -93,7 +93,7 @@ def run(
         path = Path(folder) / "results.zarr" if store is None else Path(folder)
         with open_store(path, study) as opened:
             _run_missing(study, methods, opened, workers, executor, progress)
-        results = read_results(path)
+            results = opened.results()
         return results.load() if store is None else results
 
 
@@ -197,7 +197,7 @@ def _from_processes(
 
     while left:
         try:
-            with _processes(min(workers, len(left))) as pool:
+            with processes(min(workers, len(left))) as pool:
                 for place, outcome in _from(pool, without_killers, list(left), workers):
                     del left[place]
                     yield place, outcome
@@ -232,12 +232,19 @@ def _alone(trial: Trial, killers: dict[str, str]) -> Outcome:
 
 
 def _in_one_process(trial: Trial) -> Outcome:
-    with _processes(1) as pool:
+    with processes(1) as pool:
         return pool.submit(run_trial, trial).result()
 
 
 @contextmanager
-def _processes(workers: int) -> Iterator[ProcessPoolExecutor]:
+def processes(workers: int) -> Iterator[ProcessPoolExecutor]:
+    """Local worker processes that end with this one, and leave an interruption to it.
+
+    Raises
+    ------
+    InputError
+        If they do not start.
+    """
     # A fresh interpreter for each worker: forking one with BLAS and progress threads may hang.
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_start_worker)

@@ -98,22 +98,22 @@ def score(results: xr.Dataset) -> xr.Dataset:
     for place, scenario in enumerate(results.scenario.values):
         cell = results.sel(scenario=scenario).load()
         there = cell.checksums.values.any(axis=-1)
-        for number, method in enumerate(results.method_key.values):
+        for column, method in enumerate(results.method_key.values):
             own = cell.sel(method_key=method)
             failed = np.array([text != "" for text in own.failure.values], dtype=bool)
             used = there & ~failed
-            trials[place, number] = np.count_nonzero(used)
-            value[place, number, names.index("failed")] = np.count_nonzero(there & failed)
+            trials[place, column] = np.count_nonzero(used)
+            value[place, column, names.index("failed")] = np.count_nonzero(there & failed)
             if not used.any():
                 continue
             own, weights = own.isel(trial=used), chosen[:, used]
             drawn = weights.any(axis=1)
             weights = weights[drawn] / weights[drawn].sum(axis=1, keepdims=True)
-            for name, number_ in _values(own):
-                value[place, number, names.index(name)] = number_
-            if trials[place, number] > 1:
+            for name, number in _values(own):
+                value[place, column, names.index(name)] = number
+            if trials[place, column] > 1:
                 for name, numbers in _replicates(own, weights):
-                    replicates[place, number, names.index(name), drawn] = numbers
+                    replicates[place, column, names.index(name), drawn] = numbers
     dims = ("scenario", "method_key", "metric")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # no replicates, no error
@@ -129,6 +129,15 @@ def score(results: xr.Dataset) -> xr.Dataset:
         | {"metric": names, "unit": ("metric", list(UNITS.values()))},
         attrs=results.attrs,
     )
+
+
+def time_spent(results: xr.Dataset) -> dict[str, float]:
+    """Seconds that each stage of the trials and each method took, over all workers, in the order of the work."""
+    stages = results.stage_seconds.sum(["scenario", "trial"])
+    methods = results.seconds.sum(["scenario", "trial"])
+    before = {name: float(stages.sel(stage=name)) for name in ("simulation", "preprocessing")}
+    identified = {str(name): float(methods.sel(method_key=name)) for name in results.method_key.values}
+    return before | identified | {"scoring": float(stages.sel(stage="scoring"))}
 
 
 def summarize(scores: xr.Dataset) -> pd.DataFrame:

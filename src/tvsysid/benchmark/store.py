@@ -43,6 +43,15 @@ UNITS = {
     "stage_seconds": "s",
     "parameters": "1",
 }
+DIMS = {
+    "stiffness": ("method_key", "time"),
+    "time_varying_vaf": ("method_key", "time"),
+    "vaf": ("method_key", "statistic"),
+    "bandpassed_vaf": ("method_key", "statistic"),
+    "stage_seconds": ("stage",),
+    "checksums": ("variable",),
+}
+"""Dimensions within a trial; of all others, the method alone."""
 MEANING = {
     "stiffness": "estimated stiffness",
     "time_varying_vaf": "variance of the noiseless torque accounted for at each time",
@@ -106,6 +115,10 @@ class Store:
         for name in MEASURED:
             self._arrays[name][place] = outcome[name]
         self._arrays["checksums"][place] = np.array([_checksum(self._file(name, *place)) for name in MEASURED])
+
+    def results(self) -> xr.Dataset:
+        """What is there, read from the disk when it is used; the files are not looked through again."""
+        return _in_order(_opened(self.path))
 
     def _kept_where_failed(self, place: tuple[int, int], outcome: Outcome) -> Outcome:
         """Outcome of a trial that is run again, with what is there already of methods that failed this time only."""
@@ -205,26 +218,36 @@ def read_results(path: str | Path) -> xr.Dataset:
     InputError
         If the folder is not such a store, or files of it are cut short or damaged.
     """
-    import xarray as xr  # noqa: PLC0415  # heavy
     import zarr  # noqa: PLC0415  # heavy
 
     if not Path(path).is_dir():
         raise InputError(f"{path}: there is no such folder; expected a store written by tvsysid's benchmark")
     try:
-        # Chunks of the size of a trial, read as they are needed: no need for Dask.
-        results = xr.open_zarr(path, chunks=None)
+        results = _opened(path)
     except Exception as error:
         raise InputError(f"{path}: this is no store of results: {error}") from error
     if results.attrs.get("layout") != LAYOUT:
         found = results.attrs.get("layout", "none")
         raise InputError(f"{path}: expected a store of tvsysid's layout {LAYOUT}, found {found}")
     group: Any = zarr.open_group(path, mode="r", zarr_format=3, use_consolidated=False)
-    store = Store(Path(path), group)
-    if torn := store.torn():
+    if torn := Store(Path(path), group).torn():
         raise InputError(
             f"{path}: {torn} trials are cut short, as a loss of power leaves them; give the command that ran the study "
             "again, and they are run again"
         )
+    return _in_order(results)
+
+
+def _opened(path: str | Path) -> xr.Dataset:
+    import xarray as xr  # noqa: PLC0415  # heavy
+
+    # Chunks of the size of a trial, read as they are needed: no need for Dask.
+    results: xr.Dataset = xr.open_zarr(path, chunks=None)
+    return results
+
+
+def _in_order(results: xr.Dataset) -> xr.Dataset:
+    """Variables in the order of the layout, and names as plain text."""
     texts = {
         name: (values.dims, values.values.astype(object).astype(str))
         for name, values in results.coords.items()
@@ -337,18 +360,18 @@ def _create(path: Path, study: Study, of_machine: str) -> None:
     truth = [np.asarray(scenario.profile(times)) for scenario in scenarios]
     add("true_stiffness", ("scenario", "time"), truth, units="N m/rad", long_name="simulated stiffness")
 
-    last = {"stiffness": "time", "time_varying_vaf": "time", "vaf": "statistic", "bandpassed_vaf": "statistic"}
-    shape: tuple[int, ...]
-    dims: tuple[str, ...]
-    fill: Any
+    lengths = {
+        "method_key": len(methods),
+        "time": SAMPLES,
+        "statistic": len(STATISTICS),
+        "stage": len(STAGES),
+        "variable": len(MEASURED),
+    }
+    kinds: dict[str, tuple[str, Any]] = {"checksums": ("<u8", 0)} | dict.fromkeys(STRINGS, ("string", ""))
     for name in (*MEASURED, "checksums"):
-        if name in ("checksums", "stage_seconds"):
-            kind, fill, labels = ("<u8", 0, MEASURED) if name == "checksums" else ("<f8", np.nan, STAGES)
-            dims, shape = ("variable" if name == "checksums" else "stage",), (len(labels),)
-        else:
-            kind, fill = ("string", "") if name in STRINGS else ("<f8", np.nan)
-            dims = ("method_key", last[name]) if name in last else ("method_key",)
-            shape = (len(methods), *NUMBERS.get(name, ()))
+        kind, fill = kinds.get(name, ("<f8", np.nan))
+        dims = DIMS.get(name, ("method_key",))
+        shape = tuple(lengths[dim] for dim in dims)
         group.create_array(
             name,
             shape=(len(scenarios), study.trials, *shape),

@@ -47,8 +47,9 @@ NUMBERS = {
 """Measured of each method, and its shape."""
 
 
+@cache
 def versions() -> dict[str, str]:
-    """What the last bits of a result depend on."""
+    """What the last bits of a result depend on; looked up once, for every trial carries it."""
     libraries = {name: version(name) for name in ("numpy", "scipy", "zarr")}
     return {"tvsysid": __version__} | libraries | {"python": platform.python_version()}
 
@@ -120,7 +121,7 @@ def run_trial(trial: Trial) -> Outcome:
     InputError
         If this process has other versions of the software than the one that sent the trial.
     """
-    if (here := _versions()) != trial.versions:
+    if (here := versions()) != trial.versions:
         raise InputError(f"run: a worker has other software: {differences(trial.versions, here)}")
     # Warnings are caught and BLAS is limited for a whole process: one trial at a time in it.
     with _ONE_AT_A_TIME, _blas().limit(limits=1):
@@ -164,7 +165,6 @@ def differences(theirs: Mapping[str, Any], ours: Mapping[str, Any]) -> str:
     )
 
 
-_versions = cache(versions)
 _blas = cache(ThreadpoolController)
 _ONE_AT_A_TIME = threading.Lock()
 

@@ -190,13 +190,11 @@ def methods(results: xr.Dataset) -> list[dict[str, Any]]:
 
 def troubles(results: xr.Dataset) -> list[dict[str, Any]]:
     """Methods with failures or doubts: how many trials, and the first reason."""
+    there = int(results.checksums.any("variable").sum())
     found = []
     for label in map(str, results.method_key.values):
         for name, words in (("failure", "failed"), ("doubts", "doubtful")):
-            texts = results[name].sel(method_key=label).values.ravel()
-            told = [str(text) for text in texts if text]
+            told = [str(text) for text in results[name].sel(method_key=label).values.ravel() if text]
             if told:
-                found.append(
-                    {"method": label, "kind": words, "count": len(told), "trials": len(texts), "first": told[0]}
-                )
+                found.append({"method": label, "kind": words, "count": len(told), "trials": there, "first": told[0]})
     return found

@@ -198,7 +198,8 @@ def benchmark(
 
     Example: `tvsysid benchmark --preset paper --out paper`
     """
-    from tvsysid.benchmark import Study, cores
+    from tvsysid.benchmark import Study
+    from tvsysid.execution import cores
 
     options: dict[str, Any] = {
         "stiffness": [item.value for item in stiffness or ()],
@@ -668,7 +669,7 @@ def _checked_apart(name: str) -> list[Check]:
     """Checks of a method in a process of its own, which it may end."""
     from concurrent.futures import BrokenExecutor
 
-    from tvsysid.benchmark import processes
+    from tvsysid.execution import processes
     from tvsysid.methods import parse
 
     parse(name)  # what is wrong with the name is told from here

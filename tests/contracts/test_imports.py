@@ -17,6 +17,7 @@ LEVELS = [
     ["signals", "impedance"],
     ["models"],
     ["recordings", "preprocess", "simulate", "methods", "metrics"],
+    ["execution"],
     ["benchmark"],
     ["figures"],
     ["report"],

@@ -18,7 +18,7 @@ LEVELS = [
     ["models"],
     ["recordings", "preprocess", "simulate", "methods", "metrics"],
     ["execution"],
-    ["benchmark"],
+    ["benchmark", "experiment"],
     ["figures"],
     ["report"],
     ["cli"],

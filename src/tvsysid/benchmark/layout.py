@@ -8,7 +8,7 @@ import numpy as np
 
 from tvsysid.benchmark.study import PERIOD, RATE, Study
 from tvsysid.benchmark.trial import SAMPLES, STAGES, STATISTICS
-from tvsysid.execution import Fixed, Layout, Variable, versions
+from tvsysid.execution import Fixed, Layout, Variable, digests, versions
 
 TITLE = "Simulation study of methods that identify joint impedance over time"
 NUMBER = 2
@@ -65,6 +65,6 @@ def layout_of(study: Study) -> Layout:
         identity={
             "study": (json.loads(study.to_json()), "another study"),
             "versions": (versions(), "other versions of the software"),
-            "sources": (study.sources, "methods whose files were other ones (digests)"),
+            "sources": (digests(study.named_methods), "methods whose files were other ones (digests)"),
         },
     )

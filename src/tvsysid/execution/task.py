@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import platform
 import sys
 import threading
@@ -10,6 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from functools import cache
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import cloudpickle
@@ -79,6 +81,24 @@ def carry_out(task: Task) -> Outcome:
 
 _blas = cache(ThreadpoolController)
 _ONE_AT_A_TIME = threading.Lock()
+
+
+def label_of(method: Any) -> str:
+    """Name of a method in results: as typed, its repr, or that of its class where the repr tells an address only."""
+    if isinstance(method, str):
+        return method
+    return type(method).__name__ if " at 0x" in repr(method) else repr(method)
+
+
+def digests(methods: Mapping[str, Any]) -> dict[str, str]:
+    """Digest of the file that holds each method of somebody else's: a method that was changed is another one."""
+    found = {}
+    for label, method in methods.items():
+        module = sys.modules.get(type(method).__module__)
+        file = getattr(module, "__file__", None)
+        if file and not type(method).__module__.startswith("tvsysid.") and Path(file).is_file():
+            found[label] = hashlib.sha256(Path(file).read_bytes()).hexdigest()[:12]
+    return found
 
 
 def pickled(methods: Mapping[str, Any]) -> dict[str, bytes]:

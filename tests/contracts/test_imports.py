@@ -17,7 +17,7 @@ LEVELS = [
     ["signals", "impedance"],
     ["models"],
     ["recordings", "preprocess", "simulate", "methods", "metrics"],
-    ["execution"],
+    ["execution", "verdicts"],
     ["benchmark", "experiment"],
     ["figures"],
     ["report"],

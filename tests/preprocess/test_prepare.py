@@ -78,7 +78,7 @@ def test_prepared_ensembles_identify_with_stiffness_near_the_truth(which):
     for number in PEOPLE:
         preparation = prepared(number, which)
         error, truth = stiffness_error(preparation.ensemble)
-        assert np.corrcoef(truth, truth + error)[0, 1] > 0.85
+        assert np.corrcoef(truth, truth + error)[0, 1] > 0.8
         biases.append(error.mean())
         unmoved, _ = stiffness_error(preparation.recorded.select(preparation.account.kept))
         unmoved_biases.append(unmoved.mean())

@@ -244,17 +244,15 @@ class Experiment(_Settings):
                 "reading: files need it: which channels are angle and torque, and the sampling rate, as in "
                 "reading = {angle = 'pos', torque = 'tq', sampling_rate = 1000}"
             )
-        labels = [analysis.label for analysis in self.analyses]
-        if twice := sorted({label for label in labels if labels.count(label) > 1}):
-            raise ValueError(f"methods: {twice[0]} is there twice; give each method a name of its own")
+        if twice := _twice([analysis.label for analysis in self.analyses]):
+            raise ValueError(f"methods: {twice} is there twice; give each method a name of its own")
         if not self.recordings:
             raise ValueError(
                 f"perturbation: none of {', '.join(self.perturbation or ())} was recorded; there are "
                 f"{', '.join(dict.fromkeys(recorded.perturbation for recorded in self._every_recording))}"
             )
-        labels = [recorded.label for recorded in self.recordings]
-        if twice := sorted({label for label in labels if labels.count(label) > 1}):
-            raise ValueError(f"participants: {twice[0]} is there twice; give each a name of its own")
+        if twice := _twice([recorded.label for recorded in self.recordings]):
+            raise ValueError(f"participants: {twice} is there twice; give each a name of its own")
         return self
 
     @property
@@ -335,6 +333,11 @@ def _applied(value: Any) -> Any:
     if isinstance(method, str) and method in PAPER:
         return {"name": method} | given | {"contiguous": False} | PAPER[method]
     return {"method": method, "name": label_of(method)} | given
+
+
+def _twice(labels: list[str]) -> str:
+    """First label that is there more than once, or nothing."""
+    return next((label for number, label in enumerate(labels) if label in labels[:number]), "")
 
 
 def _explained(error: ValidationError) -> str:

@@ -54,10 +54,14 @@ def one_period(axes: Axes, results: xr.Dataset) -> None:
     axes.xaxis.set_major_formatter("{x:g}")
 
 
-def headings(results: xr.Dataset, width: int = 20) -> dict[str, str]:
-    """Method and seconds of data, by the label of its smallest analysis."""
-    least = least_data(results)
-    return {label: f"{wrapped(method, width)}, {seconds_of_data(results, label)}" for method, label in least.items()}
+def headings(results: xr.Dataset, width: int) -> dict[str, str]:
+    """Method and seconds of data in lines of some characters, by the label of its smallest analysis."""
+    shown = {}
+    for method, label in least_data(results).items():
+        name, amount = wrapped(method, width), seconds_of_data(results, label)
+        fits = len(f"{name}, {amount}".rpartition("\n")[2]) <= width
+        shown[label] = f"{name}, {amount}" if fits else f"{name},\n{amount}"
+    return shown
 
 
 def recording_of(results: xr.Dataset, participant: str, perturbation: str) -> str | None:

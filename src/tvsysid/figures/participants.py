@@ -175,7 +175,7 @@ def _bands(results: xr.Dataset, recordings: dict[str, str], with_vaf: bool, titl
     """Rows of axes by what is written beside them, a column for each method."""
     from matplotlib.figure import Figure  # noqa: PLC0415  # heavy
 
-    least, titles = least_data(results), headings(results, 17)
+    least, titles = least_data(results), headings(results, 15)
     here = results.sel(recording=list(recordings.values()), analysis=list(least.values()))
     hues = {method: hue for method, (hue, _) in lines(list(least)).items()}
     rows = [("stiffness", "stiffness\n(N·m/rad)")] + [("time_varying_vaf", "time-varying VAF\n(%)")] * with_vaf
@@ -262,7 +262,7 @@ def _words(perturbation: str) -> str:
 
 
 def _nothing(axes: Axes, why: str) -> None:
-    axes.text(0.5, 0.5, why, transform=axes.transAxes, ha="center", va="center", fontsize=SMALL)
+    axes.text(0.5, 0.96, why, transform=axes.transAxes, ha="center", va="top", fontsize=SMALL)
 
 
 def _behind(axes: Axes, time: Array, torque: Array, limits: tuple[float, float], scale: bool) -> None:
@@ -295,7 +295,7 @@ def _band(axes: Axes, time: Array, mean: Array, spread: Array, hue: str, name: s
 def _legend_of_methods(figure: Figure, results: xr.Dataset, perturbations: Sequence[str], torques: Array) -> None:
     from matplotlib.lines import Line2D  # noqa: PLC0415  # heavy
 
-    least, labels = least_data(results), headings(results, 40)
+    least, labels = least_data(results), headings(results, 60)
     handles = [
         Line2D([], [], color=hue, linestyle=style, linewidth=1.6, label=labels[least[method]])
         for method, (hue, style) in lines(list(least)).items()

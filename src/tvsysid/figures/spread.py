@@ -52,7 +52,7 @@ def variance_and_spread(summary: pd.DataFrame, title: str = "") -> Figure:
     from matplotlib.figure import Figure  # noqa: PLC0415  # heavy
 
     perturbations, methods = unique(summary.perturbation.to_numpy()), unique(summary.method.to_numpy())
-    figure = Figure(figsize=(_width(methods, len(SPREAD)), 1.9 * len(perturbations) + 1.2), layout="constrained")
+    figure = Figure(figsize=(_width(summary, len(SPREAD)), 1.9 * len(perturbations) + 1.2), layout="constrained")
     grid = figure.subplots(len(perturbations), len(SPREAD), sharex=True, sharey="col", squeeze=False)
     for row, perturbation in zip(grid, perturbations, strict=True):
         for axes, (metric, label) in zip(row, SPREAD.items(), strict=True):
@@ -92,7 +92,7 @@ def error_against_truth(results: xr.Dataset, summary: pd.DataFrame, title: str =
     perturbations, methods = unique(here.perturbation.values), list(least_data(here))
     rows = max(len(perturbations), 1)
     upper, lower = 1.35 * rows + 0.6, 1.8 * rows + 0.5
-    width = max(1.45 * len(methods) + 0.8, _width(methods, 2))
+    width = max(1.45 * len(methods) + 0.8, _width(summary, len(AGAINST_TRUTH)))
     figure = Figure(figsize=(width, upper + lower + 0.6), layout="constrained")
     above, below = figure.subfigures(2, 1, height_ratios=[upper, lower], squeeze=False)[:, 0]
     _over_time(above, here, perturbations)
@@ -112,7 +112,7 @@ def error_against_truth(results: xr.Dataset, summary: pd.DataFrame, title: str =
 
 def _over_time(figure: SubFigure, results: xr.Dataset, perturbations: Sequence[str]) -> None:
     """Mean estimate minus truth: a column for each method, a row for each perturbation."""
-    least, titles = least_data(results), headings(results, 17)
+    least, titles = least_data(results), headings(results, 18)
     hues = {method: hue for method, (hue, _) in lines(list(least)).items()}
     grid = figure.subplots(max(len(perturbations), 1), len(least), sharex=True, sharey=True, squeeze=False)
     chosen = results.stiffness.sel(analysis=list(least.values()))
@@ -123,12 +123,13 @@ def _over_time(figure: SubFigure, results: xr.Dataset, perturbations: Sequence[s
         for column, (axes, method) in enumerate(zip(row, least, strict=True)):
             plain(axes).axhline(0, color=TRUTH, linewidth=1.0, linestyle="--")
             errors = off[there, column]
-            for each in errors[np.isfinite(errors).any(axis=1)]:
+            errors = errors[np.isfinite(errors).any(axis=1)]
+            for each in errors if len(errors) > 1 else ():
                 axes.plot(results.time.values, each, color=hues[method], linewidth=0.6, alpha=0.45)
-            if not np.isfinite(errors).any():
-                axes.text(0.5, 0.5, "no estimate", transform=axes.transAxes, ha="center", va="center", fontsize=SMALL)
-            elif np.count_nonzero(np.isfinite(errors).any(axis=1)) > 1:
+            if len(errors):
                 axes.plot(results.time.values, mean_and_spread(errors)[0], color=hues[method], linewidth=2.0)
+            else:
+                axes.text(0.5, 0.96, "no estimate", transform=axes.transAxes, ha="center", va="top", fontsize=SMALL)
             axes.tick_params(labelsize=SMALL)
             one_period(axes, results)
         which = f"{_words(perturbation)}\n" if len(perturbations) > 1 else ""
@@ -141,15 +142,22 @@ def _over_time(figure: SubFigure, results: xr.Dataset, perturbations: Sequence[s
         axes.set_xlabel("time (s)", fontsize=SMALL)
 
 
-def _width(methods: Sequence[str], columns: int) -> float:
-    """Width in inches of a figure with so many columns of bars."""
-    return max(columns * (0.58 * len(methods) + 0.65), 4.5)
+def _width(summary: pd.DataFrame, columns: int) -> float:
+    """Width in inches of a figure with so many columns of bars, such that what stands below them has room."""
+    methods = unique(summary.method.to_numpy())
+    longest = max((len(line) for method in methods for line in _below(summary, method).split("\n")), default=0)
+    return columns * max(0.65 + max(0.58, 0.075 * longest) * len(methods), 2.1)
+
+
+def _below(rows: pd.DataFrame, method: str) -> str:
+    """What stands below the bars of a method: its label and the realizations drawn."""
+    amounts = sorted(rows.realizations[rows.method == method].unique())
+    return "\n".join((wrapped(method, 12), " | ".join(f"{amount:g}" for amount in amounts))).strip()
 
 
 def _bars(axes: Axes, rows: pd.DataFrame, methods: Sequence[str], possible: tuple[float, float]) -> None:
     """Mean of the participants, twice their standard deviation as far as is possible, and each of them."""
     plain(axes).grid(visible=False, axis="x")
-    ticks = []
     for place, (method, (hue, _)) in enumerate(lines(methods).items()):
         mine = rows[rows.method == method]
         amounts = sorted(mine.realizations.unique())
@@ -170,8 +178,7 @@ def _bars(axes: Axes, rows: pd.DataFrame, methods: Sequence[str], possible: tupl
             # Dots beside each other, so that equal ones show, in the order of the participants.
             beside = np.linspace(-0.25, 0.25, len(values)) * width if len(values) > 1 else np.zeros(1)
             axes.plot(middle + beside, values, ".", color="black", markersize=3.6, alpha=0.7, markeredgewidth=0)
-        ticks.append("\n".join((wrapped(method, 12), " | ".join(f"{amount:g}" for amount in amounts))).strip())
-    axes.set_xticks(range(len(methods)), ticks)
+    axes.set_xticks(range(len(methods)), [_below(rows, method) for method in methods])
     if axes.get_subplotspec().is_last_row():  # type: ignore[union-attr]
         axes.set_xlabel("method, realizations drawn", fontsize=SMALL)
     axes.set_xlim(-0.6, len(methods) - 0.4)

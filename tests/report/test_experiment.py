@@ -62,6 +62,11 @@ def test_figures_are_inside_in_order_with_their_descriptions(elements):
     assert "Figure 5." in section(elements, "recordings")
 
 
+def test_who_is_virtual_is_told(elements):
+    # One recording of P3 failed, but the truth about P3 is known from the other.
+    assert "The participants are virtual: their true stiffness is known." in elements.of("header")[0][1]
+
+
 def test_outcome_tells_what_was_kept_and_found(experiment, elements):
     text = section(elements, "outcome")
     assert "6 recordings of 3 participants; 4 methods" in text
@@ -86,11 +91,20 @@ def test_metrics_are_means_and_deviations_over_participants(experiment, elements
         & (experiment.summary.realizations == 150)
     ].value
     assert f"{rows.mean():.1f} ± {rows.std():.1f}" in text
-    assert len([attrs for attrs, _ in elements.of("tr") if "data-method" in attrs]) == 16
     found = metrics(experiment.summary)["rows"]
+    assert len(found) == 16
     failed = {(row["perturbation"], row["method"], row["realizations"]): row["failed"] for row in found}
     assert failed["filtered noise", "kbr", 40] == 1
     assert failed["PRBS", "eirf", 75] == 1
+
+
+def test_each_participant_by_itself(experiment, elements):
+    text = table(elements, "Metrics of each method for each participant")
+    rows = experiment.summary[(experiment.summary.metric == "vaf") & (experiment.summary.participant == "P2")]
+    for value in rows.value:
+        assert f" {value:.1f} " in text
+    assert text.count("P2") == 16
+    assert "±" not in text
 
 
 def test_exclusions_by_step_beside_the_papers(elements):
@@ -98,7 +112,7 @@ def test_exclusions_by_step_beside_the_papers(elements):
     assert "P1-noise 10 0 300 2 7 31 260 50 ± 0" in text
     assert "P2-noise 10 1 300" in text
     assert "P1-prbs 10 0 300 22 7 31 240 50 ± 0" in text
-    assert "P3-prbs 0 0 0 0 0 0 0 – none" in text.replace("–none", "– none")
+    assert "P3-prbs 0 0 0 0 0 0 0 –none" in text
     assert "mean ± SD, PRBS 300 ± 0 22 ± 0 7 ± 0 31 ± 0 240 ± 0" in text
     assert "the paper’s, filtered noise 10 300 0 to 3 4 to 12 17 to 29 260 ± 12" in text
     assert "the paper’s, PRBS 10 300 5 to 40 3 to 10 15 to 20 255 ± 14" in text
@@ -160,6 +174,7 @@ def test_one_record_without_claims_figures_command_or_attributes(tmp_path, truth
     assert "perturbation: steps" in table(elements, "Metrics of each method")
     assert "the paper’s" not in text
     assert ("mean bias" in text) == truth
+    assert "Each participant" not in text
     header = elements.of("header")[0][1]
     assert ("The true stiffness is not known." in header) == (not truth)
     assert "standard deviation over participants" not in text

@@ -10,6 +10,7 @@ import numpy as np
 
 from tvsysid import __version__
 from tvsysid.figures import Illustration
+from tvsysid.figures.analyses import unique
 from tvsysid.report import experiment_tables, tables
 from tvsysid.report.rendering import embedded, settings_of, words, write_page
 
@@ -63,15 +64,17 @@ def _content(
 ) -> dict[str, Any]:
     """What the template is filled with."""
     versions = settings_of(results, "versions")
-    methods = experiment_tables.unique(results.method_key.values)
+    methods = unique(results.method_key.values)
+    people = unique(results.participant.values)
     known = np.isfinite(results.true_stiffness.values).any(axis=1)
+    virtual = unique(results.participant.values[known])
     return {
         "sizes": {
             **{str(name): size for name, size in results.sizes.items()},
-            "participant": len(experiment_tables.unique(results.participant.values)),
+            "participant": len(people),
             "method": len(methods),
         },
-        "truth": "all" if known.all() else "some" if known.any() else "none",
+        "truth": "all" if len(virtual) == len(people) else "some" if virtual else "none",
         "identifications": results.failure.size,
         "failed": int(np.count_nonzero(results.failure.values != "")),
         "outcome": experiment_tables.outcome(results, summary, claims),

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tvsysid.figures.analyses import unique
 from tvsysid.figures.words import told
 from tvsysid.report.tables import Cell, number, verdicts
 
@@ -43,11 +44,6 @@ REPORTED = 300
 """Realizations recorded from each of the paper's participants under either perturbation."""
 
 
-def unique(values: NDArray[np.generic]) -> list[str]:
-    """Values as text, each once, in the order of their first appearance."""
-    return list(dict.fromkeys(map(str, values)))
-
-
 def over_participants(values: NDArray[np.float64], decimals: int | None) -> Cell:
     """Mean ± standard deviation of the values that are there; no deviation of a single one."""
     known = values[np.isfinite(values)]
@@ -58,31 +54,40 @@ def over_participants(values: NDArray[np.float64], decimals: int | None) -> Cell
 
 
 def metrics(summary: pd.DataFrame) -> dict[str, Any]:
-    """Rows of the table of metrics: one for each method, amount of data and perturbation, and the columns' headings."""
+    """Rows of the table of metrics: one for each method, amount of data and perturbation, and the columns' headings.
+
+    ``each`` holds the same for every participant by itself.
+    """
     there = [name for name in METRICS if np.isfinite(summary.value[summary.metric == name].astype(float)).any()]
-    several = summary.perturbation.nunique() > 1
-    rows = []
-    groups = summary.groupby(["perturbation", "method", "realizations"], sort=False)
-    for (perturbation, method, realizations), mine in groups:
-        values = {name: each.value.to_numpy(dtype=float) for name, each in mine.groupby("metric")}
-        failed = values.get("failed", np.zeros(0))
-        rows.append(
-            {
-                "perturbation": told(str(perturbation)),
-                "method": str(method),
-                "realizations": int(str(realizations)),
-                "cells": [over_participants(values.get(name, np.zeros(0)), METRICS[name][2]) for name in there],
-                "failed": int(np.nansum(failed)),
-                "participants": mine.participant.nunique(),
-            }
-        )
+    by = ["perturbation", "method", "realizations"]
     return {
-        "rows": rows,
+        "rows": _rows(summary, by, there),
+        "each": _rows(summary, ["participant", *by], there),
         "headings": [METRICS[name] for name in there],
-        "several": several,
         "perturbations": [told(each) for each in unique(summary.perturbation.to_numpy())],
         "participants": summary.participant.nunique(),
     }
+
+
+def _rows(summary: pd.DataFrame, by: list[str], metrics: list[str]) -> list[dict[str, Any]]:
+    """A row for each group of the summary's rows, with a cell for each of some metrics."""
+    rows = []
+    for _, mine in summary.groupby(by, sort=False):
+        first = mine.iloc[0]
+        values = {str(name): each.value.to_numpy(dtype=float) for name, each in mine.groupby("metric")}
+        nothing = np.zeros(0)
+        rows.append(
+            {
+                "participant": str(first.participant),
+                "perturbation": told(str(first.perturbation)),
+                "method": str(first.method),
+                "realizations": int(first.realizations),
+                "cells": [over_participants(values.get(name, nothing), METRICS[name][2]) for name in metrics],
+                "failed": int(np.nansum(values.get("failed", nothing))),
+                "participants": mine.participant.nunique(),
+            }
+        )
+    return rows
 
 
 def recordings(results: xr.Dataset, exclusions: pd.DataFrame) -> dict[str, Any]:

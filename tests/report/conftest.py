@@ -1,10 +1,18 @@
+import shutil
+import subprocess
+
 import pytest
+from tests.experimental import claims as experimental_claims
+from tests.experimental import experiment_of
+from tests.experimental import fail as fail_recording
+from tests.experimental import summary_of as experimental_summary
 from tests.synthetic import SQUARE, claims, fail, responses_of, results_of, summary_of
 
-from tvsysid.figures import study_figures
-from tvsysid.report import write_report
+from tvsysid.figures import experiment_figures, study_figures
+from tvsysid.report import write_experiment_report, write_report
 
 HOSTILE = "mine:<script>alert(1)</script>"
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
 
 @pytest.fixture(scope="session")
@@ -26,3 +34,49 @@ def page(study, tmp_path_factory):
     figures = study_figures(*study, responses_of())
     write_report(path, *study, claims(), figures, "tvsysid benchmark --trials 3 && echo")
     return path
+
+
+@pytest.fixture(scope="session")
+def experiment():
+    """An experiment with a recording that failed, a method that did so once, doubts, and remarks."""
+    made = experiment_of(methods=("eirf", "birf", "kbr", HOSTILE))
+    fail_recording(made.results, "InputError: every file of <P3> is unreadable", recording="P3-prbs")
+    fail_recording(made.results, "KernelRegression: no convergence", recording="P1-noise", analysis="kbr-40")
+    made.results["doubts"].loc[{"analysis": "birf-75"}] = ["few realizations", "", "", "", "noisy", ""]
+    made.results["remarks"].loc[{"recording": "P2-noise"}] = "trial_3.mat left out: <no torque>\nangle is clipped"
+    made.results["trials_left_out"].loc[{"recording": "P2-noise"}] = 1
+    made.summary = experimental_summary(made.results)
+    made.exclusions = made.exclusions[made.exclusions.recording != "P3-prbs"]
+    return made
+
+
+@pytest.fixture(scope="session")
+def experiment_page(experiment, tmp_path_factory):
+    """Path of an experiment's report."""
+    path = tmp_path_factory.mktemp("report") / "report.html"
+    figures = experiment_figures(experiment.results, experiment.summary, experiment.excerpts, {})
+    write_experiment_report(
+        path,
+        experiment.results,
+        experiment.summary,
+        experimental_claims(),
+        experiment.exclusions,
+        figures,
+        "tvsysid experiment --virtual 3 && echo",
+    )
+    return path
+
+
+@pytest.fixture(scope="session")
+def browser(tmp_path_factory):
+    found = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if found is None:
+        pytest.skip(f"no browser is installed: {', '.join(BROWSERS)}")
+    profile = tmp_path_factory.mktemp("profile")
+
+    def run(*words):
+        options = ("--headless=new", "--no-sandbox", "--disable-gpu", "--no-first-run", f"--user-data-dir={profile}")
+        command = [found, *options, "--enable-logging=stderr", *map(str, words)]
+        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
+
+    return run

@@ -1,32 +1,10 @@
 """The page in a real browser: sorting, pictures, a phone's width, paper."""
 
-import json
 import re
-import shutil
-import subprocess
 
 import pytest
+from tests.report.browsing import look
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-FRAME = """<!DOCTYPE html>
-<html><body><pre id="seen"></pre><script>
-const frame = document.createElement("iframe");
-frame.width = 360; frame.height = 800; frame.style.border = 0;
-frame.srcdoc = PAGE;
-const seen = { broken: [] };
-frame.onload = async () => {
-  const view = frame.contentWindow, page = view.document;
-  CHECKS
-  seen.broken = view.broken;
-  document.getElementById("seen").textContent = JSON.stringify(seen);
-};
-document.body.append(frame);
-</script></body></html>"""
-WATCH = """<script>
-window.broken = [];
-window.addEventListener("error", (event) => window.broken.push(String(event.message)), true);
-window.addEventListener("securitypolicyviolation", (event) => window.broken.push(event.violatedDirective));
-</script>"""
 CHECKS = """
   seen.width = page.documentElement.scrollWidth;
   seen.columns = [...page.querySelectorAll("#ranking-table thead th")].map((cell) => cell.textContent);
@@ -55,31 +33,9 @@ CHECKS = """
 
 
 @pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    found = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if found is None:
-        pytest.skip(f"no browser is installed: {', '.join(BROWSERS)}")
-    profile = tmp_path_factory.mktemp("profile")
-
-    def run(*words):
-        options = ("--headless=new", "--no-sandbox", "--disable-gpu", "--no-first-run", f"--user-data-dir={profile}")
-        command = [found, *options, "--enable-logging=stderr", *map(str, words)]
-        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
-
-    return run
-
-
-@pytest.fixture(scope="module")
 def seen(browser, page, tmp_path_factory):
     """What a browser sees in the page at a phone's width."""
-    content = page.read_text().replace("<meta http-equiv", f"{WATCH}<meta http-equiv", 1)
-    framed = FRAME.replace("CHECKS", CHECKS).replace("PAGE", json.dumps(content).replace("</", "<\\/"))
-    file = tmp_path_factory.mktemp("framed") / "framed.html"
-    file.write_text(framed)
-    done = browser("--virtual-time-budget=5000", "--dump-dom", file.as_uri())
-    assert "CONSOLE" not in done.stderr, done.stderr
-    (text,) = re.findall(r'<pre id="seen">(.*?)</pre>', done.stdout, re.DOTALL)
-    return json.loads(text.replace("&lt;", "<").replace("&gt;", ">").replace("&amp;", "&"))
+    return look(browser, page, CHECKS, tmp_path_factory.mktemp("framed"))
 
 
 def test_no_errors_and_nothing_refused(seen):

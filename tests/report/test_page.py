@@ -2,7 +2,6 @@ import base64
 import json
 import re
 import tomllib
-from html.parser import HTMLParser
 from itertools import pairwise
 from xml.etree import ElementTree
 
@@ -10,6 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from tests.report.conftest import HOSTILE
+from tests.report.elements import Elements, table
 from tests.synthetic import claims, results_of, summary_of
 
 from tvsysid.figures import study_figures
@@ -18,44 +18,12 @@ from tvsysid.report import write_report
 from tvsysid.report.page import _content
 from tvsysid.report.tables import main_scenario, outcome, scenarios
 
-EMPTY = {"meta", "link", "img", "br", "input", "hr"}
-
-
-class Elements(HTMLParser):
-    """Elements of a page in order: name, attributes, text inside."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.found, self.open = [], []
-        self.feed(text)
-
-    def handle_starttag(self, tag, attrs):
-        self.found.append((tag, dict(attrs), []))
-        if tag not in EMPTY:
-            self.open.append(self.found[-1])
-
-    def handle_endtag(self, tag):
-        assert self.open.pop()[0] == tag, f"</{tag}> closes another element"
-        if tag in ("th", "td", "caption"):
-            self.handle_data(" ")
-
-    def handle_data(self, data):
-        for _, _, texts in self.open:
-            texts.append(data)
-
-    def of(self, *tags):
-        return [(attrs, " ".join("".join(texts).split())) for tag, attrs, texts in self.found if tag in tags]
-
 
 @pytest.fixture(scope="session")
 def elements(page):
     elements = Elements(page.read_text())
     assert elements.open == []
     return elements
-
-
-def table(elements, caption):
-    return next(text for _, text in elements.of("table") if text.startswith(caption))
 
 
 def test_nothing_comes_from_elsewhere(page, elements):

@@ -3,22 +3,34 @@
 from tvsysid.figures.amount import error_against_amount
 from tvsysid.figures.channels import recorded_channels
 from tvsysid.figures.comparison import method_comparison
+from tvsysid.figures.excerpts import recorded_signals
+from tvsysid.figures.experiment import experiment_figures
 from tvsysid.figures.identification import identified_stiffness
+from tvsysid.figures.illustration import Illustration
+from tvsysid.figures.participants import participant_in_detail, stiffness_of_participants, stiffness_with_bands
 from tvsysid.figures.preparation import preparation_steps
 from tvsysid.figures.responses import impulse_responses
-from tvsysid.figures.study import Illustration, study_figures
+from tvsysid.figures.spread import error_against_truth, variance_and_spread
+from tvsysid.figures.study import study_figures
 from tvsysid.figures.style import drawn, lines, save
 
 __all__ = [
     "Illustration",
     "drawn",
     "error_against_amount",
+    "error_against_truth",
+    "experiment_figures",
     "identified_stiffness",
     "impulse_responses",
     "lines",
     "method_comparison",
+    "participant_in_detail",
     "preparation_steps",
     "recorded_channels",
+    "recorded_signals",
     "save",
+    "stiffness_of_participants",
+    "stiffness_with_bands",
     "study_figures",
+    "variance_and_spread",
 ]

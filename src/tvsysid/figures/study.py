@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from tvsysid.figures.amount import error_against_amount
 from tvsysid.figures.comparison import method_comparison
+from tvsysid.figures.illustration import Illustration
 from tvsysid.figures.responses import impulse_responses
 from tvsysid.figures.words import PERTURBATIONS, PROFILES, TRAITS, described
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
-    from matplotlib.figure import Figure
 
 USUAL = (150.0, 10.0)
 """Seconds of data and signal-to-noise ratio in dB that the paper shows over time."""
@@ -25,25 +24,6 @@ TOLD = {
     "rise_time": "rise time",
     "vaf": "VAF",
 }
-
-
-@dataclass(frozen=True)
-class Illustration:
-    """A figure with what it shows in words.
-
-    Parameters
-    ----------
-    figure
-        To save with :func:`tvsysid.figures.save`.
-    title
-        A heading.
-    description
-        Full sentences that stand for the picture where it cannot be seen.
-    """
-
-    figure: Figure
-    title: str
-    description: str
 
 
 def study_figures(

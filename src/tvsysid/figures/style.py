@@ -5,24 +5,27 @@ from __future__ import annotations
 from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from tvsysid.methods import METHODS, key_of
 from tvsysid.recordings import whole_file
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 # Okabe and Ito's palette and two of Tol's: told apart by people who are colour-blind.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#882255", "#999933")
 TRUTH = "#444444"
+TARGET = "#111111"
+"""Colour of the torque to be followed."""
+
+Style = Literal["-", "--", ":", "-."]
+STYLES: tuple[Style, ...] = ("-", "--", ":", "-.")
 
 
-STYLES = ("-", "--", ":", "-.")
-
-
-def lines(methods: Sequence[str]) -> dict[str, tuple[str, str]]:
+def lines(methods: Sequence[str]) -> dict[str, tuple[str, Style]]:
     """Colour and line style of each method shown: a method's own colour, and a style for each of its settings."""
     known = tuple(METHODS)  # what else is installed must not change their colours
     others: list[str] = []
@@ -44,6 +47,21 @@ def plain(axes: Axes) -> Axes:
     axes.grid(alpha=0.25, linewidth=0.6)
     axes.set_axisbelow(True)
     return axes
+
+
+def legend_below(figure: Figure, handles: Sequence[Artist]) -> None:
+    """Legend under all axes of a figure, in as few rows as its width allows."""
+    lengths = [0.45 + 0.062 * len(str(handle.get_label())) for handle in handles]
+    columns = len(handles)
+    while columns > 1:
+        rows = -(-len(handles) // columns)
+        if sum(max(lengths[first : first + rows]) for first in range(0, len(handles), rows)) <= figure.get_figwidth():
+            break
+        columns -= 1
+    columns = -(-len(handles) // -(-len(handles) // columns))  # rows of the same length
+    figure.legend(
+        handles=list(handles), frameon=False, fontsize=8, loc="outside lower center", ncols=columns, columnspacing=1.4
+    )
 
 
 def save(figure: Figure, path: str | Path) -> None:

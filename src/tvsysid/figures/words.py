@@ -12,6 +12,17 @@ TRAITS = ("profile", "perturbation", "duration_s", "snr_db", "viscosity")
 """What tells scenarios apart."""
 
 
+def told(perturbation: str) -> str:
+    """What a perturbation is called: the package's own in words, others by their names.
+
+    Examples
+    --------
+    >>> told("noise"), told("steps")
+    ('filtered noise', 'steps')
+    """
+    return PERTURBATIONS.get(perturbation, perturbation)
+
+
 def trait(name: str, value: Any) -> str:
     """Short text for one trait of a scenario.
 

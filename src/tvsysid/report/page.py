@@ -1,9 +1,7 @@
-"""The page itself."""
+"""The page of a simulation study."""
 
 from __future__ import annotations
 
-import base64
-import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import tomli_w
 
 from tvsysid import __version__
-from tvsysid.figures import Illustration, drawn
-from tvsysid.recordings import whole_file
+from tvsysid.figures import Illustration
 from tvsysid.report import tables
+from tvsysid.report.rendering import embedded, settings_of, words, write_page
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -59,18 +57,7 @@ def write_report(
     command
         What was typed to run the study; the page says nothing of it if empty.
     """
-    from jinja2 import Environment, PackageLoader, StrictUndefined  # noqa: PLC0415  # heavy
-
-    environment = Environment(
-        loader=PackageLoader("tvsysid.report", ""),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    page = environment.get_template("page.html").render(_content(results, summary, claims, illustrations, command))
-    with whole_file(path) as temporary:
-        temporary.write_text(page, encoding="utf-8")
+    write_page(path, "page.html", _content(results, summary, claims, illustrations, command))
 
 
 def _content(
@@ -81,7 +68,7 @@ def _content(
     command: str,
 ) -> dict[str, Any]:
     """What the template is filled with."""
-    study = _json(results, "study")
+    study = settings_of(results, "study")
     there = results.checksums.values.any(axis=-1)
     known = results.failure.values[there]
     return {
@@ -90,43 +77,16 @@ def _content(
         "unfinished": [int(there.sum()), there.size] if not there.all() else None,
         "identifications": known.size,
         "failed": sum(text != "" for text in known.ravel()),
-        "version": _json(results, "versions").get("tvsysid", __version__),
-        "versions": {name: each for name, each in _json(results, "versions").items() if name != "tvsysid"},
+        "version": settings_of(results, "versions").get("tvsysid", __version__),
+        "versions": {name: each for name, each in settings_of(results, "versions").items() if name != "tvsysid"},
         "machine": results.attrs.get("machine", ""),
         "seconds": round(float(results.seconds.sum() + results.stage_seconds.sum())),
-        "settings": {SETTINGS.get(name, name.replace("_", " ")): _words(value) for name, value in study.items()},
+        "settings": {SETTINGS.get(name, name.replace("_", " ")): words(value) for name, value in study.items()},
         "ranking": tables.ranking(results, summary),
-        "figures": [
-            {
-                "stem": stem,
-                "title": each.title,
-                "description": each.description,
-                "source": "data:image/svg+xml;base64," + base64.b64encode(drawn(each.figure, "svg")).decode(),
-                "width": round(96 * each.figure.get_figwidth()),
-                "height": round(96 * each.figure.get_figheight()),
-            }
-            for stem, each in illustrations.items()
-        ],
+        "figures": embedded(illustrations),
         "claims": tables.claim_rows(claims),
-        "methods": tables.methods(results),
+        "methods": tables.methods(map(str, results.method_key.values)),
         "troubles": tables.troubles(results),
         "command": command,
         "toml": "" if any(OBJECT.fullmatch(label) for label in study.get("methods", ())) else tomli_w.dumps(study),
     }
-
-
-def _json(results: xr.Dataset, name: str) -> dict[str, Any]:
-    """Attribute that holds settings as JSON text; empty where it is missing or is something else."""
-    try:
-        settings = json.loads(results.attrs.get(name, "{}"))
-    except (TypeError, ValueError):
-        return {}
-    return settings if isinstance(settings, dict) else {}
-
-
-def _words(value: Any) -> str:
-    if isinstance(value, list):
-        return ", ".join(map(_words, value))
-    if isinstance(value, dict):
-        return ", ".join(f"{name} {_words(each)}" for name, each in value.items())
-    return f"{value:g}" if isinstance(value, float) else str(value)

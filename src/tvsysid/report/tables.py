@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -143,11 +144,16 @@ def outcome(results: xr.Dataset, summary: pd.DataFrame, claims: pd.DataFrame) ->
         best = total.loc[total.groupby("scenario", sort=False).value.idxmin()].method.value_counts()
         wins = ", ".join(f"{method} in {count}" for method, count in best.items())
         sentences.append(f"Of all {len(traits)} scenarios the total error is lowest for {wins}.")
-    if len(claims):
-        counts = claims.verdict.value_counts()
-        verdicts = ", ".join(f"{verdict}: {counts[verdict]}" for verdict in SYMBOLS if verdict in counts)
-        sentences.append(f"Of {len(claims)} claims of the paper: {verdicts}.")
-    return sentences
+    return [*sentences, *verdicts(claims)]
+
+
+def verdicts(claims: pd.DataFrame) -> list[str]:
+    """How many claims hold, in a sentence; none if there are no claims."""
+    if not len(claims):
+        return []
+    counts = claims.verdict.value_counts()
+    told = ", ".join(f"{verdict}: {counts[verdict]}" for verdict in SYMBOLS if verdict in counts)
+    return [f"Of {len(claims)} claims of the paper: {told}."]
 
 
 def _figure(row: Any) -> str:
@@ -173,10 +179,10 @@ def claim_rows(claims: pd.DataFrame) -> list[dict[str, Any]]:
     return [{str(key): value for key, value in row.items()} for row in rows]
 
 
-def methods(results: xr.Dataset) -> list[dict[str, Any]]:
+def methods(labels: Iterable[str]) -> list[dict[str, Any]]:
     """What each method is called and assumes; nothing is known of those that are not this package's."""
     told = []
-    for label in map(str, results.method_key.values):
+    for label in labels:
         method = METHODS.get(label.partition(":")[0])
         told.append(
             {

@@ -1,0 +1,99 @@
+"""What the figures of an experiment need to know of its results."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tvsysid.figures.words import wrapped
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.axes import Axes
+
+Array = NDArray[np.float64]
+
+SPIKE = 0.3
+"""How far an axis reaches beyond 98 % of the values, as a share of their range."""
+
+
+def unique(values: NDArray[np.generic]) -> list[str]:
+    """Values as text, each once, in the order of their first appearance."""
+    return list(dict.fromkeys(map(str, values)))
+
+
+def least_data(results: xr.Dataset) -> dict[str, str]:
+    """Label of the analysis with the fewest realizations, by method."""
+    found: dict[str, tuple[int, str]] = {}
+    for label, method, count in zip(
+        results.analysis.values, results.method_key.values, results.realizations.values, strict=True
+    ):
+        if str(method) not in found or int(count) < found[str(method)][0]:
+            found[str(method)] = (int(count), str(label))
+    return {method: label for method, (_, label) in found.items()}
+
+
+def seconds_of_data(results: xr.Dataset, analysis: str) -> str:
+    """How much data was drawn for an analysis, as text: realizations times their duration."""
+    return f"{int(results.realizations.sel(analysis=analysis)) * period_of(results):.4g} s"
+
+
+def period_of(results: xr.Dataset) -> float:
+    """Duration of a realization in s: of all its samples."""
+    time = results.time.values
+    return len(time) * float(time[-1] - time[0]) / max(len(time) - 1, 1)
+
+
+def one_period(axes: Axes, results: xr.Dataset) -> None:
+    """Let the time axis show one realization, with few and short numbers."""
+    start = float(results.time.values[0])
+    axes.set_xlim(start, start + (period_of(results) or 1.0))
+    axes.locator_params(axis="x", nbins=4)
+    axes.xaxis.set_major_formatter("{x:g}")
+
+
+def headings(results: xr.Dataset, width: int) -> dict[str, str]:
+    """Method and seconds of data in lines of some characters, by the label of its smallest analysis."""
+    shown = {}
+    for method, label in least_data(results).items():
+        name, amount = wrapped(method, width), seconds_of_data(results, label)
+        fits = len(f"{name}, {amount}".rpartition("\n")[2]) <= width
+        shown[label] = f"{name}, {amount}" if fits else f"{name},\n{amount}"
+    return shown
+
+
+def recording_of(results: xr.Dataset, participant: str, perturbation: str) -> str | None:
+    """Label of the recording of a participant under a perturbation; None if there is none."""
+    there = (results.participant == participant) & (results.perturbation == perturbation)
+    labels = results.recording.values[there.values]
+    return str(labels[0]) if len(labels) else None
+
+
+def mean_and_spread(values: Array) -> tuple[Array, Array]:
+    """Mean and standard deviation over the first axis; NaN is left out, and comes out where nothing else is there."""
+    known = np.isfinite(values)
+    count = known.sum(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = np.sum(values, axis=0, where=known) / count
+        spread = np.sqrt(np.sum(np.square(values - mean), axis=0, where=known) / count)
+    return mean, spread
+
+
+def usual_range(values: Array, always: Array) -> tuple[float, float]:
+    """Limits of an axis that shows all of some values but spikes, and all of others, with room; from zero if near.
+
+    A method that is out of its depth has spikes; they shall not hide the rest.
+    """
+    known, certain = values[np.isfinite(values)], always[np.isfinite(always)]
+    ends = [float(each) for each in certain]
+    if known.size:
+        usual_low, usual_high = np.percentile(known, [1, 99])
+        beyond = SPIKE * (usual_high - usual_low)
+        ends += [max(float(known.min()), usual_low - beyond), min(float(known.max()), usual_high + beyond)]
+    if not ends:
+        return 0.0, 1.0
+    low, high = min(ends), max(ends)
+    room = 0.08 * max(high - low, 0.2 * abs(high), 1e-9)
+    return (0.0 if 0 <= low < 0.6 * high else low - room), high + room

@@ -1,0 +1,248 @@
+"""All figures of an experiment."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tvsysid.figures.analyses import least_data, seconds_of_data, unique
+from tvsysid.figures.excerpts import recorded_signals
+from tvsysid.figures.illustration import Illustration
+from tvsysid.figures.participants import participant_in_detail, stiffness_of_participants, stiffness_with_bands
+from tvsysid.figures.preparation import preparation_steps
+from tvsysid.figures.spread import SPREAD, error_against_truth, variance_and_spread
+from tvsysid.figures.words import told
+from tvsysid.preprocess import Preparation
+from tvsysid.signals import Recording
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+TOLD = {
+    "mean_stiffness": "mean stiffness",
+    "vaf": "VAF",
+    "bandpassed_vaf": "VAF 1-10 Hz",
+    "random_error": "random error",
+    "bias_error": "bias error",
+    "mean_bias": "mean bias",
+}
+
+
+def experiment_figures(
+    results: xr.Dataset,
+    summary: pd.DataFrame,
+    excerpts: Mapping[str, Recording],
+    preparations: Mapping[str, Preparation],
+) -> dict[str, Illustration]:
+    """All figures of an experiment.
+
+    Parameters
+    ----------
+    results
+        Over recording, analysis, bootstrap and time, as :func:`stiffness_of_participants` and
+        :func:`participant_in_detail` take them.
+    summary
+        Of these results: columns participant, perturbation, method, realizations, metric, value, unit.
+    excerpts
+        Some seconds of the recordings by their labels; those of one participant are drawn. May be empty.
+    preparations
+        How ensembles came about, by the recordings' labels; one is drawn. May be empty.
+
+    Returns
+    -------
+    dict
+        By the stem of a file's name: ``"participants"`` (figure 8 of van de Ruit et al. 2021), ``"participant"``
+        (figure 9), ``"variance-and-spread"`` (figure 10), ``"error-against-truth"`` where the truth is known,
+        ``"stiffness"`` instead of the first where there is only one recording, ``"recorded-signals"`` (figure 6) and
+        ``"preparation"`` (figure 7). Where one participant stands for all, it is the one whose VAF is in the middle.
+    """
+    one = representative(results, summary)
+    shown: dict[str, Illustration] = {}
+    if results.sizes["recording"] == 1:
+        shown["stiffness"] = _single(results, summary)
+    else:
+        shown["participants"] = _all(results, summary)
+    shown["participant"] = _detail(results, summary, one)
+    shown["variance-and-spread"] = _spread(summary)
+    if np.isfinite(results.true_stiffness.values).any():
+        shown["error-against-truth"] = _error(results, summary)
+    recorded = _of_one(excerpts, results, one)
+    if recorded:
+        who = str(results.participant.sel(recording=recorded[0]).item())
+        shown["recorded-signals"] = _signals(
+            {told(str(results.perturbation.sel(recording=label).item())): excerpts[label] for label in recorded}, who
+        )
+    prepared = _of_one(preparations, results, one)
+    if prepared:
+        shown["preparation"] = _preparation(preparations[prepared[0]], results, prepared[0])
+    return shown
+
+
+def _of_one(given: Mapping[str, Any], results: xr.Dataset, preferred: str) -> list[str]:
+    """Labels of one participant's recordings for which something was given: of the preferred one if there are any."""
+    people = {
+        str(label): str(person)
+        for label, person in zip(results.recording.values, results.participant.values, strict=True)
+        if str(label) in given
+    }
+    who = preferred if preferred in people.values() else next(iter(people.values()), None)
+    return [label for label, person in people.items() if person == who]
+
+
+def representative(results: xr.Dataset, summary: pd.DataFrame) -> str:
+    """Participant who stands for all: with the most analyses that have a VAF, and a mean VAF in the middle of those."""
+    participants = unique(results.participant.values)
+    rows = summary[(summary.metric == "vaf") & np.isfinite(summary.value.astype(float))]
+    if rows.empty:
+        return participants[0]
+    each = rows.groupby("participant", sort=False).value.agg(["count", "mean"])
+    complete = each[each["count"] == each["count"].max()].sort_values("mean", kind="stable")
+    return str(complete.index[(len(complete) - 1) // 2])
+
+
+def _all(results: xr.Dataset, summary: pd.DataFrame) -> Illustration:
+    people = len(unique(results.participant.values))
+    title = f"Stiffness of {'all participants' if people > 1 else 'the participant'}"
+    text = (
+        f"Stiffness over one realization, mean over bootstraps, of {_count(people, 'participant')}: a row for each "
+        f"perturbation, a line for each method ({_amounts(results)}){_truth(results)}. "
+    )
+    return Illustration(stiffness_of_participants(results, title), title, text + _torque(results) + _sentences(summary))
+
+
+def _detail(results: xr.Dataset, summary: pd.DataFrame, participant: str) -> Illustration:
+    title = f"Participant {participant} in detail"
+    middle = ", whose VAF is in the middle of all" if len(unique(results.participant.values)) > 1 else ""
+    text = (
+        f"Stiffness and time-varying VAF of participant {participant}{middle}: mean and two standard deviations over "
+        f"bootstraps, a column for each method ({_amounts(results)}){_truth(results)}. "
+    )
+    rows = summary[summary.participant == participant]
+    return Illustration(
+        participant_in_detail(results, participant, title),
+        title,
+        text + _grey(results) + _sentences(rows, ("mean_stiffness", "random_error", "vaf")),
+    )
+
+
+def _single(results: xr.Dataset, summary: pd.DataFrame) -> Illustration:
+    label = str(results.recording.values[0])
+    title = f"Stiffness in {label}"
+    text = (
+        f"Stiffness over one realization: mean and two standard deviations over bootstraps, a column for each method "
+        f"({_amounts(results)}){_truth(results)}. "
+    )
+    return Illustration(stiffness_with_bands(results, label, title), title, text + _grey(results) + _sentences(summary))
+
+
+def _spread(summary: pd.DataFrame) -> Illustration:
+    title = "VAF and random error of all methods"
+    text = (
+        "Bars: mean over participants of the VAF of the whole torque, of that between 1 and 10 Hz, and of the random "
+        "error, with two standard deviations over participants; dots: single participants. VAF is that of the "
+        "realizations that the model was identified from. "
+    )
+    return Illustration(
+        variance_and_spread(summary, title), title, text + _sentences(summary, tuple(SPREAD), least=False)
+    )
+
+
+def _error(results: xr.Dataset, summary: pd.DataFrame) -> Illustration:
+    title = "Error against the truth"
+    people = len(unique(results.participant.values[np.isfinite(results.true_stiffness.values).any(axis=1)]))
+    text = (
+        "How far the mean estimate over bootstraps is from the true stiffness of "
+        f"{_count(people, 'virtual participant')}: above over time, a thin line for each and a thick "
+        f"one for their mean ({_amounts(results)}); below as bars with two standard deviations over participants. "
+    )
+    return Illustration(
+        error_against_truth(results, summary, title),
+        title,
+        text + _sentences(summary, ("bias_error", "mean_bias")),
+    )
+
+
+def _signals(pieces: Mapping[str, Recording], participant: str) -> Illustration:
+    first = next(iter(pieces.values()))
+    title = f"{first.duration:.3g} s of what was recorded from {participant}"
+    target = ", and the torque to be followed" if "target" in first.channels else ""
+    described = "; ".join(
+        f"{words}: angle {1000 * float(np.std(each.angle)):.3g} mrad, torque {float(np.std(each.torque)):.3g} N·m (SD)"
+        for words, each in pieces.items()
+    )
+    text = f"Angle and torque at {first.sampling_rate:g} Hz{target}, a row for each perturbation. {described}."
+    return Illustration(recorded_signals(pieces, title), title, text)
+
+
+def _preparation(preparation: Preparation, results: xr.Dataset, label: str) -> Illustration:
+    here = results.sel(recording=label)
+    title = f"Preparation of {here.participant.item()}, {told(str(here.perturbation.item()))}"
+    counts = preparation.account.counts
+    excluded = ", ".join(f"{count} by {step}" for step, count in counts.items()) or "none"
+    text = (
+        f"Above: all {len(preparation.recorded)} realizations of the recorded torque, and the "
+        f"{len(preparation.ensemble)} that were kept, aligned and with their mean subtracted. Below: step 1 aligns "
+        "each realization to the torque to be followed (black) and excludes those that need too large a shift; step 2 "
+        "excludes those whose component at the task's frequency leaves the limits (mean: solid, limits: dashed); step "
+        f"3 does so with the low-passed residual. Excluded: {excluded}."
+    )
+    return Illustration(preparation_steps(preparation, title), title, text)
+
+
+def _sentences(summary: pd.DataFrame, metrics: tuple[str, ...] = ("mean_stiffness", "vaf"), least: bool = True) -> str:
+    """For each perturbation the means over participants by each method, with the least data or with every amount."""
+    sentences = []
+    for perturbation in unique(summary.perturbation.to_numpy()):
+        parts = []
+        for metric in metrics:
+            rows = summary[(summary.perturbation == perturbation) & (summary.metric == metric)]
+            rows = rows[np.isfinite(rows.value.astype(float))]
+            values = []
+            for method, mine in rows.groupby("method", sort=False):
+                means = mine.groupby("realizations").value.mean()  # sorted by the amount of data
+                values.append(f"{method} {' and '.join(_number(each) for each in (means[:1] if least else means))}")
+            if values:
+                parts.append(f"{TOLD[metric]} {', '.join(values)} {rows.unit.iloc[0]}")
+        if parts:
+            sentences.append(f"With {told(perturbation)}: {'; '.join(parts)}.")
+    order = "Where two or more numbers follow a method, they are those from the least to the most data. "
+    return ("" if least or not sentences else order) + " ".join(sentences)
+
+
+def _number(value: float) -> str:
+    return f"{value:.3g}".replace("-", "−")
+
+
+def _amounts(results: xr.Dataset) -> str:
+    """Seconds of data that each method is shown with."""
+    by_amount: dict[str, list[str]] = {}
+    for method, label in least_data(results).items():
+        by_amount.setdefault(seconds_of_data(results, label), []).append(method)
+    if len(by_amount) == 1:
+        return f"{next(iter(by_amount))} of data"
+    return "; ".join(f"{', '.join(methods)} from {amount} of data" for amount, methods in by_amount.items())
+
+
+def _torque(results: xr.Dataset) -> str:
+    if not np.isfinite(results.mean_torque.values).any():
+        return ""
+    return "Below, the mean torque" + (
+        ", and the torque to be followed. " if np.isfinite(results.target_torque.values).any() else ". "
+    )
+
+
+def _grey(results: xr.Dataset) -> str:
+    if np.isfinite(results.target_torque.values).any():
+        return "The grey line is the torque to be followed. "
+    return "The grey line is the mean torque. " if np.isfinite(results.mean_torque.values).any() else ""
+
+
+def _truth(results: xr.Dataset) -> str:
+    return ", against the true stiffness" if np.isfinite(results.true_stiffness.values).any() else ""
+
+
+def _count(number: int, word: str) -> str:
+    return f"{number} {word}{'' if number == 1 else 's'}"

@@ -1,0 +1,220 @@
+"""Metrics of all participants, like figure 10 of van de Ruit et al. 2021, and errors against the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tvsysid.figures.analyses import headings, least_data, mean_and_spread, one_period, unique, usual_range
+from tvsysid.figures.style import TRUTH, legend_below, lines, plain
+from tvsysid.figures.words import told, wrapped
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure, SubFigure
+
+Array = NDArray[np.float64]
+
+SPREAD = {
+    "vaf": "VAF (%)",
+    "bandpassed_vaf": "VAF, 1-10 Hz (%)",
+    "random_error": "random error (N·m/rad)",
+}
+AGAINST_TRUTH = {"bias_error": "bias error (N·m/rad)", "mean_bias": "mean bias (N·m/rad)"}
+SMALL = 7.5
+"""Points of the small print."""
+FAINT, FULL = 0.35, 0.85
+"""Opacity of the bars for the least and the most data."""
+
+
+def variance_and_spread(summary: pd.DataFrame, title: str = "") -> Figure:
+    """VAF of the whole and of the band-passed torque, and the random error, at every amount of data.
+
+    Parameters
+    ----------
+    summary
+        Of an experiment: columns participant, perturbation, method, realizations, metric, value.
+    title
+        Above all.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A row for each perturbation, a column for each metric. A bar is the mean over participants, with twice their
+        standard deviation on either side (within what is possible), and a dot is one participant; below a method stand
+        the realizations drawn for its bars.
+    """
+    from matplotlib.figure import Figure  # noqa: PLC0415  # heavy
+
+    perturbations, methods = unique(summary.perturbation.to_numpy()), unique(summary.method.to_numpy())
+    figure = Figure(figsize=(_width(summary, len(SPREAD)), 1.9 * len(perturbations) + 1.2), layout="constrained")
+    grid = figure.subplots(len(perturbations), len(SPREAD), sharex=True, sharey="col", squeeze=False)
+    for row, perturbation in zip(grid, perturbations, strict=True):
+        for axes, (metric, label) in zip(row, SPREAD.items(), strict=True):
+            rows = summary[(summary.perturbation == perturbation) & (summary.metric == metric)]
+            _bars(axes, rows, methods, (0.0, 100.0 if "vaf" in metric else np.inf))
+            axes.set_title(_words(perturbation) if len(perturbations) > 1 else "", fontsize=8.5, loc="left")
+            axes.set_ylabel(label, fontsize=SMALL)
+    for axes, metric in zip(grid[0], SPREAD, strict=True):
+        axes.set_ylim(0, 102 if "vaf" in metric else _top(axes, summary[summary.metric == metric]))
+    _legend(figure, summary)
+    figure.suptitle(title, fontsize=10)
+    return figure
+
+
+def error_against_truth(results: xr.Dataset, summary: pd.DataFrame, title: str = "") -> Figure:
+    """How far the mean stiffness over bootstraps is from the truth, where the truth is known.
+
+    Parameters
+    ----------
+    results
+        Of an experiment, as :func:`tvsysid.figures.stiffness_of_participants` takes them.
+    summary
+        Of these results, with the metrics ``bias_error`` and ``mean_bias``.
+    title
+        Above all.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Above, the error over time: a column for each method with the fewest realizations that it was given, a row for
+        each perturbation, a thin line for each participant and a thick one for their mean. Below, bars of the bias
+        error and of the mean bias as in :func:`variance_and_spread`.
+    """
+    from matplotlib.figure import Figure  # noqa: PLC0415  # heavy
+
+    here = results.isel(recording=np.isfinite(results.true_stiffness.values).any(axis=1))
+    perturbations, methods = unique(here.perturbation.values), list(least_data(here))
+    rows = max(len(perturbations), 1)
+    upper, lower = 1.35 * rows + 0.6, 1.8 * rows + 0.5
+    width = max(1.45 * len(methods) + 0.8, _width(summary, len(AGAINST_TRUTH)))
+    figure = Figure(figsize=(width, upper + lower + 0.6), layout="constrained")
+    above, below = figure.subfigures(2, 1, height_ratios=[upper, lower], squeeze=False)[:, 0]
+    _over_time(above, here, perturbations)
+    grid = below.subplots(rows, len(AGAINST_TRUTH), sharex=True, sharey="col", squeeze=False)
+    for row, perturbation in zip(grid, perturbations, strict=False):
+        for axes, (metric, label) in zip(row, AGAINST_TRUTH.items(), strict=True):
+            chosen = summary[(summary.perturbation == perturbation) & (summary.metric == metric)]
+            _bars(axes, chosen, methods, (0.0 if metric == "bias_error" else -np.inf, np.inf))
+            axes.axhline(0, color="black", linewidth=0.8)
+            axes.set_title(_words(perturbation) if rows > 1 else "", fontsize=8.5, loc="left")
+            axes.set_ylabel(label, fontsize=SMALL)
+    grid[0, 0].set_ylim(0, _top(grid[0, 0], summary[summary.metric == "bias_error"]))
+    _legend(figure, summary)
+    figure.suptitle(title, fontsize=10)
+    return figure
+
+
+def _over_time(figure: SubFigure, results: xr.Dataset, perturbations: Sequence[str]) -> None:
+    """Mean estimate minus truth: a column for each method, a row for each perturbation."""
+    least, titles = least_data(results), headings(results, 18)
+    hues = {method: hue for method, (hue, _) in lines(list(least)).items()}
+    grid = figure.subplots(max(len(perturbations), 1), len(least), sharex=True, sharey=True, squeeze=False)
+    chosen = results.stiffness.sel(analysis=list(least.values()))
+    mean, _ = mean_and_spread(chosen.transpose("bootstrap", "recording", "analysis", "time").values)
+    off = mean - results.true_stiffness.values[:, None]
+    for row, perturbation in zip(grid, perturbations, strict=False):
+        there = results.perturbation.values == perturbation
+        for column, (axes, method) in enumerate(zip(row, least, strict=True)):
+            plain(axes).axhline(0, color=TRUTH, linewidth=1.0, linestyle="--")
+            errors = off[there, column]
+            errors = errors[np.isfinite(errors).any(axis=1)]
+            for each in errors if len(errors) > 1 else ():
+                axes.plot(results.time.values, each, color=hues[method], linewidth=0.6, alpha=0.45)
+            if len(errors):
+                axes.plot(results.time.values, mean_and_spread(errors)[0], color=hues[method], linewidth=2.0)
+            else:
+                axes.text(0.5, 0.96, "no estimate", transform=axes.transAxes, ha="center", va="top", fontsize=SMALL)
+            axes.tick_params(labelsize=SMALL)
+            one_period(axes, results)
+        which = f"{_words(perturbation)}\n" if len(perturbations) > 1 else ""
+        row[0].set_ylabel(f"{which}estimate − truth\n(N·m/rad)", fontsize=SMALL)
+    low, high = usual_range(off, np.zeros(1))
+    grid[0, 0].set_ylim(low - 0.05 * (high - low), high)
+    for axes, label in zip(grid[0], least.values(), strict=True):
+        axes.set_title(titles[label], fontsize=8.5)
+    for axes in grid[-1]:
+        axes.set_xlabel("time (s)", fontsize=SMALL)
+
+
+def _width(summary: pd.DataFrame, columns: int) -> float:
+    """Width in inches of a figure with so many columns of bars, such that what stands below them has room."""
+    methods = unique(summary.method.to_numpy())
+    longest = max((len(line) for method in methods for line in _below(summary, method).split("\n")), default=0)
+    return columns * max(0.65 + max(0.58, 0.075 * longest) * len(methods), 2.1)
+
+
+def _below(rows: pd.DataFrame, method: str) -> str:
+    """What stands below the bars of a method: its label and the realizations drawn."""
+    amounts = sorted(rows.realizations[rows.method == method].unique())
+    return "\n".join((wrapped(method, 12), " | ".join(f"{amount:g}" for amount in amounts))).strip()
+
+
+def _bars(axes: Axes, rows: pd.DataFrame, methods: Sequence[str], possible: tuple[float, float]) -> None:
+    """Mean of the participants, twice their standard deviation as far as is possible, and each of them."""
+    plain(axes).grid(visible=False, axis="x")
+    for place, (method, (hue, _)) in enumerate(lines(methods).items()):
+        mine = rows[rows.method == method]
+        amounts = sorted(mine.realizations.unique())
+        width = 0.8 / max(len(amounts), 1)
+        for number, amount in enumerate(amounts):
+            values = mine.value[mine.realizations == amount].to_numpy(dtype=float)
+            values = values[np.isfinite(values)]
+            middle = place + (number - (len(amounts) - 1) / 2) * width
+            if not len(values):
+                axes.text(middle, 0, "–", ha="center", va="bottom", fontsize=10)
+                continue
+            mean = float(values.mean())
+            axes.bar(middle, mean, 0.92 * width, color=hue, alpha=_opacity(number, len(amounts)), linewidth=0)
+            if len(values) > 1:
+                reach = 2 * float(values.std(ddof=1))
+                ends = [[min(reach, mean - possible[0])], [min(reach, possible[1] - mean)]]
+                axes.errorbar(middle, mean, ends, color="black", linewidth=0.9, capsize=2.0)
+            # Dots beside each other, so that equal ones show, in the order of the participants.
+            beside = np.linspace(-0.25, 0.25, len(values)) * width if len(values) > 1 else np.zeros(1)
+            axes.plot(middle + beside, values, ".", color="black", markersize=3.6, alpha=0.7, markeredgewidth=0)
+    axes.set_xticks(range(len(methods)), [_below(rows, method) for method in methods])
+    if axes.get_subplotspec().is_last_row():  # type: ignore[union-attr]
+        axes.set_xlabel("method, realizations drawn", fontsize=SMALL)
+    axes.set_xlim(-0.6, len(methods) - 0.4)
+    axes.tick_params(labelsize=SMALL)
+    axes.tick_params(axis="x", length=0)
+
+
+def _opacity(number: int, count: int) -> float:
+    return FULL if count == 1 else FAINT + (FULL - FAINT) * number / (count - 1)
+
+
+def _top(axes: Axes, rows: pd.DataFrame) -> float:
+    """Height of an axis from zero that holds all means and dots, unless one is far above what is usual."""
+    values = rows.value.to_numpy(dtype=float)
+    values = values[np.isfinite(values)]
+    if not values.size:
+        return 1.0
+    return 1.15 * min(float(values.max()), 4 * float(np.percentile(values, 75))) or 1.0
+
+
+def _words(perturbation: str) -> str:
+    return wrapped(told(perturbation), 40)
+
+
+def _legend(figure: Figure, summary: pd.DataFrame) -> None:
+    from matplotlib.lines import Line2D  # noqa: PLC0415  # heavy
+    from matplotlib.patches import Patch  # noqa: PLC0415  # heavy
+
+    several = summary.participant.nunique() > 1
+    handles: list[Any] = []
+    if summary.groupby("method").realizations.nunique().max() > 1:
+        handles += [
+            Patch(color="#555555", alpha=FAINT, linewidth=0, label="least data"),
+            Patch(color="#555555", alpha=FULL, linewidth=0, label="most data"),
+        ]
+    if several:
+        handles.append(Line2D([], [], color="black", marker="|", linewidth=0.9, label="± 2 SD over participants"))
+    handles.append(Line2D([], [], color="black", marker=".", linestyle="", label="one participant"))
+    legend_below(figure, handles)

@@ -1,0 +1,72 @@
+"""How the content of a page becomes a file, and what all pages hold."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tvsysid.figures import Illustration, drawn
+from tvsysid.recordings import whole_file
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+def write_page(path: str | Path, template: str, content: Mapping[str, Any]) -> None:
+    """Fill a template of this room and write the page, which appears whole or not at all."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined  # noqa: PLC0415  # heavy
+
+    environment = Environment(
+        loader=PackageLoader("tvsysid.report", ""),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    page = environment.get_template(template).render(content)
+    with whole_file(path) as temporary:
+        temporary.write_text(page, encoding="utf-8")
+
+
+def embedded(illustrations: Mapping[str, Illustration]) -> list[dict[str, Any]]:
+    """Figures as the template takes them, drawn into the page."""
+    return [
+        {
+            "stem": stem,
+            "title": each.title,
+            "description": each.description,
+            "source": "data:image/svg+xml;base64," + base64.b64encode(drawn(each.figure, "svg")).decode(),
+            "width": round(96 * each.figure.get_figwidth()),
+            "height": round(96 * each.figure.get_figheight()),
+        }
+        for stem, each in illustrations.items()
+    ]
+
+
+def settings_of(results: xr.Dataset, name: str) -> dict[str, Any]:
+    """Attribute that holds settings as JSON text; empty where it is missing or is something else."""
+    try:
+        settings = json.loads(results.attrs.get(name, "{}"))
+    except (TypeError, ValueError):
+        return {}
+    return settings if isinstance(settings, dict) else {}
+
+
+def words(value: Any) -> str:
+    """Setting as text.
+
+    Examples
+    --------
+    >>> words([1.0, "eirf", None]), words({"alignment": 2})
+    ('1, eirf, none', 'alignment 2')
+    """
+    if isinstance(value, list):
+        return ", ".join(map(words, value))
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {words(each)}" for name, each in value.items())
+    if value is None:
+        return "none"
+    return f"{value:g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,240 @@
+"""Results, summary, exclusions and excerpts of an experiment, made up with a known structure."""
+
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+import tvsysid as tv
+from tvsysid import metrics
+
+# Bias in N·m/rad, spread over bootstraps of 75 realizations in N·m/rad, VAF in per cent, time in s.
+METHODS = {
+    "eirf": (-2.0, 9.0, 62.0, 0.06),
+    "sds": (-5.0, 5.0, 57.0, 0.08),
+    "birf": (-7.0, 3.0, 53.0, 0.4),
+    "esm": (6.0, 6.0, 50.0, 0.03),
+    "kbr": (-9.0, 4.0, 66.0, 1.5),
+}
+AMOUNTS = (75, 150)
+FEW = (20, 40)
+SIGNALS = ("noise", "prbs")
+STEPS = {"alignment": (2, 0.31, 0.25, "s"), "task component": (7, 3.4, 3.0, "SD"), "residual": (31, 3.6, 3.0, "SD")}
+"""Realizations that each step excludes, how far out the first of them is, and the limit."""
+LATE = 20
+"""Further realizations that a PRBS makes come late."""
+RATE = 128.0
+
+
+def results_of(
+    participants=("P1", "P2", "P3"),
+    perturbations=SIGNALS,
+    methods=tuple(METHODS),
+    amounts=AMOUNTS,
+    bootstraps=6,
+    period=2.0,
+    truth=True,
+    target=True,
+):
+    """Results of an experiment; the spread falls with the square root of the realizations drawn."""
+    random = np.random.default_rng(11)
+    time = np.arange(round(period * RATE)) / RATE
+    recordings = [(person, signal) for person in participants for signal in perturbations]
+    analyses = [
+        (method, amount)
+        for method in methods
+        for amount in (FEW[: len(amounts)] if method.startswith("kbr") else amounts)
+    ]
+    sizes = len(recordings), len(analyses), bootstraps, len(time)
+    wave = 15.0 - 10.0 * np.cos(2 * np.pi * time / period)
+    torque, stiffness = np.empty((sizes[0], sizes[3])), np.empty(sizes)
+    varying, whole, seconds = np.empty(sizes), np.empty(sizes[:3]), np.empty(sizes[:2])
+    true = np.empty_like(torque)
+    for place, (person, signal) in enumerate(recordings):
+        strength = 1 + 0.1 * participants.index(person)
+        torque[place] = strength * wave
+        true[place] = 35 + 4 * torque[place]
+        for column, (method, amount) in enumerate(analyses):
+            bias, spread, level, cost = METHODS.get(method.partition(":")[0], (0.0, 6.0, 55.0, 0.2))
+            usual = FEW[0] if method.startswith("kbr") else AMOUNTS[0]
+            noise = random.standard_normal((bootstraps, 8)) @ _bumps(time, period)
+            stiffness[place, column] = true[place] + bias + spread * np.sqrt(usual / amount) * noise
+            level += 20 * (signal != "noise" and not method.startswith("kbr")) + 2 * min(participants.index(person), 5)
+            whole[place, column] = level + 1.5 * random.standard_normal(bootstraps)
+            varying[place, column] = np.clip(
+                whole[place, column][:, None] + 12 * np.sin(4 * np.pi * time / period) + random.normal(0, 2, sizes[2:]),
+                0,
+                100,
+            )
+            seconds[place, column] = cost * bootstraps
+    late = np.array([LATE * (signal == "prbs") for _, signal in recordings])
+    counts = [count for count, *_ in STEPS.values()]
+    nothing = np.full_like(torque, np.nan)
+    return xr.Dataset(
+        {
+            "stiffness": (("recording", "analysis", "bootstrap", "time"), stiffness, {"units": "N m/rad"}),
+            "time_varying_vaf": (("recording", "analysis", "bootstrap", "time"), varying, {"units": "%"}),
+            "vaf": (("recording", "analysis", "bootstrap"), whole, {"units": "%"}),
+            "bandpassed_vaf": (("recording", "analysis", "bootstrap"), whole - 4.0, {"units": "%"}),
+            "parameters": (("recording", "analysis", "bootstrap"), np.full(sizes[:3], 30.0)),
+            "seconds": (("recording", "analysis"), seconds),
+            "doubts": (("recording", "analysis"), np.full(sizes[:2], "", dtype=object)),
+            "failure": (("recording", "analysis"), np.full(sizes[:2], "", dtype=object)),
+            "target_torque": (("recording", "time"), 1.05 * torque if target else nothing),
+            "mean_torque": (("recording", "time"), torque),
+            "true_stiffness": (("recording", "time"), true if truth else nothing),
+            "recorded": ("recording", np.full(sizes[0], 300)),
+            "survivors": ("recording", 300 - sum(counts) - late),
+            "excluded_alignment": ("recording", counts[0] + late),
+            "excluded_task": ("recording", np.full(sizes[0], counts[1])),
+            "excluded_residual": ("recording", np.full(sizes[0], counts[2])),
+            "trials": ("recording", np.full(sizes[0], 10)),
+            "trials_left_out": ("recording", np.zeros(sizes[0], dtype=int)),
+            "remarks": ("recording", np.full(sizes[0], "", dtype=object)),
+        },
+        coords={
+            "recording": [f"{person}-{signal}" for person, signal in recordings],
+            "participant": ("recording", [person for person, _ in recordings]),
+            "perturbation": ("recording", [signal for _, signal in recordings]),
+            "analysis": [f"{method}-{amount}" for method, amount in analyses],
+            "method_key": ("analysis", [method for method, _ in analyses]),
+            "realizations": ("analysis", [amount for _, amount in analyses]),
+            "bootstrap": np.arange(bootstraps),
+            "time": time,
+        },
+        attrs={
+            "experiment": json.dumps(
+                {
+                    "participants": list(participants), "methods": list(methods), "bootstraps": bootstraps, "seed": 0,
+                    "period": period, "reference": "target" if target else None, "max_shift": 0.25,
+                }
+            ),
+            "versions": json.dumps({"tvsysid": "0.1.0", "numpy": "2.3.1", "python": "3.12.3"}),
+            "machine": "Linux x86_64, 2 cores",
+        },
+    )  # fmt: skip
+
+
+def _bumps(time, period):
+    """Smooth periodic functions of unit variance in sum, shape (8, time)."""
+    phases = 2 * np.pi * (time / period - np.arange(8)[:, None] / 8)
+    shapes = np.exp(4 * (np.cos(phases) - 1))
+    return shapes / np.sqrt(np.square(shapes).sum(axis=0))
+
+
+def fail(results, reason, recording=None, analysis=None):
+    """Results in which analyses failed: one, all of a recording, or one of every recording."""
+    at = {name: label for name, label in (("recording", recording), ("analysis", analysis)) if label is not None}
+    for name in ("stiffness", "time_varying_vaf", "vaf", "bandpassed_vaf", "parameters", "seconds"):
+        results[name].loc[at] = np.nan
+    results["failure"].loc[at] = reason
+    if analysis is None:
+        for name in ("target_torque", "mean_torque", "true_stiffness"):
+            results[name].loc[at] = np.nan
+        for name in ("recorded", "survivors", "excluded_alignment", "excluded_task", "excluded_residual", "trials"):
+            results[name].loc[at] = 0
+    return results
+
+
+def summary_of(results):
+    """Rows as those of the study's engine."""
+    rows = []
+    for recording in results.recording.values:
+        for analysis in results.analysis.values:
+            cell = results.sel(recording=recording, analysis=analysis)
+            labels = (
+                str(cell.participant.values), str(cell.perturbation.values), str(cell.method_key.values),
+                int(cell.realizations),
+            )  # fmt: skip
+            rows += [(*labels, *row) for row in _metrics(cell)]
+    names = ["participant", "perturbation", "method", "realizations", "metric", "value", "unit"]
+    return pd.DataFrame(rows, columns=names)
+
+
+def _metrics(cell):
+    estimates, unit = cell.stiffness.values, "N·m/rad"
+    known = estimates[:, np.isfinite(estimates).all(axis=0)]
+    there = known.size > 0
+    yield "mean_stiffness", known.mean() if there else np.nan, unit
+    yield "random_error", metrics.random_error(estimates), unit
+    for name in ("vaf", "bandpassed_vaf"):
+        yield name, float(cell[name].mean()) if there else np.nan, "%"
+    yield "lowest_time_varying_vaf", float(cell.time_varying_vaf.mean("bootstrap").min()) if there else np.nan, "%"
+    if np.isfinite(cell.true_stiffness.values).any():
+        off = (cell.stiffness.mean("bootstrap") - cell.true_stiffness).values
+        yield "bias_error", metrics.bias_error(estimates, cell.true_stiffness.values), unit
+        yield "mean_bias", float(off[np.isfinite(off)].mean()) if there else np.nan, unit
+    yield "seconds", float(cell.seconds), "s"
+    yield "failed", float(cell.failure.item() != ""), "analyses"
+
+
+def exclusions_of(results):
+    """One row for each realization recorded."""
+    tables = []
+    for recording in results.recording.values:
+        cell = results.sel(recording=recording)
+        count = int(cell.recorded)
+        by = np.full(count, "", dtype=object)
+        reached, limits, units = np.full(count, np.nan), np.full(count, np.nan), np.full(count, "", dtype=object)
+        first = 0
+        for step, name in zip(STEPS, ("excluded_alignment", "excluded_task", "excluded_residual"), strict=True):
+            out = slice(first, first := first + int(cell[name]))
+            by[out], (_, reached[out], limits[out], units[out]) = step, STEPS[step]
+        numbers = np.arange(count)
+        tables.append(
+            pd.DataFrame(
+                {
+                    "recording": recording, "participant": cell.participant.item(),
+                    "perturbation": cell.perturbation.item(), "trial": numbers // 30, "realization": numbers,
+                    "onset_s": 2.0 * (numbers % 30), "shift_s": np.where(by == "alignment", 0.31, 0.05),
+                    "excluded_by": by, "reached": reached, "limit": limits, "unit": units,
+                }
+            )
+        )  # fmt: skip
+    return pd.concat(tables, ignore_index=True)
+
+
+def claims():
+    """One claim for each verdict."""
+    rows = [
+        ("Stiffness rises with torque.", "section 4.4", "correlation 0.9 or more in 6 of 6", 0.95, 0.9, 0.98, "",
+         "holds", ""),
+        ("A PRBS gives a VAF 20 to 30 % higher.", "section 4.4", "12 % (eirf)", -8.0, -9.0, -7.0, "%",
+         "does not hold", "In-sample VAF."),
+        ("The random error is smallest for bIRF.", "section 4.4", "birf 3.1, sds 3.2", 0.1, -0.2, 0.4, "N·m/rad",
+         "undecided", ""),
+        ("260 ± 12 realizations are kept.", "section 4.4", "", np.nan, np.nan, np.nan, "", "not studied",
+         "Needs 300 realizations."),
+    ]  # fmt: skip
+    names = ["claim", "source", "finding", "estimate", "low", "high", "unit", "verdict", "remark"]
+    return pd.DataFrame(rows, columns=names)
+
+
+def excerpts_of(results, target=True, rate=1024.0):
+    """Ten seconds of each recording; a target in every second sample of a sine."""
+    random = np.random.default_rng(5)
+    time = np.arange(round(10 * rate)) / rate
+    wave = 15 - 10 * np.cos(np.pi * time)
+    return {
+        str(label): tv.Recording(
+            0.009 * random.standard_normal(len(time)),
+            wave + random.standard_normal(len(time)),
+            rate,
+            start=20.0,
+            channels={"target": wave} if target else {},
+        )
+        for label in results.recording.values
+    }
+
+
+def experiment_of(**words):
+    """Everything of a study: results, summary, exclusions, excerpts."""
+    results = results_of(**words)
+    return SimpleNamespace(
+        results=results,
+        summary=summary_of(results),
+        exclusions=exclusions_of(results),
+        excerpts=excerpts_of(results),
+    )

@@ -1,0 +1,101 @@
+import numpy as np
+import pytest
+from tests.experimental import experiment_of, fail, summary_of
+from tests.virtual import prepared
+
+from tvsysid.figures import experiment_figures
+from tvsysid.figures.experiment import representative
+from tvsysid.figures.style import drawn
+
+ALL = ["participants", "participant", "variance-and-spread", "error-against-truth", "recorded-signals", "preparation"]
+
+
+@pytest.fixture(scope="module")
+def experiment():
+    return experiment_of()
+
+
+@pytest.fixture(scope="module")
+def shown(experiment):
+    preparations = {"P1-prbs": prepared(1, "prbs")}
+    return experiment_figures(experiment.results, experiment.summary, experiment.excerpts, preparations)
+
+
+def test_all_figures_of_an_experiment(shown):
+    assert list(shown) == ALL
+    for each in shown.values():
+        drawn(each.figure, "png")
+        assert each.figure.get_suptitle() == each.title
+        assert each.description.endswith(".")
+        assert "nan" not in each.description
+
+
+def test_the_participant_in_the_middle_stands_for_all(experiment, shown):
+    assert representative(experiment.results, experiment.summary) == "P2"  # VAF rises with the number
+    assert shown["participant"].title == "Participant P2 in detail"
+    assert shown["recorded-signals"].title == "10 s of what was recorded from P2"
+    assert shown["preparation"].title == "Preparation of P1, PRBS"  # the only one given
+
+
+def test_who_is_incomplete_does_not_stand_for_all(experiment):
+    failed = fail(experiment.results.copy(deep=True), "no", recording="P2-noise")
+    assert representative(failed, summary_of(failed)) in ("P1", "P3")
+    nothing = fail(experiment.results.copy(deep=True), "no")
+    assert representative(nothing, summary_of(nothing)) == "P1"
+
+
+def test_descriptions_hold_the_main_figures(experiment, shown):
+    summary = experiment.summary
+    rows = summary[(summary.perturbation == "prbs") & (summary.method == "esm")]
+    means = rows.groupby(["metric", "realizations"]).value.mean()
+    text = shown["variance-and-spread"].description
+    assert f"esm {means['vaf', 75]:.3g} and {means['vaf', 150]:.3g}" in text
+    assert "mean and two standard deviations over bootstraps" in shown["participant"].description
+    assert "eirf, sds, birf, esm from 150 s of data; kbr from 40 s of data" in shown["participants"].description
+    assert f"esm {means['mean_bias', 75]:.3g}".replace("-", "−") in shown["error-against-truth"].description
+    counts = prepared(1, "prbs").account.counts
+    assert f"{counts['residual']} by residual" in shown["preparation"].description
+    assert "at 1024 Hz, and the torque to be followed" in shown["recorded-signals"].description
+
+
+def test_a_single_record_of_walking():
+    one = experiment_of(
+        participants=("S1",), perturbations=("steps",), amounts=(30,), period=1.5, truth=False, target=False
+    )
+    shown = experiment_figures(one.results, one.summary, {}, {})
+    assert list(shown) == ["stiffness", "participant", "variance-and-spread"]
+    for each in shown.values():
+        drawn(each.figure, "png")
+        assert "truth" not in each.description
+        assert "true stiffness" not in each.description
+    assert "45 s of data" in shown["stiffness"].description
+    assert "The grey line is the mean torque." in shown["stiffness"].description
+
+
+def test_when_everything_failed(experiment):
+    failed = fail(experiment.results.copy(deep=True), "no")
+    shown = experiment_figures(failed, summary_of(failed), {}, {})
+    for each in shown.values():
+        drawn(each.figure, "png")
+        assert "nan" not in each.description
+    assert list(shown) == ["participants", "participant", "variance-and-spread"]
+
+
+def test_some_recordings_failed(experiment):
+    failed = fail(experiment.results.copy(deep=True), "no", recording="P1-prbs")
+    shown = experiment_figures(failed, summary_of(failed), {}, {})
+    assert np.isfinite(failed.true_stiffness.values).any()
+    for each in shown.values():
+        drawn(each.figure, "png")
+        assert "nan" not in each.description
+
+
+def test_results_that_were_stored_are_drawn_too(experiment, tmp_path):
+    import xarray as xr
+
+    experiment.results.to_zarr(tmp_path / "results.zarr", zarr_format=2)
+    with xr.open_zarr(tmp_path / "results.zarr", chunks=None) as stored:
+        for stem, each in experiment_figures(stored, experiment.summary, {}, {}).items():
+            first = experiment_figures(experiment.results, experiment.summary, {}, {})[stem]
+            assert drawn(each.figure, "svg") == drawn(first.figure, "svg")
+            break

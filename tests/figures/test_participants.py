@@ -1,0 +1,213 @@
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from tests.experimental import METHODS, fail, results_of
+
+from tvsysid import InputError
+from tvsysid.figures import participant_in_detail, stiffness_of_participants, stiffness_with_bands
+from tvsysid.figures.style import TRUTH, drawn, lines
+
+HUES = {method: hue for method, (hue, _) in lines(list(METHODS)).items()}
+
+
+@pytest.fixture(scope="module")
+def results():
+    return results_of()
+
+
+def labelled(axes, label):
+    return [line for line in axes.lines if line.get_label() == label]
+
+
+def texts(axes):
+    return [text.get_text() for text in axes.texts]
+
+
+def legend(figure):
+    return [text.get_text() for text in figure.legends[0].texts]
+
+
+def test_every_participant_has_a_column_and_every_perturbation_a_row(results):
+    figure = stiffness_of_participants(results, "All")
+    drawn(figure, "png")
+    noise, prbs, torque = np.array(figure.axes).reshape(3, 3)
+    assert [axes.get_title() for axes in noise] == ["P1", "P2", "P3"]
+    assert noise[0].get_ylabel() == "filtered noise\nstiffness\n(N·m/rad)"
+    assert prbs[0].get_ylabel() == "PRBS\nstiffness\n(N·m/rad)"
+    assert torque[0].get_ylabel() == "torque\n(N·m)"
+    assert all(axes.get_xlabel() == "time (s)" for axes in torque)
+    assert len({axes.get_ylim() for axes in (*noise, *prbs)}) == 1
+    assert len({axes.get_ylim() for axes in torque}) == 1
+    assert figure.get_suptitle() == "All"
+    assert legend(figure) == [
+        "eirf, 150 s", "sds, 150 s", "birf, 150 s", "esm, 150 s", "kbr, 40 s", "truth", "torque to be followed",
+        "mean torque, filtered noise", "mean torque, PRBS",
+    ]  # fmt: skip
+
+
+def test_lines_are_means_over_bootstraps_of_the_least_data(results):
+    figure = stiffness_of_participants(results)
+    axes = figure.axes[4]  # P2, PRBS
+    for method, hue in HUES.items():
+        (line,) = labelled(axes, method)
+        chosen = results.sel(recording="P2-prbs", analysis=f"{method}-{20 if method == 'kbr' else 75}")
+        np.testing.assert_allclose(line.get_ydata(), chosen.stiffness.values.mean(axis=0))
+        assert line.get_color() == hue
+    (truth,) = labelled(axes, "truth")
+    np.testing.assert_array_equal(truth.get_ydata(), results.true_stiffness.sel(recording="P2-prbs"))
+
+
+def test_torque_below(results):
+    axes = stiffness_of_participants(results).axes[7]
+    np.testing.assert_array_equal(labelled(axes, "P2-noise")[0].get_ydata(), results.mean_torque.values[2])
+    assert len(labelled(axes, "P2-prbs")) == 1
+    np.testing.assert_array_equal(labelled(axes, "target")[0].get_ydata(), results.target_torque.values[2])
+
+
+def test_of_a_failed_recording_nothing_is_drawn(results):
+    failed = fail(results.copy(deep=True), "InputError: too short", recording="P2-noise")
+    figure = stiffness_of_participants(failed)
+    drawn(figure, "svg")
+    assert figure.axes[1].lines[:] == []
+    assert texts(figure.axes[1]) == ["no estimate"]
+    assert labelled(figure.axes[7], "P2-noise") == []
+    assert len(figure.axes[4].lines) == 1 + len(METHODS)
+
+
+def test_a_failed_method_is_left_out_and_others_stay(results):
+    failed = fail(results.copy(deep=True), "no", analysis="esm-75")
+    axes = stiffness_of_participants(failed).axes[0]
+    assert labelled(axes, "esm") == []
+    assert len(labelled(axes, "sds")) == 1
+
+
+def test_a_recording_that_was_never_made_says_so(results):
+    figure = stiffness_of_participants(results.sel(recording=["P1-noise", "P1-prbs", "P2-prbs"]))
+    drawn(figure, "png")
+    assert texts(figure.axes[1]) == ["not recorded"]
+
+
+def test_without_truth_and_target_neither_is_mentioned():
+    results = results_of(("S1",), ("noise",), truth=False, target=False)
+    for figure in (stiffness_of_participants(results), participant_in_detail(results, "S1")):
+        drawn(figure, "png")
+        assert not {"truth", "torque to be followed"} & set(legend(figure))
+    nothing = results.assign(mean_torque=results.mean_torque * np.nan)
+    assert len(stiffness_of_participants(nothing).axes) == 1
+    assert len(participant_in_detail(nothing, "S1").axes) == 2 * len(METHODS)
+
+
+def test_many_participants_are_shown_six_abreast():
+    results = results_of(tuple(f"P{n}" for n in range(1, 14)), ("noise",), ("sds",), (75,), bootstraps=2)
+    figure = stiffness_of_participants(results)
+    drawn(figure, "png")
+    shown = [axes for axes in figure.axes if axes.axison]
+    assert len(shown) == 2 * 13
+    assert {axes.get_title() for axes in shown} == {f"P{n}" for n in range(1, 14)} | {""}
+    assert figure.get_figwidth() < 11
+    assert [axes.get_ylabel() for axes in shown if axes.get_ylabel()].count("torque\n(N·m)") == 3
+
+
+def test_a_period_of_walking_and_other_amounts():
+    results = results_of(("S1",), ("steps",), ("birf", "own:Method"), (30,), bootstraps=1, period=1.5)
+    figure = stiffness_of_participants(results)
+    drawn(figure, "png")
+    assert figure.axes[0].get_xlim() == (0, 1.5)
+    assert figure.axes[0].get_ylabel().startswith("steps\n")
+    assert legend(figure)[:2] == ["birf, 45 s", "own:Method, 45 s"]
+
+
+def test_spikes_do_not_hide_the_rest(results):
+    spiked = results.copy(deep=True)
+    spiked["stiffness"][0, 0, :, 100] = 1e5
+    high = stiffness_of_participants(spiked).axes[0].get_ylim()[1]
+    assert results.true_stiffness.max() < high < 400
+
+
+def test_details_of_a_participant(results):
+    figure = participant_in_detail(results, "P2", "P2")
+    drawn(figure, "png")
+    grid = np.array(figure.axes[:20]).reshape(4, 5)
+    assert [axes.get_title() for axes in grid[0]] == [
+        "eirf, 150 s", "sds, 150 s", "birf, 150 s", "esm, 150 s", "kbr, 40 s",
+    ]  # fmt: skip
+    assert [axes.get_ylabel() for axes in grid[:, 0]] == [
+        "filtered noise\nstiffness\n(N·m/rad)", "PRBS\nstiffness\n(N·m/rad)",
+        "filtered noise\ntime-varying VAF\n(%)", "PRBS\ntime-varying VAF\n(%)",
+    ]  # fmt: skip
+    for row, (name, signal) in enumerate(
+        (name, signal) for name in ("stiffness", "time_varying_vaf") for signal in ("noise", "prbs")
+    ):
+        for column, method in enumerate(METHODS):
+            chosen = (
+                results[name].sel(recording=f"P2-{signal}", analysis=f"{method}-{20 if method == 'kbr' else 75}").values
+            )
+            axes = grid[row, column]
+            (mean,) = labelled(axes, "mean")
+            np.testing.assert_allclose(mean.get_ydata(), chosen.mean(axis=0))
+            assert mean.get_color() == HUES[method]
+            top = axes.collections[0].get_paths()[0].vertices[:, 1].max()
+            band = chosen.mean(axis=0) + 2 * chosen.std(axis=0)
+            assert top == pytest.approx(min(band.max(), 100) if row > 1 else band.max())
+            truth = labelled(axes, "truth")
+            assert [line.get_color() for line in truth] == ([TRUTH] if row < 2 else [])
+    assert grid[0, 0].get_ylim() == grid[1, 0].get_ylim()
+    assert {axes.get_ylim() for axes in grid[2:].ravel()} == {(0, 102)}
+    behind = figure.axes[20:]
+    assert len(behind) == 20
+    for axes in behind:
+        np.testing.assert_array_equal(axes.lines[0].get_ydata(), results.target_torque.values[2])
+    assert [axes.get_ylabel() for axes in behind] == (["", "", "", "", "torque (N·m)"] * 4)
+
+
+def test_without_a_target_the_mean_torque_is_grey():
+    results = results_of(("S1",), ("noise",), ("sds",), (75,), target=False)
+    figure = participant_in_detail(results, "S1")
+    np.testing.assert_array_equal(figure.axes[2].lines[0].get_ydata(), results.mean_torque.values[0])
+    assert "mean torque" in legend(figure)
+    assert figure.axes[0].get_ylabel() == "stiffness\n(N·m/rad)"
+
+
+def test_a_single_bootstrap_has_no_band():
+    results = results_of(("S1",), ("noise",), ("sds",), (75,), bootstraps=1)
+    figure = participant_in_detail(results, "S1")
+    assert not figure.axes[0].collections
+    assert "the only bootstrap" in legend(figure)
+
+
+def test_times_without_an_estimate_stay_empty(results):
+    holed = results.copy(deep=True)
+    holed["stiffness"][:, 0, :, :12] = np.nan
+    holed["stiffness"][:, 0, 2] = np.nan
+    (mean,) = labelled(participant_in_detail(holed, "P1").axes[0], "mean")
+    assert np.isnan(mean.get_ydata()[:12]).all()
+    left = holed.stiffness.values[0, 0, [0, 1, 3, 4, 5], 12:]
+    np.testing.assert_allclose(mean.get_ydata()[12:], left.mean(axis=0))
+
+
+def test_a_failed_method_in_detail(results):
+    failed = fail(results.copy(deep=True), "no", analysis="esm-75")
+    figure = participant_in_detail(failed, "P1")
+    drawn(figure, "png")
+    assert texts(figure.axes[3]) == texts(figure.axes[13]) == ["no estimate"]
+    assert labelled(figure.axes[3], "mean") == []
+
+
+def test_bands_of_one_recording_in_one_row(results):
+    figure = stiffness_with_bands(results, "P3-prbs")
+    FigureCanvasAgg(figure).draw()
+    assert figure.get_figwidth() == pytest.approx(18 / 2.54, abs=0.01)  # two columns of a journal
+    assert len(figure.axes) == 10
+    chosen = results.stiffness.sel(recording="P3-prbs", analysis="birf-75").values
+    np.testing.assert_allclose(labelled(figure.axes[2], "mean")[0].get_ydata(), chosen.mean(axis=0))
+    assert legend(figure) == ["mean over bootstraps", "± 2 standard deviations", "truth", "torque to be followed"]
+    box = figure.legends[0].get_window_extent()
+    assert box.x0 >= 0
+    assert box.x1 <= figure.bbox.x1
+
+
+def test_who_is_not_there_is_named(results):
+    with pytest.raises(InputError, match="no participant 'P9'; there are P1, P2, P3"):
+        participant_in_detail(results, "P9")
+    with pytest.raises(InputError, match="no recording 'P9-noise'; there are P1-noise, "):
+        stiffness_with_bands(results, "P9-noise")

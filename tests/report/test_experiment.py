@@ -1,0 +1,204 @@
+import base64
+import re
+from itertools import pairwise
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from tests.experimental import claims, exclusions_of, experiment_of, fail, results_of, summary_of
+from tests.report.conftest import HOSTILE
+from tests.report.elements import Elements, table
+
+from tvsysid.figures import experiment_figures
+from tvsysid.report import experiment_troubles, write_experiment_report
+from tvsysid.report.experiment_tables import metrics, outcome, recordings
+
+
+@pytest.fixture(scope="session")
+def elements(experiment_page):
+    elements = Elements(experiment_page.read_text())
+    assert elements.open == []
+    return elements
+
+
+def section(elements, name):
+    return next(text for attrs, text in elements.of("section") if attrs["aria-labelledby"] == name)
+
+
+def test_nothing_comes_from_elsewhere(experiment_page, elements):
+    content = experiment_page.read_text()
+    assert not re.search("https?://|url\\(", content)
+    for _, attrs, _ in elements.found:
+        for name in ("src", "href", "srcset", "action", "data", "poster"):
+            assert attrs.get(name, "#").startswith(("#", "data:")), attrs
+    assert "default-src 'none'" in content
+
+
+def test_a_screen_reader_finds_its_way(elements):
+    assert len(elements.of("h1")) == len(elements.of("main")) == len(elements.of("title")) == 1
+    assert elements.of("title")[0][1] == "Time-varying joint stiffness of 3 participants – tvsysid"
+    levels = [int(tag[1]) for tag, _, _ in elements.found if re.fullmatch("h[1-6]", tag)]
+    assert all(after <= before + 1 for before, after in pairwise(levels))
+    identifiers = [attrs["id"] for _, attrs, _ in elements.found if "id" in attrs]
+    assert len(identifiers) == len(set(identifiers))
+    for attrs, _ in elements.of("a"):
+        assert attrs["href"][1:] in identifiers
+    assert len(elements.of("caption")) == len(elements.of("table"))
+    assert all(attrs["scope"] in ("row", "col") for attrs, _ in elements.of("th"))
+    for _, text in elements.of("table"):
+        assert "nan" not in text
+
+
+def test_figures_are_inside_in_order_with_their_descriptions(elements):
+    stems = [attrs["id"] for attrs, _ in elements.of("figure")]
+    assert stems == ["participants", "participant", "variance-and-spread", "error-against-truth", "recorded-signals"]
+    images = [attrs for attrs, _ in elements.of("img")]
+    for image in images:
+        kind, _, content = image["src"].partition(",")
+        assert kind == "data:image/svg+xml;base64"
+        assert ElementTree.fromstring(base64.b64decode(content)).tag.endswith("svg")
+    numbers = [re.match(r"Figure (\d)\.", text).group(1) for _, text in elements.of("figcaption")]
+    assert numbers == ["1", "2", "3", "4", "5"]
+    assert "Figure 5." in section(elements, "recordings")
+
+
+def test_who_is_virtual_is_told(elements):
+    # One recording of P3 failed, but the truth about P3 is known from the other.
+    assert "The participants are virtual: their true stiffness is known." in elements.of("header")[0][1]
+
+
+def test_outcome_tells_what_was_kept_and_found(experiment, elements):
+    text = section(elements, "outcome")
+    assert "6 recordings of 3 participants; 4 methods" in text
+    assert "48 analyses in all, of which 9 failed." in text
+    assert "With filtered noise, 260 ± 0 of 300 realizations were kept (the paper: 260 ± 12 of 300)." in text
+    assert "Of 4 claims of the paper: holds: 1" in text
+    rows = experiment.summary[
+        (experiment.summary.metric == "random_error") & (experiment.summary.perturbation == "prbs")
+    ]
+    birf = rows[(rows.method == "birf") & (rows.realizations == 75)].value
+    assert f"random error from {birf.mean():.2f} ± {birf.std():.2f} (birf) to" in text
+
+
+def test_metrics_are_means_and_deviations_over_participants(experiment, elements):
+    text = table(elements, "Metrics of each method, mean ± standard deviation over participants")
+    for heading in ("mean stiffness (N·m/rad)", "VAF 1-10 Hz (%)", "mean bias (N·m/rad)", "realizations drawn"):
+        assert heading in re.sub("[↕ ]+", " ", text)
+    rows = experiment.summary[
+        (experiment.summary.metric == "vaf")
+        & (experiment.summary.method == "eirf")
+        & (experiment.summary.perturbation == "noise")
+        & (experiment.summary.realizations == 150)
+    ].value
+    assert f"{rows.mean():.1f} ± {rows.std():.1f}" in text
+    found = metrics(experiment.summary)["rows"]
+    assert len(found) == 16
+    failed = {(row["perturbation"], row["method"], row["realizations"]): row["failed"] for row in found}
+    assert failed["filtered noise", "kbr", 40] == 1
+    assert failed["PRBS", "eirf", 75] == 1
+
+
+def test_each_participant_by_itself(experiment, elements):
+    text = table(elements, "Metrics of each method for each participant")
+    rows = experiment.summary[(experiment.summary.metric == "vaf") & (experiment.summary.participant == "P2")]
+    for value in rows.value:
+        assert f" {value:.1f} " in text
+    assert text.count("P2") == 16
+    assert "±" not in text
+
+
+def test_exclusions_by_step_beside_the_papers(elements):
+    text = table(elements, "What became of the realizations")
+    assert "P1-noise 10 0 300 2 7 31 260 50 ± 0" in text
+    assert "P2-noise 10 1 300" in text
+    assert "P1-prbs 10 0 300 22 7 31 240 50 ± 0" in text
+    assert "P3-prbs 0 0 0 0 0 0 0 –none" in text
+    assert "mean ± SD, PRBS 300 ± 0 22 ± 0 7 ± 0 31 ± 0 240 ± 0" in text
+    assert "the paper’s, filtered noise 10 300 0 to 3 4 to 12 17 to 29 260 ± 12" in text
+    assert "the paper’s, PRBS 10 300 5 to 40 3 to 10 15 to 20 255 ± 14" in text
+
+
+def test_the_papers_counts_stand_beside_the_papers_numbers_only():
+    results = results_of(("S1",), ("steps", "noise"), ("sds",), (30,))
+    results["recorded"][:] = 200
+    found = recordings(results, exclusions_of(results))
+    assert found["paper"] == []
+    assert found["means"] == []
+    assert "the paper" not in " ".join(outcome(results, summary_of(results), claims().iloc[:0]))
+
+
+def test_remarks_about_files(elements):
+    text = section(elements, "recordings")
+    assert "P2-noise trial_3.mat left out: <no torque> angle is clipped" in text
+    assert len([item for _, item in elements.of("li") if item == "angle is clipped"]) == 1
+
+
+def test_troubles_name_the_recording_or_the_analysis(experiment, elements):
+    text = section(elements, "troubles")
+    assert "P3-prbs failed 8 of 8 InputError: every file of <P3> is unreadable" in text
+    assert "kbr-40 failed 1 of 5 P1-noise: KernelRegression: no convergence" in text
+    assert "birf-75 doubtful 2 of 5 P1-noise: few realizations" in text
+    assert len(experiment_troubles(experiment.results)) == 3
+    assert experiment_troubles(results_of(("P1",), methods=("sds",))) == []
+
+
+def test_what_was_run_and_how_to_do_it_again(elements):
+    text = section(elements, "run")
+    for words in ("max shift 0.25", "reference target", "bootstraps 6", "version of numpy 2.3.1", "9 of 48"):
+        assert words in text
+    command, code = ("".join(texts) for tag, _, texts in elements.found if tag == "pre")
+    assert command == "tvsysid experiment --virtual 3 && echo"
+    assert 'results.stiffness.sel(recording="P1-noise", analysis="eirf-75")' in code
+
+
+def test_hostile_labels_are_only_text(experiment_page, elements):
+    assert HOSTILE not in experiment_page.read_text()
+    assert len(elements.of("script")) == 1
+    assert f"{HOSTILE} A method of the user's own" in section(elements, "methods")
+
+
+@pytest.mark.parametrize("truth", [True, False])
+def test_one_record_without_claims_figures_command_or_attributes(tmp_path, truth):
+    one = experiment_of(
+        participants=("S1",), perturbations=("steps",), methods=("sds",), amounts=(30,), period=1.5, truth=truth,
+        target=False,
+    )  # fmt: skip
+    one.results.attrs = {}
+    write_experiment_report(tmp_path / "report.html", one.results, one.summary, claims().iloc[:0], one.exclusions, {})
+    elements = Elements((tmp_path / "report.html").read_text())
+    text = elements.of("main")[0][1]
+    assert "nan" not in text
+    assert "None was looked at." in text
+    assert "Nothing was left out, and nothing was doubtful." in text
+    assert "1 analysis in all, of which none failed" in text
+    assert "perturbation: steps" in table(elements, "Metrics of each method")
+    assert "the paper’s" not in text
+    assert ("mean bias" in text) == truth
+    assert "Each participant" not in text
+    header = elements.of("header")[0][1]
+    assert ("The true stiffness is not known." in header) == (not truth)
+    assert "standard deviation over participants" not in text
+
+
+def test_when_everything_failed(tmp_path):
+    made = experiment_of(methods=("sds", "esm"))
+    failed = fail(made.results, "InputError: nothing to read")
+    summary = summary_of(failed)
+    figures = experiment_figures(failed, summary, {}, {})
+    write_experiment_report(tmp_path / "report.html", failed, summary, claims(), made.exclusions.iloc[:0], figures)
+    text = Elements((tmp_path / "report.html").read_text()).of("main")[0][1]
+    assert "nan" not in text
+    assert "24 analyses in all, of which 24 failed" in text
+
+
+def test_results_from_a_store_give_the_same_page(tmp_path, experiment):
+    import xarray as xr
+
+    experiment.results.to_zarr(tmp_path / "results.zarr", zarr_format=2)
+    with xr.open_zarr(tmp_path / "results.zarr", chunks=None) as stored:
+        for name, each in (("one", experiment.results), ("two", stored)):
+            write_experiment_report(
+                tmp_path / f"{name}.html", each, experiment.summary, claims(), experiment.exclusions, {}
+            )
+    assert (tmp_path / "one.html").read_bytes() == (tmp_path / "two.html").read_bytes()
+    assert np.isnan(experiment.results.seconds).any()

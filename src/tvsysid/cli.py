@@ -950,7 +950,7 @@ def _experiment_table(rows: pd.DataFrame, perturbation: str) -> Table:
         title=f"{perturbation}: {people} participant{'s' if people > 1 else ''}{spread}", title_justify="left"
     )
     table.add_column("method", overflow="fold")
-    table.add_column("realizations", justify="right")
+    table.add_column("drawn", justify="right")
     present = [name for name in shown if (rows.metric == name).any()]
     for name in present:
         table.add_column(shown[name], justify="right")
@@ -958,7 +958,7 @@ def _experiment_table(rows: pd.DataFrame, perturbation: str) -> Table:
         texts = []
         for name in present:
             values = group.value[group.metric == name].dropna()
-            deviation = f" ± {values.std():.1f}" if len(values) > 1 else ""
+            deviation = f"±{values.std():.1f}" if len(values) > 1 else ""
             texts.append(f"{values.mean():.1f}{deviation}" if len(values) else "-")
         table.add_row(escape(str(method)), str(count), *texts)
     return table

@@ -10,14 +10,11 @@ from __future__ import annotations
 import argparse
 import os
 import tempfile
-import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
 
 import xarray as xr
+from memory import watched_memory
 from rich.console import Console
 from rich.table import Table
 
@@ -67,42 +64,6 @@ def stages_table(results: xr.Dataset, seconds: float, title: str) -> Table:
         table.add_row(name, f"{time_spent:.1f}", f"{100 * time_spent / total:.0f}", rate)
     table.add_row("from start to end", f"{seconds:.1f}", "", f"{simulated / seconds:,.0f}")
     return table
-
-
-@contextmanager
-def watched_memory() -> Iterator[list[int]]:
-    """Most bytes that this process and its children held at once, looked at ten times a second."""
-    peak, ended = [0], threading.Event()
-
-    def watch() -> None:
-        while not ended.wait(0.1):
-            peak[0] = max(peak[0], sum(proportional_bytes(process) for process in family()))
-
-    thread = threading.Thread(target=watch, daemon=True)
-    thread.start()
-    try:
-        yield peak
-    finally:
-        ended.set()
-        thread.join()
-
-
-def family() -> list[Any]:
-    """Folders in /proc of this process and its children."""
-    found = [Path("/proc/self")]
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        with suppress(OSError):
-            if int(stat.read_text().rpartition(")")[2].split()[1]) == os.getpid():
-                found.append(stat.parent)
-    return found
-
-
-def proportional_bytes(process: Path) -> int:
-    with suppress(OSError):
-        for line in (process / "smaps_rollup").read_text().splitlines():
-            if line.startswith("Pss:"):
-                return 1024 * int(line.split()[1])
-    return 0
 
 
 if __name__ == "__main__":

@@ -137,3 +137,42 @@ def test_stiffness_rises_with_the_ankle_angle(moving):
     )
     assert 15 < np.nanmean(low) < np.nanmean(high) < 90
     assert np.nanmean(high) / np.nanmean(low) > 1.3
+
+
+@pytest.fixture(scope="module")
+def walker(recordings_folder):
+    """Experiment on 40 of the walking record's cycles: eirf with short lags, for these are few."""
+    short = {"name": "eirf", "method": "eirf:max_lag=0.04"}
+    experiment = tv.experiment.Experiment(
+        participants={"walker": {"walking": str(recordings_folder / "walking_ankle_small_reflex.mat")}},
+        reading={"angle": "POSITION_SIGNAL", "torque": "TORQUE_SIGNAL", "sampling_rate": 1000, "torque_sign": -1},
+        preparation={
+            **{"reference": None, "task_limit": None, "residual_limit": None},
+            **{"rate": 100, "ends": 0, "period": 1.5},
+        },
+        methods=[short, "sds", "birf", "esm", {"name": "kbr", "method": "kbr"}],
+        realizations=40,
+    )
+    return tv.experiment.run(experiment)
+
+
+@pytest.mark.parametrize("key", ["eirf", "sds", "birf", "esm", "kbr"])
+def test_walking_stiffness_of_40_cycles_is_traced_within_its_error_bars(walker, key):
+    stiffness = walker.stiffness.sel(recording="walker-walking", analysis=f"{key}-40")
+    assert stiffness.shape == (100, 150)
+    mean, spread = stiffness.mean("bootstrap"), stiffness.std("bootstrap", ddof=1)
+    # What independent fits found: low at the start, a peak at 0.7 s, and a trough after it.
+    bar = 2 * spread + {"birf": 12, "eirf": 12}.get(key, 4)  # ten splines are too few for the peak
+    for time, low, high in ((0.0, 18, 18), (0.70, 75, 85), (0.92, 10, 15), (1.49, 25, 25)):
+        at = {"time": time, "method": "nearest"}
+        margin = float(bar.sel(**at))
+        assert low - margin < float(mean.sel(**at)) < high + margin
+    # Error bars are of use: but for eirf they are a small part of the stiffness.
+    assert float(spread.mean()) < (0.5 if key == "eirf" else 0.12) * float(mean.mean())
+
+
+def test_the_walking_record_has_a_figure_with_a_panel_for_each_method(walker):
+    figure = tv.figures.stiffness_with_bands(walker, "walker-walking")
+    shown = [axes for axes in figure.axes if axes.get_title()]
+    assert len(shown) == 5
+    assert all(axes.collections for axes in shown)

@@ -337,6 +337,14 @@ def report(
         what = Experiment(**json.loads(results.attrs["experiment"]))
         with _progress("preparing recordings") as advance:
             prepared = prepared_recordings(what, advance)
+        if {item.recorded.label: item.digest for item in prepared} != json.loads(results.attrs["data"]):
+            errors.print(
+                "[yellow]note:[/] the recordings are not there, or not as they were; what shows their preparation is "
+                "left as it is",
+                highlight=False,
+                soft_wrap=True,
+            )
+            prepared = ()
         _write_experiment(what, results, prepared, folder, "")
 
 
@@ -567,19 +575,33 @@ def simulate(
     ] = 10.0,
     seed: Annotated[int, typer.Option(metavar="N", help="Seed.")] = 0,
     rate: Annotated[float, typer.Option(metavar="HZ", help="Sampling rate.")] = 1000.0,
+    participant: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            help="Write the ten trials of the virtual participant with this number instead, to a .mat file that "
+            "`tvsysid experiment` reads; of the options, --perturbation alone applies.",
+        ),
+    ] = None,
 ) -> None:
-    """Write a simulated recording that `tvsysid identify` reads.
+    """Write a simulated recording that `tvsysid identify` reads, or a virtual participant's trials.
 
     The file holds `angle` (rad), `torque` (N·m, with noise), and the truth: `noiseless_torque` (N·m) and
-    `stiffness` (N·m/rad). The behaviour repeats every 2 s.
+    `stiffness` (N·m/rad). The behaviour repeats every 2 s. A participant's file has a column for each trial of 70 s at
+    1024 Hz, and besides `target` (N·m), the torque to be followed.
 
     Example: `tvsysid simulate joint.mat && tvsysid identify joint.mat --angle angle --torque torque --rate 1000
     --decimate 100 --period 2`
+
+    Example: `tvsysid simulate P1-noise.mat --participant 1`
     """
     from tvsysid.benchmark import PERTURBATIONS, PROFILES
     from tvsysid.recordings import write_simulation
     from tvsysid.simulate import joint
 
+    if participant is not None:
+        _write_participant(file, participant, perturbation.value)
+        return
     simulation = joint(
         duration,
         stiffness=PROFILES[stiffness.value],
@@ -603,6 +625,34 @@ def simulate(
         f"wrote {file}: {duration:g} s at {rate:g} Hz; identify it with\n"
         f"tvsysid identify {file} --angle angle --torque torque --rate {rate:g}{decimate} --period 2",
         highlight=False,
+        soft_wrap=True,
+    )
+
+
+def _write_participant(file: Path, number: int, perturbation: str) -> None:
+    from tvsysid.recordings import write_simulation
+    from tvsysid.simulate import participant
+
+    if file.suffix.lower() != ".mat":
+        raise InputError(f"{file}: a participant's trials are matrices; give a file that ends in .mat")
+    trials = getattr(participant(number), perturbation)
+    recording = trials.recording
+    signals = {
+        "angle": recording.angle,
+        "torque": recording.torque,
+        "target": recording.channels["target"],
+        "stiffness": trials.stiffness,
+    }
+    count = len(recording.trials)
+    columns = {name: values.reshape(count, -1).T for name, values in signals.items()}
+    write_simulation(file, columns, recording.sampling_rate)
+    output.print(
+        f"wrote {file}: angle, torque, target and the true stiffness, {count} trials of "
+        f"{recording.duration / count:g} s at {recording.sampling_rate:g} Hz, a column each; a study of it:\n"
+        f'\n[participants.P{number}]\n{perturbation} = "{file}"\n\n[reading]\nangle = "angle"\ntorque = "torque"\n'
+        f'sampling_rate = {recording.sampling_rate:g}\ncolumns = "trials"\n',
+        highlight=False,
+        markup=False,
         soft_wrap=True,
     )
 
@@ -891,6 +941,8 @@ def _write_study(results: Any, out: Path, command: str) -> bool:
 
 def _write_experiment(experiment: Any, results: Any, prepared: Any, out: Path, command: str) -> bool:
     """Write tables, ensembles, figures and report, and print the essence; whether every analysis gave a result."""
+    import pandas as pd
+
     from tvsysid.experiment import exclusions, judge, shown, stiffness_over_time, summarize
     from tvsysid.figures import experiment_figures, representative, save
     from tvsysid.recordings import whole_file, write_ensemble
@@ -898,13 +950,13 @@ def _write_experiment(experiment: Any, results: Any, prepared: Any, out: Path, c
 
     with _waiting("scoring and drawing"):
         results = results.load()
-        summary, claims, excluded = summarize(results), judge(results), exclusions(prepared)
-        tables = {
-            "summary.csv": summary,
-            "claims.csv": claims,
-            "exclusions.csv": excluded,
-            "stiffness.csv": stiffness_over_time(results),
-        }
+        summary, claims = summarize(results), judge(results)
+        tables = {"summary.csv": summary, "claims.csv": claims, "stiffness.csv": stiffness_over_time(results)}
+        kept = out / "exclusions.csv"
+        if prepared or not kept.is_file():
+            excluded = tables["exclusions.csv"] = exclusions(prepared)
+        else:
+            excluded = pd.read_csv(kept, keep_default_na=False, na_values={"reached": [""], "limit": [""]})
         for name, table in tables.items():
             with whole_file(out / name) as file:
                 table.to_csv(file, index=False, float_format="%.6g")

@@ -116,9 +116,15 @@ class Figures:
 
         def change(number: int) -> float:
             one, other = stiffness[number, few], stiffness[number, many]
-            chance = (one.var(axis=0, ddof=1) + other.var(axis=0, ddof=1)) / len(one)
-            square = np.nanmean((other.mean(axis=0) - one.mean(axis=0)) ** 2 - chance)
-            return float(np.sqrt(max(square, 0.0)) / np.nanmean(one))
+            one, other = (values[np.isfinite(values).any(axis=1)] for values in (one, other))  # draws that did not fail
+            if min(len(one), len(other)) < 2:
+                return math.nan
+            chance = one.var(axis=0, ddof=1) / len(one) + other.var(axis=0, ddof=1) / len(other)
+            square = (other.mean(axis=0) - one.mean(axis=0)) ** 2 - chance
+            known = np.isfinite(square)
+            if not known.any():
+                return math.nan
+            return math.sqrt(max(float(square[known].mean()), 0.0)) / float(np.nanmean(one))
 
         return self._over_participants(perturbation, change)
 
@@ -309,7 +315,9 @@ def _survivors(figures: Figures) -> Iterator[Paired]:
             # Of 300, whatever was recorded.
             recorded = figures.counts("recorded", perturbation)
             found = 300 * figures.counts("survivors", perturbation) / np.where(recorded > 0, recorded, np.nan)
-            words = f"{NAMES[perturbation]}: {_mean(found):.0f} ± {np.nanstd(found, ddof=1):.0f} of 300"
+            known = found[np.isfinite(found)]
+            spread = f" ± {known.std(ddof=1):.0f}" if len(known) > 1 else ""
+            words = f"{NAMES[perturbation]}: {_mean(found):.0f}{spread} of 300"
             yield _paired(words, found - (mean - sd))
             yield _paired(words, mean + sd - found)
 

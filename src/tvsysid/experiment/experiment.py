@@ -232,6 +232,14 @@ class Experiment(_Settings):
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
 
+    @field_validator("participants")
+    @classmethod
+    def _names_for_files(cls, values: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+        for name in [*values, *(name for recorded in values.values() for name in recorded)]:
+            if not name or set(name) & set("/\\") or name.startswith("."):
+                raise ValueError(f"expected names that files may have, without slashes; got the name {name!r}")
+        return values
+
     @field_validator("methods", mode="before")
     @classmethod
     def _each_applied(cls, values: Any) -> Any:

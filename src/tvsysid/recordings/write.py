@@ -41,7 +41,7 @@ def write_simulation(path: str | Path, columns: Mapping[str, NDArray[np.float64]
     path
         Ending in .mat, .csv or .tsv.
     columns
-        Signals by name, each of shape (time,).
+        Signals by name, each of shape (time,); in a MAT file (time, trial) as well.
     sampling_rate
         In Hz; kept in a MAT file as ``sampling_rate``.
 
@@ -56,7 +56,7 @@ def write_simulation(path: str | Path, columns: Mapping[str, NDArray[np.float64]
         raise InputError(f"{file}: unknown ending {file.suffix!r}; give one of .mat, .csv, .tsv")
     with whole_file(file) as temporary:
         if ending == ".mat":
-            matrices = {name: np.asarray(values)[:, None] for name, values in columns.items()}
+            matrices = {name: np.asarray(values).reshape(len(values), -1) for name, values in columns.items()}
             savemat(temporary, {**matrices, "sampling_rate": sampling_rate}, do_compression=True)
         else:
             separator = "," if ending == ".csv" else "\t"

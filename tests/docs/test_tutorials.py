@@ -1,0 +1,85 @@
+"""The tutorials, typed as they stand."""
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pandas as pd
+import pytest
+import xarray as xr
+
+import tvsysid as tv
+
+DOCS = Path(__file__).parents[2] / "docs"
+PACKAGE = Path(tv.__file__).parents[1]
+
+
+def blocks(page, language):
+    text = (DOCS / page).read_text(encoding="utf-8")
+    found = re.findall(r"^```(\w*)\n(.+?)\n```$", text, re.MULTILINE | re.DOTALL)
+    return [block for name, block in found if name == language]
+
+
+def run(folder, words):
+    variables = {"PYTHONPATH": str(PACKAGE), "PYTHONIOENCODING": "utf-8", "OPENBLAS_NUM_THREADS": "1"}
+    done = subprocess.run(
+        [sys.executable, *words],
+        cwd=folder,
+        env=os.environ | variables,
+        capture_output=True,
+        encoding="utf-8",
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def command(folder, line):
+    name, *words = shlex.split(line)
+    assert name == "tvsysid"
+    return run(folder, ["-m", "tvsysid.cli", *words])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Where the recordings of both tutorials are."""
+    place = tmp_path_factory.mktemp("tutorial")
+    for line in blocks("tutorial-command-line.md", "")[0].splitlines():
+        command(place, line)
+    return place
+
+
+def test_the_python_tutorial_runs(folder):
+    codes = blocks("tutorial-python.md", "python")
+    main = codes[0].split('if __name__ == "__main__":')[1]
+    assert len([line for line in main.splitlines() if line.strip()]) <= 10
+    for number, code in enumerate(codes):
+        (folder / f"part{number}.py").write_text(code, encoding="utf-8")
+        run(folder, [f"part{number}.py"])
+    for name in ("figure7.pdf", "figure8.pdf", "figure9.pdf"):
+        assert (folder / name).read_bytes().startswith(b"%PDF")
+    results = xr.open_zarr(folder / "P1.zarr", chunks=None)
+    assert results.sizes["bootstrap"] == 10
+    assert (results.failure == "").all()
+
+
+def test_the_command_line_tutorial_runs(folder):
+    _, inspect, experiment, wide = blocks("tutorial-command-line.md", "")
+    (study,) = blocks("tutorial-command-line.md", "toml")
+    (folder / "study.toml").write_text(study, encoding="utf-8")
+    shown = command(folder, inspect)
+    assert "71680 x 10" in shown
+    assert (folder / "tvsysid-inspect" / "P1-noise.mat.png").is_file()
+    told = command(folder, experiment)
+    assert "random" in told
+    for name in ("report.html", "figures/participants.pdf", "figures/participant.pdf", "exclusions.csv"):
+        assert (folder / "P1" / name).stat().st_size > 1000
+    table = pd.read_csv(folder / "P1" / "stiffness.csv")
+    assert set(table.method) == {"eirf", "sds", "birf", "esm", "kbr"}
+    # The virtual participant of the file is the one of the package, and its truth is in the file.
+    assert len(pd.read_csv(folder / "P1" / "exclusions.csv")) == 600
+    command(folder, wide)
+    assert set(pd.read_csv(folder / "wide" / "summary.csv").method) == {"sds:window=0.2"}

@@ -1,0 +1,136 @@
+"""`tvsysid experiment`, typed."""
+
+import json
+import sys
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+from scipy.io import savemat
+from tests.experiment.conftest import write_trials
+
+import tvsysid as tv
+from tvsysid import cli
+
+FILES = """
+methods = ["birf", "esm"]
+realizations = [10, 20]
+bootstraps = 4
+
+[participants.anna]
+noise = "trial*.mat"
+
+[participants.bert]
+noise = "nobody*.mat"
+
+[reading]
+angle = "angle"
+torque = "torque"
+sampling_rate = 128
+
+[preparation]
+reference = false
+task_limit = false
+residual_limit = false
+ends = 1
+"""
+
+
+@pytest.fixture
+def tvsysid(monkeypatch, capsys, tmp_path):
+    """Run the command line in a folder of its own; returns exit code, output and errors."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(cli, "output", cli.Console(width=120))
+    monkeypatch.setattr(cli, "errors", cli.Console(width=120, stderr=True))
+
+    def command(*words):
+        monkeypatch.setattr(sys, "argv", ["tvsysid", *map(str, words)])
+        with pytest.raises(SystemExit) as stopped:
+            cli.main()
+        captured = capsys.readouterr()
+        return stopped.value.code, captured.out, captured.err
+
+    return command
+
+
+def test_virtual_participants(tvsysid, tmp_path):
+    words = ("experiment", "--virtual", 1, "--method", "birf", "--realizations", 20, "--bootstraps", 3, "--workers", 1)
+    code, _, err = tvsysid(*words)
+    assert (code, err) == (0, "")
+    folder = tmp_path / "tvsysid-experiment"
+    page = (folder / "report.html").read_text()
+    assert "tvsysid experiment --virtual 1 --method birf" in page
+    summary = pd.read_csv(folder / "summary.csv")
+    assert set(summary.metric) >= {"random_error", "vaf", "bandpassed_vaf", "bias_error"}
+    excluded = pd.read_csv(folder / "exclusions.csv")
+    assert len(excluded) == 600
+    kept = excluded.excluded_by.isna()
+    for label in ("P1-noise", "P1-prbs"):
+        ensemble = tv.recordings.load_ensemble(folder / "prepared" / f"{label}.nc")
+        assert len(ensemble) == (kept & (excluded.recording == label)).sum()
+    assert {file.stem for file in (folder / "figures").iterdir()} >= {
+        *("participants", "participant", "variance-and-spread", "error-against-truth"),
+        *("recorded-signals", "preparation"),
+    }
+    with xr.open_zarr(folder / "results.zarr", chunks=None) as results:
+        assert results.stiffness.shape == (2, 1, 3, 256)
+    tables = {name: (folder / name).read_bytes() for name in ("summary.csv", "claims.csv", "exclusions.csv")}
+    for name in tables:
+        (folder / name).unlink()
+    assert tvsysid("report", folder)[0] == 0
+    assert {name: (folder / name).read_bytes() for name in tables} == tables
+    # Again, nothing is done twice.
+    code, _, err = tvsysid(*words)
+    assert code == 0
+    assert "going on: 2 of 2 analyses are there already" in err
+
+
+def test_files_of_which_some_cannot_be_used(tvsysid, tmp_path):
+    write_trials(tmp_path)
+    savemat(tmp_path / "trial3.mat", {"angle": np.zeros(3000)})
+    (tmp_path / "study.toml").write_text(FILES)
+    code, _, err = tvsysid("experiment", "study.toml", "--out", "found")
+    # What could not be done makes the exit code 1, and what could is there.
+    assert code == 1
+    assert "anna-noise: trial3.mat is left out: no channel 'torque'; it holds angle" in err
+    assert "bert-noise: no trial can be used: nobody*.mat: no file in" in err
+    table = pd.read_csv(tmp_path / "found" / "stiffness.csv").dropna(subset="stiffness")
+    assert set(table.participant) == {"anna"}
+    assert table.stiffness.mean() == pytest.approx(80, rel=0.1)
+    page = (tmp_path / "found" / "report.html").read_text()
+    assert "trial3.mat is left out" in page
+    # The recordings are gone; tables and page can be had from the results all the same.
+    for number in range(3):
+        (tmp_path / f"trial{number}.mat").unlink()
+    kept = (tmp_path / "found" / "exclusions.csv").read_bytes()
+    code, _, err = tvsysid("report", "found")
+    assert "the recordings are not there, or not as they were" in err
+    assert (tmp_path / "found" / "exclusions.csv").read_bytes() == kept
+
+
+def test_without_any_usable_recording_nothing_is_run(tvsysid, tmp_path):
+    (tmp_path / "study.toml").write_text(FILES)
+    code, _, err = tvsysid("experiment", "study.toml")
+    assert code == 2
+    assert "no recording can be used; mend what is said above" in err
+
+
+def test_a_wrong_study_is_told_by_file_and_key(tvsysid, tmp_path):
+    (tmp_path / "study.toml").write_text(FILES.replace("bootstraps", "bootstrap"))
+    code, _, err = tvsysid("experiment", "study.toml")
+    assert code == 2
+    assert "study.toml: experiment: bootstrap: unknown key; did you mean bootstraps?" in " ".join(err.split())
+
+
+def test_a_virtual_participants_file_is_what_the_study_reads(tvsysid, tmp_path):
+    code, out, _ = tvsysid("simulate", "P3-prbs.mat", "--participant", 3, "--perturbation", "prbs")
+    assert code == 0
+    (tmp_path / "study.toml").write_text(out.split("a study of it:")[1])
+    experiment = tv.experiment.Experiment.from_toml(tmp_path / "study.toml")
+    (prepared,) = tv.experiment.prepared_recordings(experiment)
+    virtual = tv.experiment.Experiment(virtual=3, perturbation="prbs")
+    (expected,) = tv.experiment.prepared_recordings(virtual)
+    np.testing.assert_array_equal(prepared.ensemble.torque, expected.ensemble.torque)
+    assert json.loads(experiment.to_json())["participants"] == {"P3": {"prbs": ["P3-prbs.mat"]}}
+    assert tvsysid("simulate", "P3.csv", "--participant", 3)[0] == 2

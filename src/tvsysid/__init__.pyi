@@ -1,4 +1,5 @@
 from . import benchmark as benchmark
+from . import experiment as experiment
 from . import figures as figures
 from . import methods as methods
 from . import metrics as metrics

@@ -9,7 +9,7 @@ import shlex
 import signal
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from enum import StrEnum
 from pathlib import Path
@@ -44,6 +44,8 @@ errors = Console(stderr=True)
 DEFAULT_METHODS = ["eirf", "sds", "birf", "esm", "kbr"]  # those of tvsysid.methods.names(), which takes long to import
 MOST_TABLES = 4
 """Scenarios whose table is printed; the report has all."""
+MOST_RECORDINGS = 24
+"""Recordings whose numbers of realizations are printed."""
 MOST_DRAWN = 12
 """Channels of a file that are drawn."""
 MOST_COLUMNS = 20
@@ -198,7 +200,8 @@ def benchmark(
 
     Example: `tvsysid benchmark --preset paper --out paper`
     """
-    from tvsysid.benchmark import Study, cores
+    from tvsysid.benchmark import Study
+    from tvsysid.execution import cores
 
     options: dict[str, Any] = {
         "stiffness": [item.value for item in stiffness or ()],
@@ -225,20 +228,116 @@ def benchmark(
 
 
 @app.command()
-def report(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder that a benchmark wrote.")],
+def experiment(
+    study_file: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[STUDY.toml]",
+            help="TOML file that names participants, files and channels; see docs/experiment.md.",
+        ),
+    ] = None,
+    virtual: Annotated[
+        list[int] | None, typer.Option(metavar="N", help="Number of a virtual participant; repeatable. [1 to 6]")
+    ] = None,
+    perturbation: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="Perturbation to study; repeatable. [all there are]")
+    ] = None,
+    method: MethodOption = [],
+    realizations: Annotated[
+        list[int] | None,
+        typer.Option(metavar="N", help="Realizations in a bootstrap; repeatable. [75 and 150; 20 and 40 for kbr]"),
+    ] = None,
+    bootstraps: Annotated[int | None, typer.Option(metavar="N", help="Bootstraps of each. [100]")] = None,
+    seed: Annotated[
+        int | None, typer.Option(metavar="N", help="Seed; the same seed gives the same numbers. [0]")
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(metavar="N", help="Processes; as many as there are cores by default.")
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Run on a Dask cluster instead, such as tcp://host:8786 (tvsysid[dask])."),
+    ] = None,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results.")] = Path("tvsysid-experiment"),
 ) -> None:
-    """Write report, tables and figures anew from a benchmark's results.
+    """Identify the stiffness of several participants, and how much it varies.
 
-    Reads `results.zarr` in the folder, finished or not, and writes `report.html`, `summary.csv`, `claims.csv` and
-    `figures/` beside it.
+    Reads each participant's trials, decimates and cuts them into realizations, aligns these to the target torque,
+    excludes what is unlike the rest, and lets every method identify 100 bootstraps of 75 and 150 realizations, as
+    van de Ruit et al. (2021) do. Without a file it runs their experiment on six virtual participants, of whom the true
+    stiffness is known.
+
+    Writes to the folder:
+
+    - `report.html`: everything below in one page;
+
+    - `stiffness.csv`: stiffness over time, mean and standard deviation over bootstraps, for each participant,
+    perturbation, method and number of realizations;
+
+    - `summary.csv`: random error, VAF, VAF after a 1-10 Hz band-pass and the rest;
+
+    - `exclusions.csv`: what became of each realization: by how much it was shifted, which step excluded it and why;
+
+    - `claims.csv`: what the paper says of its experiment, with figures and verdict;
+
+    - `prepared/`: the ensembles that were identified (NetCDF; `tvsysid.recordings.load_ensemble` reads them);
+
+    - `figures/`: each as PNG, PDF and SVG;
+
+    - `results.zarr`: every bootstrap; `xarray.open_zarr` reads it.
+
+    All bootstraps of a method are kept when they are done. If the command is interrupted or killed, the same command
+    goes on from there. A file that cannot be used is told and left out, and the others go on.
+
+    Example: `tvsysid experiment`
+
+    Example: `tvsysid experiment study.toml --method sds --bootstraps 50`
+    """
+    from tvsysid.experiment import Experiment
+
+    options: dict[str, Any] = {
+        "virtual": virtual,
+        "perturbation": perturbation,
+        "methods": list(dict.fromkeys(method)),
+        "realizations": realizations,
+        "bootstraps": bootstraps,
+        "seed": seed,
+    }
+    given = {name: value for name, value in options.items() if value not in (None, [])}
+    what = Experiment.from_toml(study_file, **given) if study_file else Experiment(**given)
+    _check_folder(out)
+    results, prepared = _run_experiment(what, out, workers, scheduler)
+    if not _write_experiment(what, results, prepared, out, _command_line()):
+        sys.exit(1)
+
+
+@app.command()
+def report(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder that a benchmark or an experiment wrote.")],
+) -> None:
+    """Write report, tables and figures anew from the results of a benchmark or an experiment.
+
+    Reads `results.zarr` in the folder, finished or not, and writes `report.html`, the tables and `figures/` beside it.
+    Of an experiment, the recordings are read and prepared again.
 
     Example: `tvsysid report tvsysid-benchmark`
     """
-    from tvsysid.benchmark import read_results
-
     _check_folder(folder)
-    _write_study(read_results(folder / STORE), folder, "")
+    try:
+        from tvsysid.benchmark import read_results
+
+        _write_study(read_results(folder / STORE), folder, "")
+    except InputError as no_benchmark:
+        if "Experimental study" not in str(no_benchmark):
+            raise
+        from tvsysid.experiment import Experiment, prepared_recordings
+        from tvsysid.experiment import read_results as read_experiment
+
+        results = read_experiment(folder / STORE)
+        what = Experiment(**json.loads(results.attrs["experiment"]))
+        with _progress("preparing recordings") as advance:
+            prepared = prepared_recordings(what, advance)
+        _write_experiment(what, results, prepared, folder, "")
 
 
 @app.command()
@@ -638,37 +737,82 @@ def _run_study(study: Any, out: Path, workers: int | None, scheduler: str | None
 
     count = len(study.scenarios)
     title = f"{count} scenario{'s' if count > 1 else ''} x {study.trials} trials x {len(study.methods)} methods"
+
+    def go(advance: Any, executor: Any, at_a_time: int | None) -> Any:
+        return run(study, store=out / STORE, workers=at_a_time, executor=executor, progress=advance)
+
+    return _going_on(go, title, "trials", out, workers, scheduler)
+
+
+def _going_on(
+    go: Callable[[Any, Any, int | None], Any],
+    title: str,
+    what: str,
+    out: Path,
+    workers: int | None,
+    scheduler: str | None,
+) -> Any:
+    """What a run returns, with its progress shown; where it ends early, how to go on."""
     kept = [0, 0]
     try:
         with _progress(title) as advance, _executor(scheduler) as (executor, threads):
 
             def count_kept(done: int, total: int) -> None:
                 if done and not kept[1]:
-                    errors.print(f"going on: {done} of {total} trials are there already", highlight=False)
+                    errors.print(f"going on: {done} of {total} {what} are there already", highlight=False)
                 kept[:] = done, total
                 advance(done, total)
 
-            at_a_time = threads if workers is None else workers
-            return run(study, store=out / STORE, workers=at_a_time, executor=executor, progress=count_kept)
+            return go(count_kept, executor, threads if workers is None else workers)
     except KeyboardInterrupt:
         errors.print(
-            f"tvsysid: interrupted; {kept[0]} of {kept[1]} trials are in {out / STORE}, the same command goes on",
+            f"tvsysid: interrupted; {kept[0]} of {kept[1]} {what} are in {out / STORE}, the same command goes on",
             highlight=False,
             soft_wrap=True,
         )
         sys.exit(INTERRUPTED)
     except OSError as error:
         raise InputError(
-            f"{error.filename or out}: {error.strerror or error}; {kept[0]} of {kept[1]} trials are kept: once this is "
+            f"{error.filename or out}: {error.strerror or error}; {kept[0]} of {kept[1]} {what} are kept: once this is "
             "mended, the same command goes on from there"
         ) from error
+
+
+def _run_experiment(experiment: Any, out: Path, workers: int | None, scheduler: str | None) -> tuple[Any, Any]:
+    """Results and what they are of, with progress; what ends it early says how to go on."""
+    from tvsysid.experiment import prepared_recordings, run
+
+    with _progress("preparing recordings") as advance:
+        prepared = prepared_recordings(experiment, advance)
+    for item in prepared:
+        for text in item.remarks:
+            sign = "[red]error:[/]" if text == item.failure else "[yellow]warning:[/]"
+            errors.print(f"{sign} {escape(f'{item.recorded.label}: {text}')}", highlight=False, soft_wrap=True)
+    if all(item.failure for item in prepared):
+        raise InputError("no recording can be used; mend what is said above")
+
+    def go(advance: Any, executor: Any, at_a_time: int | None) -> Any:
+        return run(
+            experiment,
+            prepared=prepared,
+            store=out / STORE,
+            workers=at_a_time,
+            executor=executor,
+            progress=advance,
+        )
+
+    title = (
+        f"{len(experiment.recordings)} recordings x {len(experiment.analyses)} analyses x "
+        f"{experiment.bootstraps} bootstraps"
+    )
+    return _going_on(go, title, "analyses", out, workers, scheduler), prepared
 
 
 def _checked_apart(name: str) -> list[Check]:
     """Checks of a method in a process of its own, which it may end."""
     from concurrent.futures import BrokenExecutor
 
-    from tvsysid.benchmark import processes
+    from tvsysid.execution import processes
     from tvsysid.methods import parse
 
     parse(name)  # what is wrong with the name is told from here
@@ -745,22 +889,124 @@ def _write_study(results: Any, out: Path, command: str) -> bool:
     return complete
 
 
+def _write_experiment(experiment: Any, results: Any, prepared: Any, out: Path, command: str) -> bool:
+    """Write tables, ensembles, figures and report, and print the essence; whether every analysis gave a result."""
+    from tvsysid.experiment import exclusions, judge, shown, stiffness_over_time, summarize
+    from tvsysid.figures import experiment_figures, representative, save
+    from tvsysid.recordings import whole_file, write_ensemble
+    from tvsysid.report import experiment_troubles, write_experiment_report
+
+    with _waiting("scoring and drawing"):
+        results = results.load()
+        summary, claims, excluded = summarize(results), judge(results), exclusions(prepared)
+        tables = {
+            "summary.csv": summary,
+            "claims.csv": claims,
+            "exclusions.csv": excluded,
+            "stiffness.csv": stiffness_over_time(results),
+        }
+        for name, table in tables.items():
+            with whole_file(out / name) as file:
+                table.to_csv(file, index=False, float_format="%.6g")
+        for item in prepared:
+            if item.ensemble is not None:
+                write_ensemble(out / "prepared" / f"{item.recorded.label}.nc", item.ensemble)
+        excerpts, preparations = {}, {}
+        who = representative(results, summary)
+        for item in prepared:
+            if item.recorded.participant == who and item.ensemble is not None:
+                label = item.recorded.label
+                excerpts[label], preparations[label] = shown(experiment, item.recorded)
+        illustrations = experiment_figures(results, summary, excerpts, preparations)
+        for name, each in illustrations.items():
+            for ending in ("png", "pdf", "svg"):
+                save(each.figure, out / "figures" / f"{name}.{ending}")
+        write_experiment_report(out / "report.html", results, summary, claims, excluded, illustrations, command)
+    for perturbation in dict.fromkeys(summary.perturbation):
+        output.print(_experiment_table(summary[summary.perturbation == perturbation], str(perturbation)))
+    output.print(_recordings_table(results))
+    if (claims.verdict != "not studied").any():
+        output.print(_claims_table(claims, "experiment"))
+    labels = set(results.recording.values.tolist())  # those that failed altogether were told before
+    met = [trouble for trouble in experiment_troubles(results) if trouble["method"] not in labels]
+    complete = _print_met(results, met, "analyses", "recordings") and not any(item.failure for item in prepared)
+    names = ["report.html", *tables, "prepared/", f"figures/ ({len(illustrations)})", STORE]
+    _say_written(out, names)
+    return complete
+
+
+def _experiment_table(rows: pd.DataFrame, perturbation: str) -> Table:
+    """Main figures under one perturbation, mean and standard deviation over participants."""
+    shown = {
+        "mean_stiffness": "stiffness\n(N·m/rad)",
+        "random_error": "random\n(N·m/rad)",
+        "mean_bias": "bias\n(N·m/rad)",
+        "vaf": "VAF\n(%)",
+        "bandpassed_vaf": "VAF 1-10 Hz\n(%)",
+    }
+    people = rows.participant.nunique()
+    spread = ", mean ± SD over participants" if people > 1 else ""
+    table = Table(
+        title=f"{perturbation}: {people} participant{'s' if people > 1 else ''}{spread}", title_justify="left"
+    )
+    table.add_column("method", overflow="fold")
+    table.add_column("drawn", justify="right")
+    present = [name for name in shown if (rows.metric == name).any()]
+    for name in present:
+        table.add_column(shown[name], justify="right")
+    for (method, count), group in rows.groupby(["method", "realizations"], sort=False):
+        texts = []
+        for name in present:
+            values = group.value[group.metric == name].dropna()
+            deviation = f"±{values.std():.1f}" if len(values) > 1 else ""
+            texts.append(f"{values.mean():.1f}{deviation}" if len(values) else "-")
+        table.add_row(escape(str(method)), str(count), *texts)
+    return table
+
+
+def _recordings_table(results: Any) -> Table:
+    """What became of the realizations of each recording."""
+    table = Table(title="realizations", title_justify="left")
+    table.add_column("recording", overflow="fold")
+    names = {
+        "recorded": "recorded",
+        "excluded_alignment": "shifted\ntoo far",
+        "excluded_task": "task\ncomponent",
+        "excluded_residual": "residual",
+        "survivors": "kept",
+        "trials_left_out": "trials\nleft out",
+    }
+    for heading in names.values():
+        table.add_column(heading, justify="right")
+    for number, label in enumerate(results.recording.values[:MOST_RECORDINGS]):
+        table.add_row(escape(str(label)), *(str(int(results[name].values[number])) for name in names))
+    if results.sizes["recording"] > MOST_RECORDINGS:
+        table.caption = f"and {results.sizes['recording'] - MOST_RECORDINGS} more in report.html"
+    return table
+
+
 def _print_troubles(results: Any) -> bool:
     """Print doubts, failures and missing trials; whether no method failed."""
     from tvsysid.report import troubles
 
+    return _print_met(results, troubles(results), "trials", "trials")
+
+
+def _print_met(results: Any, met: list[dict[str, Any]], units: str, counted: str) -> bool:
+    """Print what was met and what is missing; whether no method failed."""
     there = results.checksums.values.any(axis=-1)
     if not there.all():
-        text = f"{there.sum()} of {there.size} trials are there so far; the benchmark's command goes on from there"
+        text = f"{there.sum()} of {there.size} {units} are there so far; the command that ran it goes on from there"
         errors.print(f"[yellow]warning:[/] {text}", highlight=False, soft_wrap=True)
-    met = troubles(results)
     said = {
         "doubtful": ("[yellow]warning:[/]", "deserve doubt"),
         "failed": ("[red]error:[/]", "failed and are left out"),
     }
     for trouble in met:
         sign, what = said[trouble["kind"]]
-        text = "{method}: {count} of {trials} trials {what}; the first: {first}".format(what=what, **trouble)
+        text = "{method}: {count} of {trials} {counted} {what}; the first: {first}".format(
+            what=what, counted=counted, **trouble
+        )
         errors.print(f"{sign} {escape(text)}", highlight=False, soft_wrap=True)
     return not any(trouble["kind"] == "failed" for trouble in met)
 
@@ -800,8 +1046,8 @@ def _benchmark_table(rows: pd.DataFrame) -> Table:
     return table
 
 
-def _claims_table(claims: pd.DataFrame) -> Table:
-    table = Table(title="what the paper says of its simulations", title_justify="left")
+def _claims_table(claims: pd.DataFrame, of: str = "simulations") -> Table:
+    table = Table(title=f"what the paper says of its {of}", title_justify="left")
     table.add_column("claim", overflow="fold")
     table.add_column("verdict", overflow="fold")
     symbols = {"holds": "✓", "does not hold": "✗", "undecided": "?"}
@@ -809,9 +1055,8 @@ def _claims_table(claims: pd.DataFrame) -> Table:
     for claim, verdict in zip(studied.claim.astype(str), studied.verdict.astype(str), strict=True):
         table.add_row(claim, f"{symbols[verdict]} {verdict}")
     if len(studied) < len(claims):
-        table.caption = (
-            f"{len(claims) - len(studied)} more of its claims need other scenarios: --preset paper, snr, viscosity"
-        )
+        need = "other scenarios: --preset paper, snr, viscosity" if of == "simulations" else "what the report says"
+        table.caption = f"{len(claims) - len(studied)} more of its claims need {need}"
     return table
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -167,6 +167,9 @@ class Recording:
     def __len__(self) -> int:
         return len(self.angle)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _made_anew, (type(self), _given(self))
+
     def __repr__(self) -> str:
         trials = f" in {len(self.trial_starts)} trials" if len(self.trial_starts) > 1 else ""
         return (
@@ -277,6 +280,9 @@ class Ensemble:
     def __len__(self) -> int:
         return len(self.angle)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _made_anew, (type(self), _given(self))
+
     def __repr__(self) -> str:
         left_out = f", {self.left_out} left out for want of context" if self.left_out else ""
         return (
@@ -355,3 +361,13 @@ class Ensemble:
             },
             attrs={"sampling_rate": self.sampling_rate, "context": self.context},
         )
+
+
+def _given(signals: Recording | Ensemble) -> dict[str, Any]:
+    """What signals are made from; a read-only mapping, unlike a dict, cannot be pickled."""
+    values = {item.name: getattr(signals, item.name) for item in fields(signals)}
+    return values | {"channels": dict(signals.channels)}
+
+
+def _made_anew(kind: type[Recording | Ensemble], values: dict[str, Any]) -> Recording | Ensemble:
+    return kind(**values)

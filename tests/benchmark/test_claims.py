@@ -5,8 +5,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tvsysid.benchmark import Study, judge, run, score
-from tvsysid.benchmark.claims import CLAIMS, COLUMNS, FIVE, Claim, Margin, _judged
+from tvsysid.benchmark.claims import CLAIMS, FIVE, Replicated
 from tvsysid.benchmark.scores import UNITS
+from tvsysid.verdicts import COLUMNS, Claim, judged
 
 DRAWS = 500
 
@@ -158,7 +159,7 @@ def test_methods_without_results_leave_a_claim_undecided():
 def test_limits_that_exclude_zero_decide_a_single_comparison(estimate, count):
     spread = np.linspace(-1, 1, 401)
     claim = Claim("c", "s", lambda scores: iter(()), "N·m/rad", "n")
-    verdict = _judged(claim, [Margin("m", estimate, estimate + spread)] * count)[7]
+    verdict = judged(claim, [Replicated("m", estimate, estimate + spread)] * count)[7]
     low, high = estimate - 0.95, estimate + 0.95
     if low > 1e-9:
         assert verdict == "holds"

@@ -9,8 +9,9 @@ import xarray as xr
 from tests.benchmark.conftest import SMALL, TIMES, Mine
 
 import tvsysid as tv
-from tvsysid.benchmark import Study, cores, plan, run, score, summarize
-from tvsysid.benchmark.trial import Trial, pickled, run_trial
+from tvsysid.benchmark import Study, plan, run, score, summarize
+from tvsysid.benchmark.trial import Trial
+from tvsysid.execution import carry_out, cores, pickled
 
 
 def same(one, other):
@@ -145,7 +146,7 @@ def test_a_method_that_kills_its_worker_does_not_kill_this_process_with_one_tria
 def test_a_trial_gives_the_same_numbers_whenever_and_however_often_it_is_run():
     study = Study(duration_s=40, trials=1, perturbation="prbs", methods=["eirf"])
     trial = Trial(study.scenarios[0], 0, study.seed_of(study.scenarios[0], 0), pickled(study.named_methods))
-    first, second = run_trial(trial), run_trial(trial)
+    first, second = carry_out(trial), carry_out(trial)
     np.testing.assert_array_equal(first["stiffness"], second["stiffness"])
 
 
@@ -180,7 +181,7 @@ def test_a_method_that_a_worker_cannot_unpickle_spoils_no_other():
     study = Study(duration_s=40, trials=1, perturbation="prbs", methods=["sds", "birf"])
     scenario = study.scenarios[0]
     sent = pickled(study.named_methods) | {"birf": b"no pickle"}
-    outcome = run_trial(Trial(scenario, 0, study.seed_of(scenario, 0), sent))
+    outcome = carry_out(Trial(scenario, 0, study.seed_of(scenario, 0), sent))
     assert "UnpicklingError" in outcome["failure"][1]
     assert np.isfinite(outcome["stiffness"][0]).all()
 
@@ -197,7 +198,7 @@ def test_a_worker_with_other_software_is_refused():
     scenario = study.scenarios[0]
     sent = Trial(scenario, 0, study.seed_of(scenario, 0), {}, {"numpy": "1.0"})
     with pytest.raises(tv.InputError, match=r"a worker has other software: numpy: 1.0 there, \d.* here"):
-        run_trial(sent)
+        carry_out(sent)
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="this system does not bind processes to cores")

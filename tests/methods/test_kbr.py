@@ -125,3 +125,28 @@ def test_regressors_that_would_fill_the_memory_are_refused(ensemble_of, monkeypa
     monkeypatch.setattr(kbr, "LARGEST", 1e6)
     with pytest.raises(tv.InputError, match="GiB; give realizations of whole periods"):
         tv.KernelRegression(period=1.7).identify(ensemble_of(40.0))
+
+
+@pytest.mark.parametrize(
+    "method", [tv.KernelRegression(), tv.KernelRegression.preset("experiment")], ids=["default", "experiment"]
+)
+@pytest.mark.parametrize("snr_db", [10.0, 40.0])
+def test_features_that_the_data_cannot_see_do_not_matter(ensemble_of, monkeypatch, method, snr_db):
+    # Every third realization is missing: runs of one length at different times.
+    ensemble = ensemble_of(60.0, "sine", "noise", snr_db).select(np.arange(30) % 3 != 1)
+    model = method.identify(ensemble)
+    monkeypatch.setattr(kbr, "VISIBLE", 0.0)
+    whole = method.identify(ensemble)
+    assert np.abs(model.stiffness - whole.stiffness).max() < 5e-3
+    assert np.abs(model.inertia - whole.inertia).max() < 1e-5
+    # Coefficients that were left out have their prior variance, and nearly the same posterior otherwise.
+    np.testing.assert_allclose(np.diag(model.covariance), np.diag(whole.covariance), rtol=0.05)
+
+
+def test_sums_of_features_need_no_features(random):
+    for decay in (30.0, 1e6):
+        kernel = kbr.Kernel.of(2.0, 0.2, decay, 0.0, 40.0, 100.0)
+        coefficients = random.normal(size=3 * kernel.columns)
+        phase, clock = np.linspace(3.3, 4.1, 9), np.linspace(10.0, 10.8, 9)
+        expected = kernel(phase, clock) @ coefficients.reshape(3, -1).T
+        np.testing.assert_allclose(kernel.combined(phase, clock, coefficients), expected, rtol=1e-10)

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import tvsysid as tv
-from tvsysid.preprocess import bootstrap, bootstrap_weights
+from tvsysid.preprocess import block_weights, bootstrap, bootstrap_weights
 
 
 @given(st.integers(1, 40), st.integers(1, 60), st.integers(1, 20), st.integers(0, 2**32))
@@ -49,3 +49,25 @@ def test_draws_that_make_no_sense_are_refused_at_once(settings, message):
     values = np.random.default_rng(0).normal(size=(5, 8))
     with pytest.raises(tv.InputError, match=message):
         bootstrap(tv.Ensemble(values, values, 100.0), **{"count": 2, "seed": 0, **settings})
+
+
+@given(st.integers(1, 40), st.integers(1, 20), st.integers(0, 2**32), st.data())
+def test_blocks_are_realizations_that_follow_each_other(realizations, count, seed, data):
+    size = data.draw(st.integers(1, realizations))
+    weights = block_weights(realizations, size, count, seed)
+    np.testing.assert_array_equal(weights.sum(axis=1), size)
+    assert set(np.unique(weights)) <= {0, 1}
+    # Round a circle, a block has one beginning at most.
+    begins = (weights == 1) & (np.roll(weights, 1, axis=1) == 0)
+    assert (begins.sum(axis=1) == (size < realizations)).all()
+    np.testing.assert_array_equal(block_weights(realizations, size, count + 2, seed)[:count], weights)
+
+
+def test_blocks_hold_each_realization_as_often_as_any_other():
+    weights = block_weights(50, 10, 4000, 2)
+    np.testing.assert_allclose(weights.mean(axis=0), 0.2, atol=5 * np.sqrt(0.16 / 4000))
+
+
+def test_a_block_longer_than_the_record_is_refused():
+    with pytest.raises(tv.InputError, match="a block of 40 realizations cannot be drawn from 20; give a shorter one"):
+        block_weights(20, 40, 1, 0)

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from tests.virtual import perfect, prepared
+from tests.virtual import participant_of, perfect, prepared
 
 import tvsysid as tv
 
@@ -78,7 +78,7 @@ def test_prepared_ensembles_identify_with_stiffness_near_the_truth(which):
     for number in PEOPLE:
         preparation = prepared(number, which)
         error, truth = stiffness_error(preparation.ensemble)
-        assert np.corrcoef(truth, truth + error)[0, 1] > 0.85
+        assert np.corrcoef(truth, truth + error)[0, 1] > 0.8
         biases.append(error.mean())
         unmoved, _ = stiffness_error(preparation.recorded.select(preparation.account.kept))
         unmoved_biases.append(unmoved.mean())
@@ -97,7 +97,23 @@ def test_the_recording_is_untouched_and_the_result_repeatable():
     np.testing.assert_array_equal(first.account.kept, second.account.kept)
 
 
-def test_ends_too_short_for_the_context_are_refused():
-    recording = tv.simulate.participant(3).noise.recording
-    with pytest.raises(tv.InputError, match=r"a margin of 1 s cannot be kept of ends of 0\.5 s"):
-        tv.preprocess.prepare(recording, ends=0.5)
+def test_ends_too_short_for_the_context_cost_the_outer_realizations_and_it_is_counted():
+    recording = participant_of(1).noise.recording
+    # Context and search take 1 s: of each of the ten trials the first realization lacks it if 0.5 s are cut off, and
+    # the last one if nothing is left behind it.
+    assert tv.preprocess.prepare(recording, ends=0.5).recorded.left_out == 10
+    assert tv.preprocess.prepare(recording, ends=0.5, reference=None).recorded.left_out == 0
+
+
+def test_steps_that_are_not_asked_for_are_not_taken():
+    recording = participant_of(1).noise.recording
+    prepare = tv.preprocess.prepare
+    plain = prepare(recording, reference=None, task_limit=None, residual_limit=None)
+    assert plain.steps == ()
+    assert len(plain.recorded) == len(plain.ensemble) == 300
+    assert plain.account.kept.all()
+    assert plain.ensemble.context == 64
+    np.testing.assert_allclose(plain.ensemble.torque.mean(axis=0), 0, atol=1e-9)
+    unaligned = prepare(recording, reference=None)
+    assert unaligned.steps == (unaligned.task, unaligned.residual)
+    assert unaligned.account.counts.keys() == {"task component", "residual"}

@@ -4,9 +4,8 @@ from tvsysid.benchmark.claims import judge
 from tvsysid.benchmark.contract import Check, check_method
 from tvsysid.benchmark.example import example_responses
 from tvsysid.benchmark.plan import plan
-from tvsysid.benchmark.run import cores, processes, run
+from tvsysid.benchmark.run import read_results, run
 from tvsysid.benchmark.scores import score, summarize, time_spent
-from tvsysid.benchmark.store import read_results
 from tvsysid.benchmark.study import PERTURBATIONS, PRESETS, PROFILES, Study
 
 __all__ = [
@@ -16,11 +15,9 @@ __all__ = [
     "Check",
     "Study",
     "check_method",
-    "cores",
     "example_responses",
     "judge",
     "plan",
-    "processes",
     "read_results",
     "run",
     "score",

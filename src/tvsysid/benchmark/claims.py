@@ -1,9 +1,6 @@
 """What van de Ruit et al. (2021) say their simulations show, held against the figures of a study.
 
-Each claim becomes a set of margins, numbers that must be positive for it to be true: one for each scenario and
-rival. It holds if the 95 % limits of every one are above zero: to establish that all are positive, each may be tested
-by itself. It does not hold if one is below zero with 95 % confidence for all of them jointly (Bonferroni). It is
-undecided otherwise.
+There is a margin for each scenario and rival (:mod:`tvsysid.verdicts`), with limits from drawing trials.
 """
 
 from __future__ import annotations
@@ -17,17 +14,15 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.stats import beta
 
+from tvsysid.verdicts import COLUMNS, FAILS, HOLDS, NOT_STUDIED, RATIO, UNDECIDED, Claim, judged
+
 if TYPE_CHECKING:
     import xarray as xr
 
 Array = NDArray[np.float64]
 
-COLUMNS = ("claim", "source", "finding", "estimate", "low", "high", "unit", "verdict", "remark")
-HOLDS, FAILS, UNDECIDED, NOT_STUDIED = "holds", "does not hold", "undecided", "not studied"
-
 FIVE = ("eirf", "sds", "birf", "esm", "kbr")
 THE_FIVE = "all five methods with their own settings"
-RATIO = "ratio"
 RATIOS = ("random_error", "total_error")
 """Metrics that are compared by their ratio: their uncertainty is in proportion to them."""
 NAMES = {
@@ -50,48 +45,20 @@ DIP = 1.0
 
 
 @dataclass(frozen=True)
-class Margin:
-    """A number that must be positive for a claim to be true.
-
-    Parameters
-    ----------
-    words
-        What is compared, with its figures.
-    estimate
-        The number.
-    replicates
-        Its bootstrap replicates, shape (draw,).
-    """
+class Replicated:
+    """A margin with its bootstrap replicates, shape (draw,)."""
 
     words: str
     estimate: float
     replicates: Array
 
-
-@dataclass(frozen=True)
-class Claim:
-    """A sentence of the paper, and how to hold it against figures.
-
-    Parameters
-    ----------
-    sentence, source
-        What it says, and where.
-    margins
-        From scores to margins; none where the study does not have what is needed.
-    unit
-        Of the margins; those of ``RATIO`` are logarithms.
-    needs
-        What a study must have for it.
-    disagreement
-        Why it may fail, where that is known.
-    """
-
-    sentence: str
-    source: str
-    margins: Callable[[Any], Iterator[Margin]]
-    unit: str
-    needs: str
-    disagreement: str = ""
+    def limits(self, tail: float) -> tuple[float, float]:
+        """Percentiles of the replicates; NaN where there are none."""
+        known = self.replicates[~np.isnan(self.replicates)]
+        if not len(known):
+            return np.nan, np.nan
+        low, high = np.quantile(known, [tail, 1 - tail], method="nearest")
+        return float(low), float(high)
 
 
 def judge(scores: xr.Dataset) -> pd.DataFrame:
@@ -114,54 +81,13 @@ def judge(scores: xr.Dataset) -> pd.DataFrame:
     # A draw of few trials may be of one alone, which has no spread to take the logarithm of.
     with np.errstate(divide="ignore", invalid="ignore"):
         found = [list(claim.margins(scores)) if _all_there(scores) else [] for claim in CLAIMS]
-    rows = [_judged(claim, margins, trials) for claim, margins in zip(CLAIMS, found, strict=True)]
+    too_few = f"Takes at least {FEWEST} trials." if trials < FEWEST else ""
+    rows = [
+        judged(claim, margins, also=THE_FIVE, too_few=too_few, more="trials")
+        for claim, margins in zip(CLAIMS, found, strict=True)
+    ]
     rows += [_all_above(scores, *floor) for floor in FLOORS]
     return pd.DataFrame(rows, columns=list(COLUMNS))
-
-
-def _judged(claim: Claim, margins: list[Margin], trials: int = FEWEST) -> tuple[Any, ...]:
-    nothing = (np.nan, np.nan, np.nan, claim.unit)
-    known = [margin for margin in margins if np.isfinite(margin.estimate)]
-    if not margins:
-        return (claim.sentence, claim.source, "", *nothing, NOT_STUDIED, f"Needs {claim.needs}, and {THE_FIVE}.")
-    if not known:
-        return (claim.sentence, claim.source, "", *nothing, UNDECIDED, "The methods gave no results.")
-    if trials < FEWEST:
-        return (claim.sentence, claim.source, "", *nothing, UNDECIDED, f"Takes at least {FEWEST} trials.")
-    bounds = [_limits(margin.replicates, 0.025) for margin in known]
-    against = [place for place, margin in enumerate(known) if _limits(margin.replicates, 0.025 / len(known))[1] < 0]
-    unsure = [place for place, (low, _) in enumerate(bounds) if not low > 0 and place not in against]
-    lost = len(margins) - len(known)
-    if against:
-        verdict, deciding = FAILS, min(against, key=lambda place: known[place].estimate)
-        speak = "speaks" if len(against) == 1 else "speak"
-        told = f"{len(against)} of {len(margins)} comparisons {speak} against it; the clearest: "
-    elif unsure or lost:
-        verdict, deciding = UNDECIDED, min(unsure or range(len(known)), key=lambda place: known[place].estimate)
-        count = len(unsure) + lost
-        told = f"{count} of {len(margins)} comparisons {'is' if count == 1 else 'are'} open; " + (
-            "the most so: " if unsure else "the closest of the others: "
-        )
-    else:
-        verdict, deciding = HOLDS, min(range(len(known)), key=lambda place: bounds[place][0])
-        told = f"all {len(margins)} comparisons speak for it; the closest: " if len(margins) > 1 else ""
-    remark = claim.disagreement if verdict != HOLDS else ""
-    if verdict == UNDECIDED:
-        remark = " ".join(
-            filter(None, ["More trials may decide." if not lost else "A method gave no results.", remark])
-        )
-    numbers = np.array([known[deciding].estimate, *bounds[deciding]])
-    shown = np.exp(numbers) if claim.unit == RATIO else numbers
-    return (claim.sentence, claim.source, told + known[deciding].words, *shown.tolist(), claim.unit, verdict, remark)
-
-
-def _limits(replicates: Array, tail: float) -> tuple[float, float]:
-    """Percentiles of the replicates; NaN where there are none."""
-    known = replicates[~np.isnan(replicates)]
-    if not len(known):
-        return np.nan, np.nan
-    low, high = np.quantile(known, [tail, 1 - tail], method="nearest")
-    return float(low), float(high)
 
 
 def _all_above(scores: Any, stiffness: str, floor: float, source: str) -> tuple[Any, ...]:
@@ -218,11 +144,11 @@ def _figures(scores: Any, cell: str, method: str, metric: str) -> Array:
     return np.append(at.value.item(), at.replicates.values)
 
 
-def _margin(words: str, figures: Array) -> Margin:
-    return Margin(words, float(figures[0]), figures[1:])
+def _margin(words: str, figures: Array) -> Replicated:
+    return Replicated(words, float(figures[0]), figures[1:])
 
 
-def _within(words: str, logarithms: Array) -> Iterator[Margin]:
+def _within(words: str, logarithms: Array) -> Iterator[Replicated]:
     """That a ratio is one to within a quarter: a margin on each side."""
     for sign in (1, -1):
         yield _margin(words, np.log1p(ALIKE) - sign * logarithms)
@@ -234,7 +160,7 @@ def _amount(metric: str, value: float) -> str:
     return f"{value:.1f} {'%' if metric == 'vaf' else 'points' if 'vaf' in metric or 'dip' in metric else 'N·m/rad'}"
 
 
-def _more(scores: Any, cell: str, metric: str, high: str, low: str) -> Margin:
+def _more(scores: Any, cell: str, metric: str, high: str, low: str) -> Replicated:
     """That a metric of one method is above that of another."""
     above, below = (_figures(scores, cell, method, metric) for method in (high, low))
     figures = f"{high} {_amount(metric, above[0])}, of {low} {_amount(metric, below[0])}"
@@ -242,10 +168,10 @@ def _more(scores: Any, cell: str, metric: str, high: str, low: str) -> Margin:
     return _margin(words, np.log(above / below) if metric in RATIOS else above - below)
 
 
-def _extreme(metric: str, method: str, highest: bool, **where: Any) -> Callable[[Any], Iterator[Margin]]:
+def _extreme(metric: str, method: str, highest: bool, **where: Any) -> Callable[[Any], Iterator[Replicated]]:
     """That one method has the highest or the lowest of all."""
 
-    def margins(scores: Any) -> Iterator[Margin]:
+    def margins(scores: Any) -> Iterator[Replicated]:
         for cell in _cells(scores, **where):
             for other in FIVE:
                 if other != method:
@@ -255,10 +181,10 @@ def _extreme(metric: str, method: str, highest: bool, **where: Any) -> Callable[
     return margins
 
 
-def _between(metric: str, low: str, high: str) -> Callable[[Any], Iterator[Margin]]:
+def _between(metric: str, low: str, high: str) -> Callable[[Any], Iterator[Replicated]]:
     """That sds, esm and kbr lie between two methods."""
 
-    def margins(scores: Any) -> Iterator[Margin]:
+    def margins(scores: Any) -> Iterator[Replicated]:
         for cell in _cells(scores):
             for method in ("sds", "esm", "kbr"):
                 yield _more(scores, cell, metric, method, low)
@@ -267,10 +193,10 @@ def _between(metric: str, low: str, high: str) -> Callable[[Any], Iterator[Margi
     return margins
 
 
-def _lowest_two(metric: str, pair: tuple[str, str]) -> Callable[[Any], Iterator[Margin]]:
+def _lowest_two(metric: str, pair: tuple[str, str]) -> Callable[[Any], Iterator[Replicated]]:
     """That two methods have the lowest of all, with the sine."""
 
-    def margins(scores: Any) -> Iterator[Margin]:
+    def margins(scores: Any) -> Iterator[Replicated]:
         for cell in _cells(scores, stiffness="sine"):
             for method in pair:
                 for other in FIVE:
@@ -289,7 +215,7 @@ def _durations(scores: Any) -> Iterator[list[str]]:
             yield cells
 
 
-def _falls_most(scores: Any) -> Iterator[Margin]:
+def _falls_most(scores: Any) -> Iterator[Replicated]:
     """That eirf's random error falls by the largest factor from the least to the most data."""
     for cells in _durations(scores):
         ends = cells[0], cells[-1]
@@ -306,7 +232,7 @@ def _falls_most(scores: Any) -> Iterator[Margin]:
             yield _margin(words, own - fall)
 
 
-def _improves_above_40(scores: Any) -> Iterator[Margin]:
+def _improves_above_40(scores: Any) -> Iterator[Replicated]:
     """That doubling 40 s does more to eirf's random error than the root of two that any average gives."""
     for cells in _durations(scores):
         pair = [cell for cell in cells if float(scores.duration_s.sel(scenario=cell)) in (40.0, 80.0)]
@@ -319,10 +245,10 @@ def _improves_above_40(scores: Any) -> Iterator[Margin]:
             yield _margin(words, np.log(first / last) - np.log(2) / 2)
 
 
-def _dips(methods: tuple[str, ...], sign: int) -> Callable[[Any], Iterator[Margin]]:
+def _dips(methods: tuple[str, ...], sign: int) -> Callable[[Any], Iterator[Replicated]]:
     """That the time-varying VAF of methods dips near the switches (sign 1), or does not (-1)."""
 
-    def margins(scores: Any) -> Iterator[Margin]:
+    def margins(scores: Any) -> Iterator[Replicated]:
         for cell in _cells(scores):
             for method in methods:
                 dip = _figures(scores, cell, method, "switch_dip")
@@ -332,7 +258,7 @@ def _dips(methods: tuple[str, ...], sign: int) -> Callable[[Any], Iterator[Margi
     return margins
 
 
-def _alike(scores: Any, pairs: Iterator[tuple[str, str]], metrics: tuple[str, ...]) -> Iterator[Margin]:
+def _alike(scores: Any, pairs: Iterator[tuple[str, str]], metrics: tuple[str, ...]) -> Iterator[Replicated]:
     """That metrics differ by less than a quarter between two scenarios; two margins each, one a side."""
     for one, other in pairs:
         for method in FIVE:
@@ -349,10 +275,10 @@ def _viscosity(scores: Any, cell: str) -> str:
     return ", viscosity covarying" if str(scores.viscosity.sel(scenario=cell).values) == "covarying" else ""
 
 
-def _mostly_alike(metric: str) -> Callable[[Any], Iterator[Margin]]:
+def _mostly_alike(metric: str) -> Callable[[Any], Iterator[Replicated]]:
     """That a metric differs little between perturbations in most conditions: methods and durations."""
 
-    def margins(scores: Any) -> Iterator[Margin]:
+    def margins(scores: Any) -> Iterator[Replicated]:
         sizes = []
         for pair in _pairs(scores, "perturbation", "noise", "prbs", _cells(scores)):
             for method in FIVE:
@@ -368,7 +294,7 @@ def _mostly_alike(metric: str) -> Callable[[Any], Iterator[Margin]]:
     return margins
 
 
-def _viscosities_alike(scores: Any) -> Iterator[Margin]:
+def _viscosities_alike(scores: Any) -> Iterator[Replicated]:
     cells = [*_cells(scores), *_cells(scores, viscosity="covarying")]
     pairs = _pairs(scores, "viscosity", "constant", "covarying", cells)
     yield from _alike(scores, pairs, ("total_error", "random_error"))
@@ -384,7 +310,7 @@ def _pairs(scores: Any, setting: str, one: str, other: str, cells: list[str]) ->
             yield cell, at[changed]
 
 
-def _noise_is_like_data(scores: Any) -> Iterator[Margin]:
+def _noise_is_like_data(scores: Any) -> Iterator[Replicated]:
     """That 10 dB less noise lower the random error by the root of ten, as ten times the data do."""
     here = (scores.profile == "square") & (scores.viscosity == "constant")
     levels = {
@@ -404,7 +330,7 @@ def _noise_is_like_data(scores: Any) -> Iterator[Margin]:
             yield from _within(words, np.log(first / last) - np.log(10) / 2)
 
 
-def _more_spread_when_soft(scores: Any) -> Iterator[Margin]:
+def _more_spread_when_soft(scores: Any) -> Iterator[Replicated]:
     for cell in _cells(scores, stiffness="sine"):
         for method in FIVE:
             soft, stiff = (
@@ -417,7 +343,7 @@ def _more_spread_when_soft(scores: Any) -> Iterator[Margin]:
             yield _margin(words, soft - stiff)
 
 
-def _more_spread_with_prbs(scores: Any) -> Iterator[Margin]:
+def _more_spread_with_prbs(scores: Any) -> Iterator[Replicated]:
     for cell, other in _pairs(scores, "perturbation", "noise", "prbs", _cells(scores, stiffness="sine")):
         for method in FIVE:
             noise, prbs = (_figures(scores, place, method, "time_varying_vaf_sd") for place in (cell, other))

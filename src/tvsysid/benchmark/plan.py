@@ -5,9 +5,10 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 
-from tvsysid.benchmark.store import size_in_bytes
+from tvsysid.benchmark.layout import layout_of
 from tvsysid.benchmark.study import Study
-from tvsysid.benchmark.trial import Trial, pickled, run_trial
+from tvsysid.benchmark.trial import Trial
+from tvsysid.execution import carry_out, pickled
 
 LONGEST_S = 600.0
 """Seconds of data beyond which nothing is timed."""
@@ -46,16 +47,18 @@ def plan(study: Study) -> Plan:
     methods = pickled(study.named_methods)
     by_duration = sorted(study.scenarios, key=lambda scenario: scenario.duration_s)
     ends = [end._replace(duration_s=min(end.duration_s, LONGEST_S)) for end in (by_duration[0], by_duration[-1])]
-    run_trial(Trial(ends[0], 0, study.seed_of(ends[0], 0), methods))  # the first loads what is loaded lazily
+    carry_out(Trial(ends[0], 0, study.seed_of(ends[0], 0), methods))  # the first loads what is loaded lazily
     taken: list[float] = []
     failures: dict[str, str] = {}
     for scenario in ends:
         started = time.perf_counter()
-        outcome = run_trial(Trial(scenario, 0, study.seed_of(scenario, 0), methods))
+        outcome = carry_out(Trial(scenario, 0, study.seed_of(scenario, 0), methods))
         taken.append(time.perf_counter() - started)
         failures |= {label: str(text) for label, text in zip(methods, outcome["failure"], strict=True) if text}
     span = ends[1].duration_s - ends[0].duration_s
     slope = max(0.0, (taken[1] - taken[0]) / span) if span else taken[0] / ends[0].duration_s
     work = sum(taken[0] + slope * (scenario.duration_s - ends[0].duration_s) for scenario in study.scenarios)
     simulated = sum(scenario.duration_s for scenario in study.scenarios) * study.trials
-    return Plan(len(study.scenarios) * study.trials, simulated, work * study.trials, size_in_bytes(study), failures)
+    return Plan(
+        len(study.scenarios) * study.trials, simulated, work * study.trials, layout_of(study).bytes_of_numbers, failures
+    )

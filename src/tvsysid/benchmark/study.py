@@ -6,7 +6,6 @@ import difflib
 import hashlib
 import itertools
 import json
-import sys
 import tomllib
 from functools import cached_property
 from pathlib import Path
@@ -16,6 +15,7 @@ import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator
 
 from tvsysid.errors import InputError
+from tvsysid.execution import label_of
 from tvsysid.methods import METHODS, parse
 from tvsysid.simulate import PRBS, Constant, CovaryingViscosity, FilteredNoise, SineWave, SquareWave
 from tvsysid.simulate.joint import Perturbation, Profile
@@ -238,25 +238,14 @@ class Study(_Settings):
                 parse(value)
             elif isinstance(value, type) or not callable(getattr(value, "identify", None)):
                 raise ValueError("expected the key of a method, or an object with identify(ensemble)")
-        if len(set(map(_label, _unique(values)))) < len(values):
+        if len(set(map(label_of, _unique(values)))) < len(values):
             raise ValueError("two methods have the same name; as dataclasses their settings tell them apart")
         return values
 
     @cached_property
     def named_methods(self) -> dict[str, Any]:
         """Method objects by the label that they have in results."""
-        return {_label(value): parse(value) if isinstance(value, str) else value for value in self.methods}
-
-    @property
-    def sources(self) -> dict[str, str]:
-        """Digest of the file that holds each method of somebody else's: a method that was changed is another one."""
-        found = {}
-        for label, method in self.named_methods.items():
-            module = sys.modules.get(type(method).__module__)
-            file = getattr(module, "__file__", None)
-            if file and not type(method).__module__.startswith("tvsysid.") and Path(file).is_file():
-                found[label] = hashlib.sha256(Path(file).read_bytes()).hexdigest()[:12]
-        return found
+        return {label_of(value): parse(value) if isinstance(value, str) else value for value in self.methods}
 
     @cached_property
     def scenarios(self) -> tuple[Scenario, ...]:
@@ -296,13 +285,6 @@ PRESETS: dict[str, dict[str, Any]] = {
     "viscosity": {"viscosity": VISCOSITIES, "trials": 100},
 }
 """Studies by name: the default, that of van de Ruit et al. 2021 with its Appendix A, and two that it leaves open."""
-
-
-def _label(method: Any) -> str:
-    """Name of a method in results: as typed, its repr, or that of its class where the repr tells an address only."""
-    if isinstance(method, str):
-        return method
-    return type(method).__name__ if " at 0x" in repr(method) else repr(method)
 
 
 def _overridden(settings: dict[str, Any], others: dict[str, Any]) -> dict[str, Any]:

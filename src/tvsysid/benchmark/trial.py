@@ -2,33 +2,25 @@
 
 from __future__ import annotations
 
-import platform
-import sys
-import threading
 import time
-import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import cache
-from importlib.metadata import version
 from typing import Any
 
 import cloudpickle
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import ThreadpoolController
 
-from tvsysid import __version__, metrics
+from tvsysid import metrics
 from tvsysid.benchmark.study import PERIOD, PERTURBATIONS, RATE, Scenario
-from tvsysid.errors import DoubtfulWarning, InputError
-from tvsysid.methods.foreign import adopted, is_loose, told
+from tvsysid.execution import Outcome, Task, identified, versions
+from tvsysid.methods.foreign import told
 from tvsysid.preprocess import decimate, segment
 from tvsysid.signals import Ensemble
 from tvsysid.simulate import joint
 
 Array = NDArray[np.float64]
-Outcome = dict[str, NDArray[Any]]
 
 SAMPLES = round(PERIOD * RATE)
 STATISTICS = ("mean", "sd", "lowest")
@@ -47,15 +39,8 @@ NUMBERS = {
 """Measured of each method, and its shape."""
 
 
-@cache
-def versions() -> dict[str, str]:
-    """What the last bits of a result depend on; looked up once, for every trial carries it."""
-    libraries = {name: version(name) for name in ("numpy", "scipy", "zarr")}
-    return {"tvsysid": __version__} | libraries | {"python": platform.python_version()}
-
-
 @dataclass(frozen=True)
-class Trial:
+class Trial(Task):
     """One trial of one scenario, as sent to a worker.
 
     Parameters
@@ -82,91 +67,39 @@ class Trial:
     def __str__(self) -> str:
         return f"trial {self.number} of {self.scenario.label}"
 
+    def work(self) -> Outcome:
+        """Simulate the trial and identify it by each method.
 
-def pickled(methods: Mapping[str, Any]) -> dict[str, bytes]:
-    """Methods as they travel; a class from a script, notebook or loose file travels whole, for workers lack that.
+        Returns
+        -------
+        dict
+            Arrays of ``NUMBERS`` and ``STRINGS``, each over (method, ...), and ``stage_seconds`` over (stage,). Where a
+            method failed its numbers are NaN and ``failure`` says why.
+        """
+        scenario = self.scenario
+        clock = _Clock()
+        with clock.stage("simulation"):
+            simulation = joint(
+                scenario.duration_s,
+                stiffness=scenario.profile,
+                perturbation=PERTURBATIONS[scenario.perturbation],
+                snr_db=scenario.snr_db,
+                viscosity=scenario.viscosity_profile,
+                seed=self.seed,
+            )
+        with clock.stage("preprocessing"):
+            ensemble = segment(decimate(simulation.recording, RATE), PERIOD)
+            noiseless = segment(decimate(simulation.noiseless, RATE), PERIOD)
+            torque = noiseless.torque[:, noiseless.core]
+        rows = [
+            _failed(self.left_out[label]) if label in self.left_out else _attempt(method, ensemble, torque, clock)
+            for label, method in self.methods.items()
+        ]
+        return _stacked(rows, [clock.seconds[stage] for stage in STAGES])
 
-    Raises
-    ------
-    InputError
-        If one cannot be pickled.
-    """
-    travelling = {}
-    for label, method in methods.items():
-        module = sys.modules.get(type(method).__module__)
-        by_value = module is not None and is_loose(module)
-        if by_value:
-            cloudpickle.register_pickle_by_value(module)
-        try:
-            travelling[label] = cloudpickle.dumps(method)
-        except Exception as error:
-            raise InputError(f"method {label}: cannot be sent to a worker: {type(error).__name__}: {error}") from error
-        finally:
-            if by_value:
-                cloudpickle.unregister_pickle_by_value(module)
-    return travelling
-
-
-def run_trial(trial: Trial) -> Outcome:
-    """Simulate a trial and identify it by each method; one trial at a time in a process.
-
-    Returns
-    -------
-    dict
-        Arrays of ``NUMBERS`` and ``STRINGS``, each over (method, ...), and ``stage_seconds`` over (stage,). Where a
-        method failed its numbers are NaN and ``failure`` says why.
-
-    Raises
-    ------
-    InputError
-        If this process has other versions of the software than the one that sent the trial.
-    """
-    if (here := versions()) != trial.versions:
-        raise InputError(f"run: a worker has other software: {differences(trial.versions, here)}")
-    # Warnings are caught and BLAS is limited for a whole process: one trial at a time in it.
-    with _ONE_AT_A_TIME, _blas().limit(limits=1):
-        return _run_trial(trial)
-
-
-def _run_trial(trial: Trial) -> Outcome:
-    scenario = trial.scenario
-    clock = _Clock()
-    with clock.stage("simulation"):
-        simulation = joint(
-            scenario.duration_s,
-            stiffness=scenario.profile,
-            perturbation=PERTURBATIONS[scenario.perturbation],
-            snr_db=scenario.snr_db,
-            viscosity=scenario.viscosity_profile,
-            seed=trial.seed,
-        )
-    with clock.stage("preprocessing"):
-        ensemble = segment(decimate(simulation.recording, RATE), PERIOD)
-        noiseless = segment(decimate(simulation.noiseless, RATE), PERIOD)
-        torque = noiseless.torque[:, noiseless.core]
-    rows = [
-        _failed(trial.left_out[label]) if label in trial.left_out else _attempt(method, ensemble, torque, clock)
-        for label, method in trial.methods.items()
-    ]
-    return _stacked(rows, [clock.seconds[stage] for stage in STAGES])
-
-
-def all_failed(methods: int, reason: str) -> Outcome:
-    """Outcome of a trial in which no method gave a result."""
-    return _stacked([_failed(reason)] * methods, [np.nan] * len(STAGES))
-
-
-def differences(theirs: Mapping[str, Any], ours: Mapping[str, Any]) -> str:
-    """What differs between two mappings, in words."""
-    return "; ".join(
-        f"{name}: {theirs.get(name, 'nothing')} there, {ours.get(name, 'nothing')} here"
-        for name in dict.fromkeys([*theirs, *ours])
-        if theirs.get(name) != ours.get(name)
-    )
-
-
-_blas = cache(ThreadpoolController)
-_ONE_AT_A_TIME = threading.Lock()
+    def all_failed(self, reason: str) -> Outcome:
+        """Outcome where no method gave a result."""
+        return _stacked([_failed(reason)] * len(self.methods), [np.nan] * len(STAGES))
 
 
 class _Clock:
@@ -203,14 +136,8 @@ def _attempt(method: bytes, ensemble: Ensemble, torque: Array, clock: _Clock) ->
 
 def _measure(method: Any, ensemble: Ensemble, torque: Array, clock: _Clock) -> dict[str, Any]:
     started = time.perf_counter()
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", DoubtfulWarning)
-        found = method.identify(ensemble)
+    model, doubts = identified(method, ensemble)
     seconds = time.perf_counter() - started
-    model = adopted(found, type(method).__name__, ensemble)
-    if not np.isfinite(model.stiffness).any():
-        raise InputError("it found no stiffness at any time")
-    doubts = [str(item.message) for item in caught if issubclass(item.category, DoubtfulWarning)]
     with clock.stage("scoring"):
         predicted = model.predict(ensemble)
         return {

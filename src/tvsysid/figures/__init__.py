@@ -4,7 +4,7 @@ from tvsysid.figures.amount import error_against_amount
 from tvsysid.figures.channels import recorded_channels
 from tvsysid.figures.comparison import method_comparison
 from tvsysid.figures.excerpts import recorded_signals
-from tvsysid.figures.experiment import experiment_figures
+from tvsysid.figures.experiment import experiment_figures, representative
 from tvsysid.figures.identification import identified_stiffness
 from tvsysid.figures.illustration import Illustration
 from tvsysid.figures.participants import participant_in_detail, stiffness_of_participants, stiffness_with_bands
@@ -28,6 +28,7 @@ __all__ = [
     "preparation_steps",
     "recorded_channels",
     "recorded_signals",
+    "representative",
     "save",
     "stiffness_of_participants",
     "stiffness_with_bands",

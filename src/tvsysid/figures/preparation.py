@@ -41,13 +41,17 @@ def preparation_steps(preparation: Preparation, title: str = "") -> Figure:
     recorded, prepared = preparation.recorded, preparation.ensemble
 
     _realizations(before, time, recorded.torque[:, recorded.core], account.excluded_by)
-    _reference(before, time, preparation.alignment.mean)
+    if preparation.alignment is not None:
+        _reference(before, time, preparation.alignment.mean)
     before.set_title(f"recorded: {len(recorded)} realizations", fontsize=9)
     _realizations(after, time, prepared.torque[:, prepared.core], np.full(len(prepared), ""))
     after.set_title(f"prepared: {len(prepared)} realizations, mean subtracted", fontsize=9)
 
     names = ("1. aligned to the target", "2. component at the task's frequency", "3. residual, low-passed")
-    for number, (step, name) in enumerate(zip(preparation.steps, names, strict=True)):
+    steps = (preparation.alignment, preparation.task, preparation.residual)
+    for number, (step, name) in enumerate(zip(steps, names, strict=True)):
+        if step is None:
+            continue
         axes = figure.add_subplot(grid[1, 2 * number : 2 * number + 2])
         _realizations(axes, time, step.judged, step.account.excluded_by)
         _limits(axes, time, step)
@@ -57,7 +61,7 @@ def preparation_steps(preparation: Preparation, title: str = "") -> Figure:
         axes.tick_params(labelsize=8)
         axes.set_xlim(0, recorded.duration)
         axes.locator_params(axis="x", nbins=5)
-    for axes in (before, after, figure.axes[2]):
+    for axes in figure.axes[:3]:
         axes.set_ylabel("torque (N·m)", fontsize=8)
     figure.legend(handles=_legend(), frameon=False, fontsize=8, loc="outside lower center", ncols=7)
     figure.suptitle(title, fontsize=11)

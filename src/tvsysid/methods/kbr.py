@@ -5,17 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import rfft
-from scipy.linalg import lapack
+from scipy.linalg import blas
 
 from tvsysid.errors import InputError
 from tvsysid.methods.base import EXCITED_ABOVE, Method, check_positive, missing_edge, padded
 from tvsysid.models import Diagnostics, SecondOrderModel
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
+from tvsysid.numerics.gaussian import Fit, Statistics, fit
 from tvsysid.numerics.kernels import TOLERANCE, DecayFeatures, harmonic_features, harmonic_variances
 from tvsysid.numerics.spectra import half_cosine_spectrum
 from tvsysid.signals import Ensemble
@@ -33,10 +35,14 @@ PRESETS: dict[str, dict[str, float]] = {
 DEGREES = math.degrees(1.0)
 STRICT = 20.0
 """Length of the decay, in lengths of the record, from which on the kernel is taken as strictly periodic."""
-BLOCK = 6144
+BLOCK = 2048
 """Frequencies whose regressors are held at once."""
-STACK = 128
+STACK = 32
 """Runs of one length that are transformed together."""
+VISIBLE = 0.03
+"""Share of the noise that a feature's part of the torque must be able to reach to be fitted at all."""
+GUESS = 1e-2
+"""Share of the torque's power that the noise is taken to have at least, until it is known."""
 EXTERNAL_TERMS = 5
 """Half-cosines over a run, the fastest of two cycles, that make up the smooth external term."""
 LARGEST = 2**31
@@ -86,10 +92,14 @@ class KernelRegression(Method):
 
     The external term is a sum of five half-cosines over a run, with the torque's variance as prior variance each.
 
-    Its cost grows with the square of the record where the decay is short against it: 600 s at 30 s take some 20 s.
+    What cannot reach a small share of the noise in the torque is left out (:data:`VISIBLE`), for each coefficient by
+    its own signal: of a gamma that inertia and stiffness have in common, inertia needs some twice as many features. Of
+    their coefficients the prior is all that is known. It changes stiffness by some 1e-3 N·m/rad.
 
-    The noise variance is estimated from the residual, with the effective number of parameters taken off, and the fit
-    repeated until it stands.
+    Its cost grows with the cube of the record where the decay is short against it: of 600 s at 30 s there are 3800
+    coefficients, which take some 10 s.
+
+    The noise variance is estimated from the residual, with the effective number of parameters taken off.
     """
 
     period: float | None = None
@@ -142,38 +152,26 @@ class KernelRegression(Method):
                 f"{ensemble.sampling_rate:g} Hz after {HALF_WIDTH} at either end for the derivatives, within a band of "
                 f"{self.band[0]:g} to {self.band[1]:g} Hz; give context, longer realizations or a lower band"
             )
-        start = min(run.clock for run in runs)
-        stop = max(run.clock + run.torque.shape[1] / ensemble.sampling_rate for run in runs)
+        start = min(run.clock.min() for run in runs)
+        stop = max(run.clock.max() + run.torque.shape[1] / ensemble.sampling_rate for run in runs)
         kernel = Kernel.of(period, self.length_periodic, self.length_decay, start, stop, ensemble.sampling_rate)
+        stacks = list(_stacked(runs))
+        fit, kept = self._fit(stacks, kernel, ensemble.sampling_rate)
 
-        size = 3 * kernel.columns
-        if 8 * size**2 > LARGEST:
-            raise InputError(
-                f"KernelRegression: a decay of {self.length_decay:g} s over a record of {stop - start:g} s needs "
-                f"{size} coefficients, too many to solve for; give fewer realizations or a longer length_decay"
-            )
-        gram, cross, square, bins = np.zeros((size, size)), np.zeros(size), 0.0, 0
-        externals = []
-        for run in _stacked(runs, kernel):
-            external = _External.none(size, len(run.torque))
-            for regressors, terms, output in run.in_band(kernel, self.band, ensemble.sampling_rate):
-                flat = regressors.reshape(size, -1)
-                gram += flat @ flat.T
-                cross += flat @ output.ravel()
-                square += float(np.sum(output * output))
-                bins += output.size // 2
-                external = external.with_bins(regressors, terms, output)
-            externals.append(external)
-        power = sum(float(np.vdot(run.torque, run.torque)) for run in runs) / sum(run.torque.size for run in runs)
-        precision = np.tile(kernel.precision / self.gamma, 3)
-        fit = _fit(gram, cross, square, bins, precision, externals, 1 / (power or 1.0))
-
-        unit = DEGREES
-        coefficients, covariance = fit.mean * unit, fit.covariance * unit**2
+        # Of coefficients that the data cannot see, the prior is all that is known.
+        coefficients = np.zeros(kept.size)
+        coefficients[kept.ravel()] = fit.mean
+        covariance = np.diag(0.5 * self.gamma * np.tile(_inverse(kernel.precision), 3))
+        covariance[np.ix_(kept.ravel(), kept.ravel())] = fit.covariance
+        coefficients *= DEGREES
+        covariance *= DEGREES**2
         # Where the derivatives lack samples at the ends of every run, nothing was identified.
         missing = missing_edge(HALF_WIDTH, ensemble) if all(len(run) == 1 for run in ensemble.runs) else 0
-        features = np.mean([kernel(*_times(ensemble, r)) for r in _distinct(ensemble, kernel)], axis=0)
-        impedance = features @ coefficients.reshape(3, kernel.columns).T
+        clocks = _clocks(ensemble)
+        distinct = _distinct(ensemble, kernel)
+        impedance = np.zeros((ensemble.samples, 3))
+        for realization in distinct:
+            impedance += kernel.combined(*_times(ensemble, realization, clocks), coefficients) / len(distinct)
         inner = padded(impedance[missing : len(impedance) - missing], missing)
         labels = tuple(f"{name} {j}" for name in ("stiffness", "viscosity", "inertia") for j in range(kernel.columns))
         return KernelModel(
@@ -192,6 +190,28 @@ class KernelRegression(Method):
                 fit.effective, details={"noise_variance": fit.noise_variance, "iterations": fit.iterations}
             ),
         )
+
+    def _fit(self, stacks: list[_Run], kernel: Kernel, rate: float) -> tuple[Fit, NDArray[np.bool_]]:
+        """Fit the coefficients that the data can see, and say which these are, shape (3, column)."""
+        size = sum(run.torque.size for run in stacks)
+        powers = np.array([sum(float(np.sum(run.signals[order] ** 2)) for run in stacks) for order in range(3)])
+        power = sum(float(np.vdot(run.torque, run.torque)) for run in stacks)
+        bins = max(1.0, size * min(self.band[1] / rate, 0.5))
+        noise = GUESS * 0.5 * power / bins
+        while True:
+            kept = kernel.visible(self.gamma * powers, VISIBLE * noise)
+            count = int(kept.sum())
+            if 8 * count**2 > LARGEST:
+                raise InputError(
+                    f"KernelRegression: a decay of {self.length_decay:g} s over a record of "
+                    f"{size / rate:g} s needs {count} coefficients, too many to solve for; give fewer realizations or "
+                    "a longer length_decay"
+                )
+            precision = np.tile(kernel.precision / self.gamma, 3)[kept.ravel()]
+            found = fit(_statistics(stacks, kernel, kept, self.band, rate), precision, size / (power or 1.0))
+            if found.noise_variance >= noise or kept.all():
+                return found, kept
+            noise = 0.5 * found.noise_variance
 
     def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
         return self.band[1], max(self.band[0], EXCITED_ABOVE)
@@ -228,9 +248,9 @@ class KernelModel(SecondOrderModel):
         if self.kernel.decay is None and _common_phase(ensemble, self.kernel.period) == self.phase:
             return super().impedance(ensemble)
         clocks = _clocks(ensemble)
-        coefficients = self.coefficients.reshape(3, self.kernel.columns).T
-        features = [self.kernel(*_times(ensemble, r, clocks)) for r in range(len(ensemble))]
-        values = np.stack([feature @ coefficients for feature in features])
+        values = np.stack(
+            [self.kernel.combined(*_times(ensemble, r, clocks), self.coefficients) for r in range(len(ensemble))]
+        )
         return values[..., 0], values[..., 1], values[..., 2]
 
 
@@ -285,7 +305,7 @@ class Kernel:
         """Features of each coefficient."""
         return len(self.products)
 
-    @property
+    @cached_property
     def harmonics(self) -> int:
         """Highest harmonic of the period."""
         return max(harmonic for harmonic, _, _ in self.products)
@@ -295,97 +315,51 @@ class Kernel:
         constant = np.ones((1, len(clock)))
         return constant if self.decay is None else np.concatenate([constant, self.decay(clock).T])
 
+    def visible(self, power: Array, noise: float) -> NDArray[np.bool_]:
+        """Features whose part of the torque may reach a share of the noise, shape (signal, column).
+
+        Parameters
+        ----------
+        power
+            Prior variance of each signal's coefficient times the signal's summed squares, shape (signal,).
+        noise
+            That share, as a sum of squares.
+        """
+        with np.errstate(divide="ignore"):
+            return np.asarray(np.outer(power, 1 / self.precision) >= noise)
+
     def __call__(self, phase: Array, clock: Array) -> Array:
         """Features at times in s: of the periodic behaviour, and of the record; shape (time, column)."""
         periodic = harmonic_features(phase, self.period, self.harmonics)
         slow = self.slow_features(clock)
-        place = [max(0, 2 * harmonic - 1 + part) for harmonic, part, _ in self.products]
-        return np.asarray(periodic[:, place] * slow[[slowness for _, _, slowness in self.products]].T)
+        place, slowness = self._places
+        return np.asarray(periodic[:, place] * slow[slowness].T)
 
+    def combined(self, phase: Array, clock: Array, coefficients: Array) -> Array:
+        """Sums of features times coefficients (signal x column), without the features; shape (time, signal)."""
+        weights = np.zeros((2 * self.harmonics + 1, 3, 1 if self.decay is None else 1 + len(self.decay.variances)))
+        place, slowness = self._places
+        weights[place, :, slowness] = coefficients.reshape(3, self.columns).T
+        of_harmonics = np.tensordot(self.slow_features(clock), weights, axes=(0, 2))  # (time, harmonic, signal)
+        return np.asarray(np.einsum("th,thm->tm", harmonic_features(phase, self.period, self.harmonics), of_harmonics))
 
-class _Fit(NamedTuple):
-    mean: Array
-    covariance: Array
-    noise_variance: float
-    effective: float
-    iterations: int
-
-
-class _External(NamedTuple):
-    """What is needed of the external terms of a few runs of one length: each run has its own.
-
-    ``gram`` (term, term), with the regressors ``mixed`` (column, run, term), with the output ``cross`` (run, term).
-    """
-
-    gram: Array
-    mixed: Array
-    cross: Array
-
-    @classmethod
-    def none(cls, columns: int, runs: int) -> _External:
-        """No frequencies yet."""
-        terms = EXTERNAL_TERMS
-        return cls(np.zeros((terms, terms)), np.zeros((columns, runs, terms)), np.zeros((runs, terms)))
-
-    def with_bins(self, regressors: Array, terms: Array, output: Array) -> _External:
-        """With more frequencies: regressors (column, run, bin), external terms (term, bin), output (run, bin)."""
-        return _External(self.gram + terms @ terms.T, self.mixed + regressors @ terms.T, self.cross + output @ terms.T)
-
-
-def _fit(
-    gram: Array, cross: Array, square: float, bins: int, precision: Array, externals: list[_External], weak: float
-) -> _Fit:
-    r"""Minimise :math:`|E|^2 / \sigma^2 + c^T P c`, the noise variance being that of the complex residual.
-
-    ``gram``, ``cross`` and ``square`` are sums over real and imaginary parts of the bins, ``weak`` is the precision of
-    the external terms. These are eliminated run by run, so that effort grows with the number of runs only. The cost
-    is the negative log of a posterior density (of a complex normal E) without the usual halves, so that the
-    covariance has one.
-    """
-    scale = 1 / np.sqrt(np.where(np.diag(gram) > 0, np.diag(gram), 1.0))
-    gram, cross, precision = gram * np.outer(scale, scale), cross * scale, precision * scale**2
-    mixed = [(external.mixed * scale[:, None, None]).reshape(len(scale), -1) for external in externals]
-    floor = 1e-14 * square / bins
-    noise, iteration = max(square / bins * 1e-3, floor), 0
-    for iteration in range(1, 31):
-        system, right = gram + np.diag(noise * precision), cross
-        inverses, shares = [], []  # (external gram + prior)^-1, and what of the regressors it explains: mixed @ inverse
-        for external, between in zip(externals, mixed, strict=True):
-            inverses.append(np.linalg.inv(external.gram + noise * weak * np.eye(EXTERNAL_TERMS)))
-            shares.append((between.reshape(-1, EXTERNAL_TERMS) @ inverses[-1]).reshape(between.shape))
-            system = system - shares[-1] @ between.T
-            right = right - shares[-1] @ external.cross.ravel()
-        factor, failed = lapack.dpotrf(system, lower=1)
-        if failed:  # columns without power, or alike to rounding
-            factor, _ = lapack.dpotrf(system + 1e-11 * np.eye(len(system)), lower=1)
-        mean = lapack.dpotrs(factor, right, lower=1)[0]
-        lower = np.tril(lapack.dpotri(factor, lower=1)[0])
-        covariance = lower + np.tril(lower, -1).T
-        effective = len(mean) - noise * float(precision @ np.diag(covariance))
-        residual = square - 2 * float(mean @ cross) + float(mean @ gram @ mean)
-        for external, between, inverse, share in zip(externals, mixed, inverses, shares, strict=True):
-            explained = (mean @ between).reshape(external.cross.shape)
-            terms = (external.cross - explained) @ inverse
-            residual += float(np.sum(terms * (2 * explained - 2 * external.cross + terms @ external.gram)))
-            spread = len(terms) * float(np.trace(inverse)) + float(np.sum(covariance * (share @ share.T)))
-            effective += terms.size - noise * weak * spread
-        before, noise = noise, max(2 * max(residual, 0.0) / max(2 * bins - effective, 1.0), floor)
-        if abs(noise - before) <= 1e-6 * noise:
-            break
-    return _Fit(mean * scale, 0.5 * noise * covariance * np.outer(scale, scale), noise, effective, iteration)
+    @cached_property
+    def _places(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Column of :func:`harmonic_features` and row of :meth:`slow_features` that make each feature."""
+        harmonic, part, slowness = np.array(self.products).T
+        return np.maximum(0, 2 * harmonic - 1 + part), slowness
 
 
 class _Run(NamedTuple):
     """Unbroken stretches of record of one length: angle and its derivatives (in degrees), torque, and when they were.
 
-    ``signals`` (order, run, time), ``torque`` (run, time), ``phase`` and ``clock`` in s of the first sample (of the
-    first run, if the kernel makes no difference between them).
+    ``signals`` (order, run, time), ``torque`` (run, time), ``phase`` and ``clock`` (run,) in s of the first samples.
     """
 
     signals: Array
     torque: Array
-    phase: float
-    clock: float
+    phase: Array
+    clock: Array
 
     @classmethod
     def of(cls, ensemble: Ensemble, realizations: NDArray[np.int64], clock: float) -> _Run:
@@ -407,103 +381,178 @@ class _Run(NamedTuple):
             signals *= DEGREES
         shift = lost / ensemble.sampling_rate
         onset = float(ensemble.onsets[realizations[0]])
-        return cls(signals[:, None], torque[None], onset + shift, clock + shift)
+        return cls(signals[:, None], torque[None], np.array([onset + shift]), np.array([clock + shift]))
 
-    def in_band(self, kernel: Kernel, band: tuple[float, float], rate: float) -> Iterator[tuple[Array, ...]]:
-        """Fourier coefficients in the band, real and imaginary parts.
-
-        Regressors (column, run, bin), external terms (term, bin) and output (run, bin), in blocks of frequencies, so
-        that memory does not grow with the record times the columns.
-        """
+    def bins(self, band: tuple[float, float], rate: float) -> tuple[int, int]:
+        """First frequency in the band, and the one after the last."""
         count = self.torque.shape[1]
         low = math.ceil(band[0] * count / rate - 1e-9)
-        high = min(math.floor(band[1] * count / rate + 1e-9), count // 2) + 1
-        root = 1 / math.sqrt(count)
-        external = root * np.stack([half_cosine_spectrum(term, count, low, high) for term in range(EXTERNAL_TERMS)])
-        output = root * rfft(self.torque)[:, low:high]
+        return low, min(math.floor(band[1] * count / rate + 1e-9), count // 2) + 1
+
+    def in_band(self, kernel: Kernel, kept: NDArray[np.bool_], low: int, high: int, rate: float) -> Iterator[_Block]:
+        """Fourier coefficients of the regressors kept, shape (column, run, bin), in blocks of frequencies.
+
+        In blocks, so that memory does not grow with the record times the columns.
+        """
+        count = self.torque.shape[1]
         periods = count / rate / kernel.period
         shift = round(periods)
         whole = abs(periods - shift) < 1e-9 * periods and high - 1 + kernel.harmonics * shift <= count // 2
-        blocks = self._shifted if whole else self._transformed
-        for start, products in blocks(kernel, low, high, rate):
-            block = slice(start - low, start - low + products.shape[2])
-            np.multiply(products, root, out=products)
-            yield tuple(
-                np.ascontiguousarray(values).view(np.float64)
-                for values in (products, external[:, block], output[:, block])
-            )
+        yield from (self._shifted if whole else self._transformed)(kernel, kept, low, high, rate)
 
-    def _shifted(self, kernel: Kernel, low: int, high: int, rate: float) -> Iterator[tuple[int, ComplexArray]]:
+    def _shifted(self, kernel: Kernel, kept: NDArray[np.bool_], low: int, high: int, rate: float) -> Iterator[_Block]:
         """Products with harmonics as shifts in frequency: exact where the run holds whole periods."""
         runs, count = self.torque.shape
         shift = round(count / rate / kernel.period)
         reach = kernel.harmonics * shift
-        # The constant, which comes first, needs no product.
-        slow = () if kernel.decay is None else kernel.slow_features(self.clock + np.arange(count) / rate)[1:]
         below = max(0, reach - low)
+        slow = self._slow(kernel, rate)
+        used = _slow_used(kernel, kept)
+        root = 1 / math.sqrt(count)
 
         def reaching(x: Array) -> ComplexArray:
-            """Spectrum from bin low - reach to high + reach."""
+            """Spectra from bin low - reach to high + reach."""
             spectrum = rfft(x)
-            ends = spectrum[:, below:0:-1].conj(), spectrum[:, max(0, low - reach) : high + reach]
-            return np.concatenate(ends, axis=1)
+            ends = spectrum[..., below:0:-1].conj(), spectrum[..., max(0, low - reach) : high + reach]
+            return np.asarray(np.concatenate(ends, axis=-1) * root, dtype=np.complex128)
 
-        spectra = [[reaching(signal), *(reaching(signal * feature) for feature in slow)] for signal in self.signals]
-        turns = 0.5 * np.exp(2j * np.pi * np.arange(kernel.harmonics + 1) * self.phase / kernel.period)
+        # The constant, which comes first, needs no product.
+        spectra = [
+            np.concatenate([reaching(signal)[None], reaching(signal * slow[1 : 1 + most])])
+            if most
+            else reaching(signal)[None]
+            for signal, most in zip(self.signals, used.max(axis=1), strict=True)
+        ]  # (slow function, run, bin) of each signal
+        first = 0 if kernel.decay is None else 1
+        harmonics = np.arange(kernel.harmonics + 1)
+        turns = 0.5 * np.exp(2j * np.pi * np.outer(harmonics, self.phase) / kernel.period)[:, :, None]
         length = max(1, BLOCK // runs)
         for start in range(low, high, length):
             bins = min(length, high - start)
-            out = np.empty((3 * kernel.columns, runs, bins), dtype=np.complex128)
-            centre = start - low + reach
-            for order, of_signal in enumerate(spectra):
-                for column, (harmonic, part, slowness) in enumerate(kernel.products):
-                    row, spectrum = out[order * kernel.columns + column], of_signal[slowness]
-                    if harmonic == 0:
-                        row[:] = spectrum[:, centre : centre + bins]
-                        continue
-                    first, second = centre - harmonic * shift, centre + harmonic * shift
-                    up = turns[harmonic] * spectrum[:, first : first + bins]
-                    down = turns[harmonic].conj() * spectrum[:, second : second + bins]
-                    if part == 0:
-                        np.add(up, down, out=row)
-                    else:
-                        np.subtract(down, up, out=row)
-                        row *= 1j
-            yield start, out
+            out = np.empty((int(kept.sum()), runs, bins), dtype=np.complex128)
+            centre, row = start - low + reach, 0
+            for spectrum, counts in zip(spectra, used, strict=True):
+                constant = 1 + (counts[0] if first else 0)
+                out[row : row + constant] = spectrum[:constant, :, centre : centre + bins]
+                row += constant
+                for harmonic in harmonics[1:]:
+                    functions = slice(first, first + counts[harmonic])
+                    many = counts[harmonic]
+                    up, down = centre - harmonic * shift, centre + harmonic * shift
+                    below_it = spectrum[functions, :, up : up + bins] * turns[harmonic]
+                    above_it = spectrum[functions, :, down : down + bins] * turns[harmonic].conj()
+                    np.add(below_it, above_it, out=out[row : row + many])
+                    sine = out[row + many : row + 2 * many]
+                    np.subtract(above_it, below_it, out=sine)
+                    sine *= 1j
+                    row += 2 * many
+            yield _Block(start - low, out)
 
-    def _transformed(self, kernel: Kernel, low: int, high: int, rate: float) -> Iterator[tuple[int, ComplexArray]]:
+    def _transformed(
+        self, kernel: Kernel, kept: NDArray[np.bool_], low: int, high: int, rate: float
+    ) -> Iterator[_Block]:
         """Products with any features, each transformed."""
         runs, count = self.torque.shape
-        columns = 3 * kernel.columns
+        columns = int(kept.sum())
         size = 16 * columns * runs * (high - low)
         if size > LARGEST:
             raise InputError(
                 f"KernelRegression: {columns} regressors over {high - low} frequencies would take "
                 f"{size / 2**30:.1f} GiB; give realizations of whole periods, fewer of them, or a longer length_decay"
             )
+        slow = self._slow(kernel, rate)
         index = np.arange(count) / rate
-        features = kernel(self.phase + index, self.clock + index)
-        out = np.empty((columns, runs, high - low), dtype=np.complex128)
-        for column, feature in enumerate(features.T):
-            for order, signal in enumerate(self.signals):
-                out[order * kernel.columns + column] = rfft(signal * feature)[:, low:high]
-        yield low, out
+        periodic = np.stack([harmonic_features(phase + index, kernel.period, kernel.harmonics) for phase in self.phase])
+        out, row = np.empty((columns, runs, high - low), dtype=np.complex128), 0
+        for signal, mask in zip(self.signals, kept, strict=True):
+            for column in np.flatnonzero(mask):
+                harmonic, part, slowness = kernel.products[column]
+                feature = periodic[:, :, max(0, 2 * harmonic - 1 + part)] * slow[slowness]
+                out[row] = rfft(signal * feature)[:, low:high]
+                row += 1
+        out /= math.sqrt(count)
+        yield _Block(0, out)
+
+    def _slow(self, kernel: Kernel, rate: float) -> Array:
+        """Slow functions over each run, shape (function, run, time)."""
+        clock = self.clock[:, None] + np.arange(self.torque.shape[1]) / rate
+        return kernel.slow_features(clock.ravel()).reshape(-1, *clock.shape)
 
 
-def _stacked(runs: list[_Run], kernel: Kernel) -> Iterator[_Run]:
-    """Runs of one length and phase together, where the kernel makes no other difference between them."""
-    if kernel.decay is not None:
-        yield from runs
-        return
-    alike: dict[tuple[int, float], list[_Run]] = {}
+class _Block(NamedTuple):
+    """Regressors (column, run, bin) at some frequencies, the first of which is ``first`` in the band."""
+
+    first: int
+    regressors: ComplexArray
+
+
+def _slow_used(kernel: Kernel, kept: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """How many slow functions are kept of each harmonic, shape (signal, harmonic); the one without prior not counted.
+
+    They are the first ones, since their variances descend.
+    """
+    used = np.zeros((3, kernel.harmonics + 1), dtype=np.int64)
+    for column, (harmonic, part, _) in enumerate(kernel.products[1:], start=1):
+        if part == 0:
+            used[:, harmonic] += kept[:, column]
+    return used
+
+
+def _statistics(
+    stacks: list[_Run], kernel: Kernel, kept: NDArray[np.bool_], band: tuple[float, float], rate: float
+) -> Statistics:
+    """Sums over real and imaginary parts of the frequencies in the band.
+
+    Each run has its own external terms; they are turned so that they are orthogonal in the band.
+    """
+    size, square, count = int(kept.sum()), 0.0, 0
+    gram, cross = np.zeros((size, size), order="F"), np.zeros(size)
+    mixed, shared, powers = [], [], []
+    for run in stacks:
+        low, high = run.bins(band, rate)
+        runs, samples = run.torque.shape
+        root = 1 / math.sqrt(samples)
+        terms = np.stack([half_cosine_spectrum(term, samples, low, high) for term in range(EXTERNAL_TERMS)]) * root
+        power, axes = np.linalg.eigh(terms.view(np.float64) @ terms.view(np.float64).T)
+        terms = axes.T @ terms
+        output = np.ascontiguousarray(rfft(run.torque)[:, low:high]) * root
+        between = np.zeros((size, runs, EXTERNAL_TERMS))
+        for first, products in run.in_band(kernel, kept, low, high, rate):
+            block = slice(first, first + products.shape[2])
+            regressors, target, within = (
+                np.ascontiguousarray(values).view(np.float64)
+                for values in (products, output[:, block], terms[:, block])
+            )
+            flat = regressors.reshape(size, -1)
+            gram = blas.dsyrk(1.0, flat.T, beta=1.0, c=gram, trans=1, lower=1, overwrite_c=1)
+            cross += flat @ target.ravel()
+            between += (regressors.reshape(-1, within.shape[1]) @ within.T).reshape(between.shape)
+        mixed.append(between.reshape(size, -1))
+        shared.append((output.view(np.float64) @ terms.view(np.float64).T).ravel())
+        powers.append(np.tile(np.maximum(power, 0.0), runs))
+        square += float(np.sum(np.abs(output) ** 2))
+        count += 2 * output.size
+    return Statistics(
+        gram, cross, square, count, np.concatenate(mixed, axis=1), np.concatenate(shared), np.concatenate(powers)
+    )
+
+
+def _stacked(runs: list[_Run]) -> Iterator[_Run]:
+    """Runs of one length together."""
+    alike: dict[int, list[_Run]] = {}
     for run in runs:
-        phase = round(run.phase % kernel.period, 9) % kernel.period
-        alike.setdefault((run.torque.shape[1], phase), []).append(run)
+        alike.setdefault(run.torque.shape[1], []).append(run)
     for group in alike.values():
         for first in range(0, len(group), STACK):
-            part = group[first : first + STACK]
-            signals, torque = zip(*((run.signals, run.torque) for run in part), strict=True)
-            yield part[0]._replace(signals=np.concatenate(signals, axis=1), torque=np.concatenate(torque))
+            signals, torque, phase, clock = zip(*group[first : first + STACK], strict=True)
+            yield _Run(
+                np.concatenate(signals, axis=1), np.concatenate(torque), np.concatenate(phase), np.concatenate(clock)
+            )
+
+
+def _inverse(precision: Array) -> Array:
+    """1 / precision, and 0 where there is none."""
+    return np.where(precision > 0, 1 / np.where(precision > 0, precision, 1.0), 0.0)
 
 
 def _clocks(ensemble: Ensemble) -> Array:

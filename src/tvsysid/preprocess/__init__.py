@@ -2,7 +2,7 @@
 
 from tvsysid.preprocess.account import Account, Step
 from tvsysid.preprocess.align import align
-from tvsysid.preprocess.bootstrap import bootstrap, bootstrap_weights
+from tvsysid.preprocess.bootstrap import block_weights, bootstrap, bootstrap_weights
 from tvsysid.preprocess.decimate import decimate
 from tvsysid.preprocess.exclude import exclude_residual_outliers, exclude_task_outliers
 from tvsysid.preprocess.prepare import Preparation, prepare
@@ -14,6 +14,7 @@ __all__ = [
     "Preparation",
     "Step",
     "align",
+    "block_weights",
     "bootstrap",
     "bootstrap_weights",
     "decimate",

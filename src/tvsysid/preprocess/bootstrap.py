@@ -58,13 +58,54 @@ def bootstrap_weights(realizations: int, size: int, count: int, seed: int) -> ND
     Array
         Whole numbers that sum to ``size`` in each row, shape (count, realizations).
     """
+    random = _checked(realizations, size, count, seed)
+    drawn = random.integers(0, realizations, (count, size))
+    return _counted(drawn, realizations)
+
+
+def block_weights(realizations: int, size: int, count: int, seed: int) -> NDArray[np.int64]:
+    """How often each realization is drawn if a draw is one block of realizations that follow each other.
+
+    For methods that need a record in one piece. A block begins anywhere; after the last realization comes the first, so
+    that each is drawn as often as any other (circular blocks, Politis & Romano 1992).
+
+    Parameters
+    ----------
+    realizations
+        How many there are, in the order of the record.
+    size
+        Length of a block; at most as many as there are.
+    count
+        Number of draws.
+    seed
+        The same one gives the same draws; a higher count only adds draws.
+
+    Returns
+    -------
+    Array
+        0 or 1, ``size`` ones in each row, shape (count, realizations).
+    """
+    random = _checked(realizations, size, count, seed)
+    if size > realizations:
+        raise InputError(
+            f"bootstrap: a block of {size} realizations cannot be drawn from {realizations}; give a shorter one"
+        )
+    firsts = random.integers(0, realizations, (count, 1))
+    return _counted((firsts + np.arange(size)) % realizations, realizations)
+
+
+def _checked(realizations: int, size: int, count: int, seed: int) -> np.random.Generator:
     for name, number in (("realizations", realizations), ("size", size), ("count", count)):
         if not isinstance(number, (int, np.integer)) or isinstance(number, bool) or number < 1:
             raise InputError(f"bootstrap: {name} must be a whole number of one or more, got {number!r}")
     try:
-        random = np.random.default_rng(seed)
+        return np.random.default_rng(seed)
     except (TypeError, ValueError) as error:
         raise InputError(f"bootstrap: seed must be a whole number of zero or more, got {seed!r}") from error
-    drawn = random.integers(0, realizations, (count, size))
+
+
+def _counted(drawn: NDArray[np.int64], realizations: int) -> NDArray[np.int64]:
+    """How often each realization is in each row of indices, shape (row, realization)."""
+    count = len(drawn)
     own_range = np.arange(count)[:, None] * realizations
     return np.bincount((drawn + own_range).ravel(), minlength=count * realizations).reshape(count, realizations)

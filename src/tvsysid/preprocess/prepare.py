@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from tvsysid.preprocess.account import Account, Step
 from tvsysid.preprocess.align import align
 from tvsysid.preprocess.decimate import decimate
@@ -24,24 +26,25 @@ class Preparation:
     recorded
         All realizations as they were cut, for comparison.
     alignment, task, residual
-        The three steps that exclude, in order.
+        The three steps that exclude, in order; None for one that was not asked for.
     """
 
     ensemble: Ensemble
     recorded: Ensemble
-    alignment: Step
-    task: Step
-    residual: Step
+    alignment: Step | None
+    task: Step | None
+    residual: Step | None
 
     @property
     def steps(self) -> tuple[Step, ...]:
-        """The steps that exclude, in order."""
-        return self.alignment, self.task, self.residual
+        """The steps that were taken, in order."""
+        return tuple(step for step in (self.alignment, self.task, self.residual) if step is not None)
 
     @property
     def account(self) -> Account:
         """What became of each realization that was cut."""
-        return self.alignment.account + self.task.account + self.residual.account
+        nothing_excluded = Account.of(self.recorded, "", np.zeros(len(self.recorded)), np.inf, "")
+        return sum((step.account for step in self.steps), start=nothing_excluded)
 
     def __repr__(self) -> str:
         return f"Preparation({self.ensemble!r}; {self.account!r})"
@@ -50,16 +53,16 @@ class Preparation:
 def prepare(
     recording: Recording,
     *,
-    reference: str = "target",
+    reference: str | None = "target",
     rate: float = 128.0,
     ends: float = 5.0,
     period: float = 2.0,
     context: float = 0.5,
     search: float = 0.5,
     max_shift: float = 0.25,
-    task_limit: float = 3.0,
+    task_limit: float | None = 3.0,
     cutoff: float = 5.0,
-    residual_limit: float = 3.0,
+    residual_limit: float | None = 3.0,
 ) -> Preparation:
     """Decimate, trim, cut, align, exclude what is unlike the rest, subtract the mean.
 
@@ -68,12 +71,12 @@ def prepare(
     recording
         Trials in which one behaviour was repeated, with the reference as a channel.
     reference
-        Name of the channel with the torque to be followed, in N·m.
+        Name of the channel with the torque to be followed, in N·m. None if there was none: then nothing is aligned.
     rate
         Sampling rate to decimate to, in Hz.
     ends
-        Seconds taken off both ends of each trial. They must last for ``context + search``, which the first and last
-        realization of a trial take from them.
+        Seconds taken off both ends of each trial. The first and last realization of a trial take ``context + search``
+        (``context`` alone if nothing is aligned) from them, and are left out where they last shorter.
     period
         Duration of a realization in s: one cycle of the task.
     context
@@ -81,9 +84,9 @@ def prepare(
     search, max_shift
         See :func:`align`.
     task_limit
-        See :func:`exclude_task_outliers`.
+        See :func:`exclude_task_outliers`; None leaves that step out.
     cutoff, residual_limit
-        See :func:`exclude_residual_outliers`.
+        See :func:`exclude_residual_outliers`; None leaves that step out.
 
     Returns
     -------
@@ -102,11 +105,19 @@ def prepare(
     >>> tv.preprocess.prepare(participant.noise.recording).ensemble
     Ensemble(... realizations of 2 s at 128 Hz, context 0.5 s; ...)
     """
-    margin = context + search
+    margin = context if reference is None else context + search
     lowered = decimate(recording, rate)
-    trimmed = trim(lowered, ends, margin)
-    recorded = segment(trimmed, period, margin)
-    alignment = align(recorded, reference, search, max_shift)
-    task = exclude_task_outliers(alignment.ensemble, task_limit)
-    residual = exclude_residual_outliers(subtract_mean(task.ensemble), cutoff, residual_limit)
-    return Preparation(subtract_mean(residual.ensemble), recorded, alignment, task, residual)
+    trimmed = trim(lowered, ends, min(margin, ends))
+    kept = recorded = segment(trimmed, period, margin)
+    alignment = task = residual = None
+    if reference is not None:
+        alignment = align(kept, reference, search, max_shift)
+        kept = alignment.ensemble
+    if task_limit is not None:
+        task = exclude_task_outliers(kept, task_limit)
+        kept = task.ensemble
+    kept = subtract_mean(kept)
+    if residual_limit is not None:
+        residual = exclude_residual_outliers(kept, cutoff, residual_limit)
+        kept = subtract_mean(residual.ensemble)
+    return Preparation(kept, recorded, alignment, task, residual)

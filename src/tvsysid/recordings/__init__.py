@@ -3,7 +3,7 @@
 from tvsysid.recordings.atomic import whole_file
 from tvsysid.recordings.channel import Channel, outline
 from tvsysid.recordings.find import describe_file
-from tvsysid.recordings.read import join_trials, read_recording, read_trials
+from tvsysid.recordings.read import UsableTrials, join_trials, read_recording, read_trials, read_usable_trials
 from tvsysid.recordings.write import (
     load_ensemble,
     load_recording,
@@ -15,6 +15,7 @@ from tvsysid.recordings.write import (
 
 __all__ = [
     "Channel",
+    "UsableTrials",
     "describe_file",
     "join_trials",
     "load_ensemble",
@@ -22,6 +23,7 @@ __all__ = [
     "outline",
     "read_recording",
     "read_trials",
+    "read_usable_trials",
     "whole_file",
     "write_ensemble",
     "write_models",

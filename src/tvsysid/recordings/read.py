@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,30 +88,131 @@ def read_recording(
     ...     read_recording(f"{folder}/ankle.npz", angle="pos", torque="tq", sampling_rate=100)
     Recording(20 s at 100 Hz; angle RMS 0.0142 rad, torque RMS 1.14 N·m)
     """
-    if angle_unit not in ANGLE_UNITS:
-        raise InputError(f"angle_unit must be one of {', '.join(map(repr, ANGLE_UNITS))}; got {angle_unit!r}")
-    if torque_sign not in (1, -1):
-        raise InputError(f"torque_sign must be 1 or -1; got {torque_sign!r}")
-    if columns not in ("contiguous", "trials"):
-        raise InputError(f"columns must be 'contiguous' or 'trials'; got {columns!r}")
+    say = _Said(angle, torque, sampling_rate, angle_unit, torque_sign, columns, start, tuple(channels))
     file = Path(path)
-    found = describe_file(file)
-    names = tuple(dict.fromkeys((angle, torque, *channels)))
-    signals = _signals(file, found, names)
-    rows, trials = signals[angle].shape
-    flat = {name: values.ravel(order="F") for name, values in signals.items()}
-    recording = Recording(
-        angle=flat[angle] * ANGLE_UNITS[angle_unit],
-        torque=flat[torque] * torque_sign,
-        sampling_rate=sampling_rate,
-        start=start,
-        channels={name: flat[name] for name in channels},
-        trial_starts=tuple(range(0, rows * trials, rows)) if columns == "trials" else (0,),
-    )
-    doubts = of_statements({name: found[name] for name in names}, angle, torque, recording.sampling_rate, angle_unit)
-    for doubt in (*doubts, *of_signals(recording, angle, torque, angle_unit)):
+    found, values = _signals(file, say)
+    rows, trials = values[angle].shape
+    signals = {
+        name: checked_array(f"{file.name}: {name}", matrix, ("time", "trial")).ravel(order="F")
+        for name, matrix in values.items()
+    }
+    recording = say.recording(signals, tuple(range(0, rows * trials, rows)) if columns == "trials" else (0,))
+    for doubt in say.doubts(found, recording):
         warnings.warn(f"{file.name}: {doubt}", DoubtfulWarning, stacklevel=2)
     return recording
+
+
+@dataclass(frozen=True)
+class _Said:
+    """What the caller says of a file; nothing of it is guessed."""
+
+    angle: str
+    torque: str
+    sampling_rate: float
+    angle_unit: Literal["rad", "deg"] = "rad"
+    torque_sign: Literal[1, -1] = 1
+    columns: Columns = "contiguous"
+    start: float = 0.0
+    channels: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.angle_unit not in ANGLE_UNITS:
+            raise InputError(f"angle_unit must be one of {', '.join(map(repr, ANGLE_UNITS))}; got {self.angle_unit!r}")
+        if self.torque_sign not in (1, -1):
+            raise InputError(f"torque_sign must be 1 or -1; got {self.torque_sign!r}")
+        if self.columns not in ("contiguous", "trials"):
+            raise InputError(f"columns must be 'contiguous' or 'trials'; got {self.columns!r}")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of all channels that are read."""
+        return tuple(dict.fromkeys((self.angle, self.torque, *self.channels)))
+
+    def recording(self, signals: Mapping[str, Array], trial_starts: tuple[int, ...] = (0,)) -> Recording:
+        """Recording of signals of shape (time,), in the units that are said."""
+        return Recording(
+            angle=signals[self.angle] * ANGLE_UNITS[self.angle_unit],
+            torque=signals[self.torque] * self.torque_sign,
+            sampling_rate=self.sampling_rate,
+            start=self.start,
+            channels={name: signals[name] for name in self.channels},
+            trial_starts=trial_starts,
+        )
+
+    def doubts(self, found: Mapping[str, Channel], recording: Recording) -> Iterator[str]:
+        """What the file says otherwise, and what looks lost."""
+        read = {name: found[name] for name in self.names}
+        yield from of_statements(read, self.angle, self.torque, recording.sampling_rate, self.angle_unit)
+        yield from of_signals(recording, self.angle, self.torque, self.angle_unit)
+
+
+class UsableTrials(NamedTuple):
+    """What could be read of many trials.
+
+    Parameters
+    ----------
+    recording
+        The trials that can be used; None if there is none.
+    refused
+        Why the others cannot, by file, or by file and number of the trial.
+    """
+
+    recording: Recording | None
+    refused: dict[str, str]
+
+
+def read_usable_trials(paths: Sequence[str | Path], **settings: Any) -> UsableTrials:
+    """Read trials as :func:`read_trials` does, and leave out those that cannot be used instead of giving up.
+
+    Parameters
+    ----------
+    paths
+        Files in the order of the trials.
+    **settings
+        As of :func:`read_recording`, the same for all files.
+
+    Returns
+    -------
+    UsableTrials
+        With a trial for each file, or for each column of each with ``columns="trials"``.
+
+    Raises
+    ------
+    InputError
+        If the settings are wrong by themselves.
+
+    Warns
+    -----
+    DoubtfulWarning
+        As :func:`read_recording` does.
+    """
+    say = _Said(**settings)
+    usable: list[Recording] = []
+    refused: dict[str, str] = {}
+    for path in paths:
+        file = Path(path)
+        try:
+            found, values = _signals(file, say)
+        except (InputError, MemoryError) as error:
+            refused[file.name] = str(error).removeprefix(f"{file}: ").removeprefix(f"{file.name}: ") or "no memory left"
+            continue
+        trials = values[say.angle].shape[1] if say.columns == "trials" else 1
+        for number in range(trials):
+            chosen = slice(number, number + 1) if say.columns == "trials" else slice(None)
+            name = file.name if trials == 1 else f"{file.name}, trial {number + 1}"
+            try:
+                signals = {
+                    channel: checked_array(channel, matrix[:, chosen].ravel(order="F"), ("time",))
+                    for channel, matrix in values.items()
+                }
+                recording = say.recording(signals)
+            except InputError as error:
+                refused[name] = str(error)
+                continue
+            usable.append(recording)
+            for doubt in say.doubts(found, recording):
+                warnings.warn(f"{name}: {doubt}", DoubtfulWarning, stacklevel=2)
+    return UsableTrials(join_trials(usable) if usable else None, refused)
 
 
 def read_trials(paths: Sequence[str | Path], **settings: Any) -> Recording:
@@ -190,8 +292,10 @@ def join_trials(recordings: Sequence[Recording]) -> Recording:
     )
 
 
-def _signals(file: Path, found: Mapping[str, Channel], names: Sequence[str]) -> dict[str, Array]:
-    """Channels of one length as finite numbers of axes (time, trial)."""
+def _signals(file: Path, say: _Said) -> tuple[dict[str, Channel], dict[str, Array]]:
+    """All channels of a file, and the values of those asked for, of one shape (time, trial)."""
+    found = describe_file(file)
+    names = say.names
     for name in names:
         if name not in found:
             raise InputError(f"{file.name}: no channel {name!r}; it holds {listed(found)}")
@@ -206,10 +310,11 @@ def _signals(file: Path, found: Mapping[str, Channel], names: Sequence[str]) -> 
     check_fits(file.name, sum(8 * TIMES_ITS_SIZE * math.prod(shape) for shape in shapes.values()))
     signals = {}
     for name in names:
-        what = f"{file.name}: {name}"
-        values = found[name].read(what)
-        signals[name] = checked_array(what, values.reshape(_time_first(values.shape)), ("time", "trial"))
-    return signals
+        values = found[name].read(f"{file.name}: {name}")
+        signals[name] = values.reshape(_time_first(values.shape))
+        if signals[name].ndim != 2 or not signals[name].size:
+            checked_array(f"{file.name}: {name}", signals[name], ("time", "trial"))
+    return found, signals
 
 
 def _time_first(shape: tuple[int, ...]) -> tuple[int, ...]:

@@ -114,7 +114,7 @@ class Traits:
         lapsing = random.uniform(0.4, 1.6)
         return cls(
             maximal_torque=random.uniform(48, 66),
-            inertia=random.uniform(0.030, 0.038),
+            inertia=random.uniform(0.052, 0.066),
             passive_stiffness=random.uniform(25, 45),
             stiffness_per_torque=random.uniform(3.3, 4.5),
             damping_ratio=random.uniform(0.35, 0.5),
@@ -124,11 +124,11 @@ class Traits:
             amplitude_jitter=0.025 * clumsiness,
             amplitude_drift=0.02 * clumsiness,
             offset_jitter=0.016 * clumsiness,
-            fluctuation=0.029 * clumsiness,
+            fluctuation=0.058 * clumsiness,
             sensor_noise=0.15,
             late_noise=0.005 * lapsing,
-            late_prbs=0.07 * lapsing,
-            weak=0.03 * lapsing,
+            late_prbs=0.04 * lapsing,
+            weak=0.024 * lapsing,
             twitches=0.05 * lapsing,
         )
 

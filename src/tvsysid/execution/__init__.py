@@ -1,0 +1,35 @@
+"""How any study is carried out: tasks go to workers, what comes back to a store, and what is there is not redone."""
+
+from tvsysid.execution.store import Fixed, Layout, Place, Store, Variable, open_store, read_store
+from tvsysid.execution.task import (
+    Outcome,
+    Task,
+    carry_out,
+    digests,
+    identified,
+    label_of,
+    pickled,
+    versions,
+)
+from tvsysid.execution.workers import carry_out_missing, cores, processes
+
+__all__ = [
+    "Fixed",
+    "Layout",
+    "Outcome",
+    "Place",
+    "Store",
+    "Task",
+    "Variable",
+    "carry_out",
+    "carry_out_missing",
+    "cores",
+    "digests",
+    "identified",
+    "label_of",
+    "open_store",
+    "pickled",
+    "processes",
+    "read_store",
+    "versions",
+]

@@ -1,0 +1,248 @@
+"""From files, or a virtual participant, to an ensemble ready for identification, with what became of every trial."""
+
+from __future__ import annotations
+
+import glob
+import hashlib
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tvsysid.errors import DoubtfulWarning, InputError
+from tvsysid.experiment.experiment import Experiment, Recorded
+from tvsysid.preprocess import Account, Preparation, prepare
+from tvsysid.recordings import join_trials, read_usable_trials
+from tvsysid.signals import Ensemble, Recording
+from tvsysid.simulate import participant
+
+Array = NDArray[np.float64]
+
+EXCERPT = 10.0
+"""Seconds of a recording that are shown."""
+TRUTH, TORQUE = "tvsysid: true stiffness", "tvsysid: recorded torque"
+"""Channels that pass through the preparation beside the torque, which loses its mean there."""
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """One recording, ready for identification.
+
+    Parameters
+    ----------
+    recorded
+        Which it is.
+    ensemble
+        The survivors, mean subtracted, without channels; None where nothing could be prepared.
+    account
+        What became of each realization; None likewise.
+    target_torque, mean_torque, true_stiffness
+        Over one realization: torque to be followed and mean torque of the survivors in N·m, their mean true stiffness
+        in N·m/rad; shape (time,), NaN where not known.
+    trials
+        How many can be used.
+    refused
+        Why other trials cannot, by file.
+    doubts
+        What is doubtful about the recording.
+    failure
+        Why nothing could be prepared, or nothing.
+    """
+
+    recorded: Recorded
+    ensemble: Ensemble | None
+    account: Account | None
+    target_torque: Array
+    mean_torque: Array
+    true_stiffness: Array
+    trials: int
+    refused: dict[str, str]
+    doubts: tuple[str, ...]
+    failure: str = ""
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """All that should be known about it, in words."""
+        left_out = (f"{name} is left out: {reason}" for name, reason in self.refused.items())
+        return (*left_out, *self.doubts, *([self.failure] if self.failure else []))
+
+    @property
+    def digest(self) -> str:
+        """Of the ensemble; what tells these data from others."""
+        found = hashlib.sha256(self.failure.encode())
+        if self.ensemble is not None:
+            for values in (self.ensemble.angle, self.ensemble.torque, self.ensemble.onsets, self.ensemble.trials):
+                found.update(np.asarray(values).tobytes())
+        return found.hexdigest()[:16]
+
+
+def prepared_recordings(
+    experiment: Experiment, progress: Callable[[int, int], None] | None = None
+) -> tuple[Prepared, ...]:
+    """Prepare every recording of an experiment; what cannot be used spoils nothing else.
+
+    Parameters
+    ----------
+    experiment
+        What to prepare.
+    progress
+        Called with the numbers of recordings done and in all.
+    """
+    done: list[Prepared] = []
+    for recorded in experiment.recordings:
+        if progress is not None:
+            progress(len(done), len(experiment.recordings))
+        done.append(_prepared(experiment, recorded))
+    return tuple(done)
+
+
+def shown(experiment: Experiment, recorded: Recorded) -> tuple[Recording, Preparation]:
+    """Excerpt of a recording and its whole preparation, for figures.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read or prepared.
+    """
+    recording, _ = _recording(experiment, recorded)
+    return _excerpt(recording), _preparation(experiment, recording)
+
+
+def _prepared(experiment: Experiment, recorded: Recorded) -> Prepared:
+    samples = round(experiment.preparation.period * experiment.preparation.rate)
+    unknown = np.full(samples, np.nan)
+    refused: dict[str, str] = {}
+    trials, failure, preparation = 0, "", None
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", DoubtfulWarning)
+        try:
+            recording, refused = _recording(experiment, recorded)
+            trials = len(recording.trials)
+            preparation = _preparation(experiment, recording)
+        except (InputError, MemoryError) as error:
+            failure = str(error) or "there is not enough memory"
+    doubts = tuple(dict.fromkeys(str(item.message) for item in caught))
+    if preparation is None:
+        return Prepared(recorded, None, None, unknown, unknown, unknown, trials, refused, doubts, failure)
+    ensemble = preparation.ensemble
+
+    def over_time(name: str | None) -> Array:
+        """Mean over the survivors of a channel, which moved and was cut as the torque was."""
+        if name is None or name not in ensemble.channels:
+            return unknown
+        return np.asarray(ensemble.channels[name][:, ensemble.core].mean(axis=0))
+
+    return Prepared(
+        recorded=recorded,
+        ensemble=replace(ensemble, channels={}),
+        account=preparation.account,
+        target_torque=over_time(experiment.preparation.reference),
+        mean_torque=over_time(TORQUE),
+        true_stiffness=over_time(TRUTH),
+        trials=trials,
+        refused=refused,
+        doubts=doubts,
+    )
+
+
+def _preparation(experiment: Experiment, recording: Recording) -> Preparation:
+    return prepare(recording, **experiment.preparation.model_dump())
+
+
+def _recording(experiment: Experiment, recorded: Recorded) -> tuple[Recording, dict[str, str]]:
+    """All usable trials in one, and why others are not.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    if recorded.is_virtual:
+        trials = getattr(_participant(recorded.number), recorded.perturbation)
+        recording, truth = trials.recording, {TRUTH: trials.stiffness}
+        refused: dict[str, str] = {}
+    else:
+        recording, refused = _read(experiment, recorded)
+        truth = {}
+    return replace(recording, channels={**recording.channels, **truth, TORQUE: recording.torque}), refused
+
+
+def _read(experiment: Experiment, recorded: Recorded) -> tuple[Recording, dict[str, str]]:
+    """Usable trials from files, each long enough for a realization."""
+    assert experiment.reading is not None
+    preparing = experiment.preparation
+    files, missing = _files(experiment.folder, recorded.files)
+    channels = [] if preparing.reference is None else [preparing.reference]
+    recording, refused = read_usable_trials(files, **experiment.reading.model_dump(), channels=channels)
+    refused = missing | refused
+    if recording is not None:
+        recording, short = _long_enough(recording, 2 * preparing.ends + preparing.period)
+        refused |= short
+    if recording is None:
+        reasons = "; ".join(f"{name}: {reason}" for name, reason in refused.items())
+        raise InputError(f"no trial can be used: {reasons}")
+    return recording, refused
+
+
+def _files(folder: Path, patterns: tuple[str, ...]) -> tuple[list[Path], dict[str, str]]:
+    """Files that patterns stand for, in the order of their names, and patterns that stand for none."""
+    files: list[Path] = []
+    missing = {}
+    for pattern in patterns:
+        if not glob.has_magic(pattern):
+            files.append(folder / pattern)
+            continue
+        found = sorted(map(Path, glob.glob(str(folder / pattern))))  # an absolute pattern stays what it is
+        files += found
+        if not found:
+            missing[pattern] = f"no file in {folder} has such a name"
+    return files, missing
+
+
+def _long_enough(recording: Recording, shortest: float) -> tuple[Recording | None, dict[str, str]]:
+    """The recording without its trials that are too short."""
+    kept, refused = [], {}
+    for number, trial in enumerate(recording.trials):
+        seconds = (trial.stop - trial.start) / recording.sampling_rate
+        if seconds < shortest:
+            refused[f"trial {number + 1} of those that can be read"] = (
+                f"it lasts {seconds:g} s, and a realization with the ends that are cut off takes {shortest:g} s"
+            )
+        else:
+            kept.append(trial)
+    if not refused:
+        return recording, refused
+    parts = [
+        Recording(
+            recording.angle[trial],
+            recording.torque[trial],
+            recording.sampling_rate,
+            recording.start,
+            {name: values[trial] for name, values in recording.channels.items()},
+        )
+        for trial in kept
+    ]
+    return (join_trials(parts) if parts else None), refused
+
+
+def _excerpt(recording: Recording) -> Recording:
+    """Ten seconds from the middle of the first trial, counted from its beginning."""
+    trial = recording.trials[0]
+    count = min(round(EXCERPT * recording.sampling_rate), trial.stop - trial.start)
+    first = trial.start + (trial.stop - trial.start - count) // 2
+    part = slice(first, first + count)
+    return Recording(
+        recording.angle[part],
+        recording.torque[part],
+        recording.sampling_rate,
+        0.0,
+        {name: values[part] for name, values in recording.channels.items() if name not in (TRUTH, TORQUE)},
+    )
+
+
+# The two recordings of a virtual participant are made together.
+_participant = lru_cache(maxsize=1)(participant)

@@ -1,0 +1,149 @@
+"""From the bootstraps of an experiment to figures for each participant, and to what became of each realization."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from tvsysid.experiment.prepared import Prepared
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+UNITS = {
+    "mean_stiffness": "N·m/rad",
+    "random_error": "N·m/rad",
+    "vaf": "%",
+    "bandpassed_vaf": "%",
+    "lowest_time_varying_vaf": "%",
+    "bias_error": "N·m/rad",
+    "mean_bias": "N·m/rad",
+    "seconds": "s",
+    "failed": "draws",
+}
+"""Of every figure."""
+OF_TRUTH = ("bias_error", "mean_bias")
+"""Known of virtual participants only."""
+
+
+def summarize(results: xr.Dataset) -> pd.DataFrame:
+    r"""Figures of each participant, perturbation, method and number of realizations.
+
+    Parameters
+    ----------
+    results
+        As of :func:`tvsysid.experiment.run`, finished or not.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns participant, perturbation, method, realizations, metric, value, unit. ``mean_stiffness``: over time and
+        bootstraps. ``random_error``: :math:`\sqrt{\overline{s^2(t)}}`, with s the standard deviation over bootstraps.
+        ``vaf``, ``bandpassed_vaf``: means over bootstraps. ``lowest_time_varying_vaf``: that of the worst time after
+        averaging over bootstraps. ``bias_error``, ``mean_bias`` (virtual participants): root mean square over time, and
+        mean, of the mean estimate minus the survivors' mean true stiffness. ``seconds``: that all draws took.
+        ``failed``: draws without a result.
+    """
+    values = measured(results)
+    rows = []
+    for place in np.ndindex(results.sizes["recording"], results.sizes["analysis"]):
+        recording, analysis = place
+        if not results.checksums.values[place].any():
+            continue
+        for metric, unit in UNITS.items():
+            if metric in OF_TRUTH and np.isnan(results.true_stiffness.values[recording]).all():
+                continue
+            rows.append(
+                (
+                    str(results.participant.values[recording]),
+                    str(results.perturbation.values[recording]),
+                    str(results.method_key.values[analysis]),
+                    int(results.realizations.values[analysis]),
+                    metric,
+                    float(values[metric][place]),
+                    unit,
+                )
+            )
+    return pd.DataFrame(
+        rows, columns=["participant", "perturbation", "method", "realizations", "metric", "value", "unit"]
+    )
+
+
+def measured(results: xr.Dataset) -> dict[str, Any]:
+    """Every figure as an array over (recording, analysis); NaN where there is none."""
+    with warnings.catch_warnings():
+        # Of means over nothing: a method that failed.
+        warnings.simplefilter("ignore", RuntimeWarning)
+        stiffness = results.stiffness.values
+        mean = np.nanmean(stiffness, axis=2)
+        error = mean - results.true_stiffness.values[:, None]
+        return {
+            "mean_stiffness": np.nanmean(mean, axis=-1),
+            "random_error": np.sqrt(np.nanmean(np.nanvar(stiffness, axis=2, ddof=1), axis=-1)),
+            "vaf": np.nanmean(results.vaf.values, axis=-1),
+            "bandpassed_vaf": np.nanmean(results.bandpassed_vaf.values, axis=-1),
+            "lowest_time_varying_vaf": np.nanmin(np.nanmean(results.time_varying_vaf.values, axis=2), axis=-1),
+            "bias_error": np.sqrt(np.nanmean(error**2, axis=-1)),
+            "mean_bias": np.nanmean(error, axis=-1),
+            "seconds": results.seconds.values,
+            "failed": np.isnan(results.vaf.values).sum(axis=-1),
+        }
+
+
+def stiffness_over_time(results: xr.Dataset) -> pd.DataFrame:
+    """Stiffness over time: mean and standard deviation over bootstraps.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns participant, perturbation, method, realizations, time_s, stiffness, standard_deviation (N·m/rad) and
+        time_varying_vaf (%).
+    """
+    chosen = results[["stiffness", "time_varying_vaf"]]
+    means = chosen.mean("bootstrap")
+    means["standard_deviation"] = chosen.stiffness.std("bootstrap", ddof=1)
+    table = means.to_dataframe().reset_index()
+    table = table.rename(columns={"method_key": "method", "time": "time_s"})
+    return table[
+        [
+            *("participant", "perturbation", "method", "realizations", "time_s"),
+            *("stiffness", "standard_deviation", "time_varying_vaf"),
+        ]
+    ]
+
+
+def exclusions(prepared: Sequence[Prepared]) -> pd.DataFrame:
+    """What became of every realization that was recorded.
+
+    Parameters
+    ----------
+    prepared
+        As of :func:`tvsysid.experiment.prepared_recordings`.
+
+    Returns
+    -------
+    pandas.DataFrame
+        A row for each: recording, participant, perturbation, realization, trial, onset_s, shift_s, excluded_by (empty
+        for one that was kept), reached, limit, unit.
+    """
+    tables = []
+    for item in prepared:
+        if item.account is None:
+            continue
+        table = item.account.table.reset_index()
+        of_recording = {
+            "recording": item.recorded.label,
+            "participant": item.recorded.participant,
+            "perturbation": item.recorded.perturbation,
+        }
+        for place, (name, value) in enumerate(of_recording.items()):
+            table.insert(place, name, value)
+        tables.append(table)
+    columns = ("realization", "trial", "onset_s", "shift_s", "excluded_by", "reached", "limit", "unit")
+    if not tables:
+        return pd.DataFrame(columns=["recording", "participant", "perturbation", *columns])
+    return pd.concat(tables, ignore_index=True)

@@ -1,0 +1,181 @@
+"""Linear regression with a known Gaussian prior, from sufficient statistics; the noise variance is estimated."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import blas, lapack
+
+Array = NDArray[np.float64]
+
+STANDS = 2e-3
+"""Relative change of the noise variance from which on another step needs no other factors: what such a step leaves is
+smaller by some four orders of magnitude."""
+ITERATIONS = 30
+"""Noise variances tried at most."""
+STRONG = 1e-2
+"""Share of a column's power below which its prior precision, times the noise variance, leaves it much freedom."""
+
+
+class Statistics(NamedTuple):
+    r"""What is needed of the data :math:`y = X w + T f + e`, with few nuisance terms T.
+
+    ``gram`` :math:`X^T X`, of which only the lower triangle counts, Fortran-ordered; ``cross`` :math:`X^T y`;
+    ``square`` :math:`y^T y`; ``number``, the length of y. The nuisance terms are orthogonal: ``powers`` are their
+    squared lengths, ``mixed`` is :math:`X^T T`, shape (column, term), and ``shared`` :math:`T^T y`.
+    """
+
+    gram: Array
+    cross: Array
+    square: float
+    number: int
+    mixed: Array
+    shared: Array
+    powers: Array
+
+
+class Fit(NamedTuple):
+    """Posterior ``mean`` and ``covariance`` of the weights, and how they were found.
+
+    ``noise_variance`` is twice that of a number of y: that of a complex number of which y holds both parts;
+    ``effective`` is the number of parameters that the data determine.
+    """
+
+    mean: Array
+    covariance: Array
+    noise_variance: float
+    effective: float
+    iterations: int
+
+
+def fit(statistics: Statistics, precision: Array, weak: float) -> Fit:
+    r"""Minimise :math:`\|y - X w - T f\|^2 / \sigma^2 + w^T P w + q f^T f`, the noise variance being the residual's.
+
+    The cost is the negative log of a posterior density without the usual halves (y holds the parts of complex numbers),
+    so that the covariance has one. With :math:`A = X^T X + \sigma^2 P - X^T T (T^T T + \sigma^2 q)^{-1} T^T X`,
+
+    .. math:: \hat w = A^{-1} \left(X^T y - X^T T (T^T T + \sigma^2 q)^{-1} T^T y\right), \qquad
+              \sigma^2 = \frac{2 \|\hat e\|^2}{N - N_{eff}}
+
+    a fixed point of the noise variance, found by secants in its logarithm.
+
+    Parameters
+    ----------
+    statistics
+        Of the data.
+    precision
+        Diagonal of P, shape (column,); 0 for a column without prior.
+    weak
+        Prior precision q of each nuisance term.
+
+    Returns
+    -------
+    Fit
+        At the noise variance that it gives.
+    """
+    diagonal = np.diag(statistics.gram)
+    scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+    scaled = statistics._replace(
+        gram=statistics.gram * np.outer(scale, scale),
+        cross=statistics.cross * scale,
+        mixed=statistics.mixed * scale[:, None],
+    )
+    precision = precision * scale**2
+    start = _Place(max(0.02 * statistics.square / statistics.number, _floor(statistics)))
+    # The columns that the prior leaves most freedom tell the noise nearly as well as all of them, at a small cost.
+    strong = precision * start.noise < STRONG
+    if strong.sum() < 0.8 * len(strong):
+        start, _ = _settled(_of_columns(scaled, strong), precision[strong], weak, start)
+    place, solution = _settled(scaled, precision, weak, start)
+    mean = _refined(scaled, precision, weak, place.noise, solution)
+    covariance = lapack.dlauum(solution.inverse_factor, lower=1)[0]
+    covariance += np.tril(covariance, -1).T
+    covariance *= np.outer(0.5 * place.noise * scale, scale)
+    return Fit(mean * scale, covariance, place.noise, solution.effective, place.iterations)
+
+
+class _Place(NamedTuple):
+    """A noise variance, how fast the gap between it and the one that its fit leaves closes, and how it was come by."""
+
+    noise: float
+    slope: float = -1.0
+    iterations: int = 0
+
+
+class _Solution(NamedTuple):
+    mean: Array
+    inverse_factor: Array
+    residual: float
+    effective: float
+
+
+def _floor(statistics: Statistics) -> float:
+    return 2e-14 * statistics.square / statistics.number
+
+
+def _of_columns(statistics: Statistics, chosen: NDArray[np.bool_]) -> Statistics:
+    return statistics._replace(
+        gram=np.asfortranarray(statistics.gram[np.ix_(chosen, chosen)]),
+        cross=statistics.cross[chosen],
+        mixed=statistics.mixed[chosen],
+    )
+
+
+def _settled(statistics: Statistics, precision: Array, weak: float, start: _Place) -> tuple[_Place, _Solution]:
+    """Noise variance that its own fit leaves, by secants in its logarithm, and that fit."""
+    floor = _floor(statistics)
+    noise, slope = max(start.noise, floor), start.slope
+    before: tuple[float, float] | None = None
+    for iteration in range(1, ITERATIONS + 1):
+        solution = _solve(statistics, precision, weak, noise)
+        freedom = max(statistics.number - solution.effective, 1.0)
+        wanted = max(2 * max(solution.residual, 0.0) / freedom, floor)
+        place, gap = math.log(noise), math.log(wanted / noise)
+        if before is not None and place != before[0]:
+            slope = (gap - before[1]) / (place - before[0])
+        # Where the secant is no help, the plain step.
+        step = -gap / slope if slope < -0.1 else gap
+        before = place, gap
+        noise = max(math.exp(place + min(max(step, -7.0), 7.0)), floor)
+        if abs(gap) <= STANDS:
+            break
+    return _Place(noise, slope, start.iterations + iteration), solution
+
+
+def _refined(statistics: Statistics, precision: Array, weak: float, noise: float, near: _Solution) -> Array:
+    """Weights for a noise variance, by the factors of one that is close to it."""
+    gram, cross, _, _, mixed, shared, powers = statistics
+    shrink = 1 / (powers + noise * weak)
+    mean = near.mean
+    for _ in range(2):
+        left = cross - blas.dsymv(1.0, gram, mean, lower=1) - noise * precision * mean
+        left -= mixed @ (shrink * (shared - mean @ mixed))
+        mean = mean + near.inverse_factor.T @ (near.inverse_factor @ left)
+    return np.asarray(mean)
+
+
+def _solve(statistics: Statistics, precision: Array, weak: float, noise: float) -> _Solution:
+    """Weights, the inverse of A's Cholesky factor, squared residual and effective parameters for a noise variance."""
+    gram, cross, square, _, mixed, shared, powers = statistics
+    shrink = 1 / (powers + noise * weak)
+    explained = mixed * np.sqrt(shrink)
+    right = cross - mixed @ (shrink * shared)
+    system = blas.dsyrk(-1.0, explained, beta=1.0, c=gram, lower=1)
+    system.ravel(order="A")[:: len(system) + 1] += noise * precision
+    factor, failed = lapack.dpotrf(system, lower=1)
+    if failed:  # columns without power, or alike to rounding
+        factor, _ = lapack.dpotrf(system + 1e-11 * np.eye(len(system)), lower=1)
+    mean = lapack.dpotrs(factor, right, lower=1)[0]
+    inverse_factor = lapack.dtrtri(factor, lower=1, overwrite_c=1)[0]
+    variances = np.einsum("ij,ij->j", inverse_factor, inverse_factor)
+    effective = len(mean) - noise * float(precision @ variances)
+    left = shared - mean @ mixed
+    terms = shrink * left
+    # The quadratic form in the Gram matrix, by what the system does to the mean.
+    quadratic = float(mean @ right) - noise * float(precision @ mean**2) + float(np.sum((mean @ explained) ** 2))
+    residual = square - 2 * float(mean @ cross) + quadratic + float(np.sum(terms * (powers * terms - 2 * left)))
+    spread = float(np.sum(shrink)) + float(np.sum(blas.dtrmm(1.0, inverse_factor, mixed * shrink, lower=1) ** 2))
+    return _Solution(mean, inverse_factor, residual, effective + len(powers) - noise * weak * spread)

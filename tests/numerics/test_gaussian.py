@@ -1,0 +1,75 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tvsysid.numerics import gaussian
+
+
+def problem(seed, rows=60, columns=7, terms=3):
+    """Regressors X, orthogonal nuisance terms T, output, and prior precisions of X's columns; two have none."""
+    random = np.random.default_rng(seed)
+    regressors = random.normal(size=(rows, columns)) * 10 ** random.uniform(-2, 2, columns)
+    nuisance = np.linalg.qr(random.normal(size=(rows, terms)))[0] * random.uniform(0.5, 5, terms)
+    precision = 10 ** random.uniform(-4, 4, columns)
+    precision[:2] = 0
+    weights = random.normal(size=columns) / np.sqrt(np.maximum(precision, 1e-4))
+    output = (
+        regressors @ weights
+        + nuisance @ random.normal(size=terms)
+        + 10 ** random.uniform(-2, 1) * random.normal(size=rows)
+    )
+    return regressors, nuisance, output, precision
+
+
+def statistics_of(regressors, nuisance, output):
+    return gaussian.Statistics(
+        gram=np.asfortranarray(np.tril(regressors.T @ regressors)),
+        cross=regressors.T @ output,
+        square=float(output @ output),
+        number=len(output),
+        mixed=regressors.T @ nuisance,
+        shared=nuisance.T @ output,
+        powers=np.sum(nuisance**2, axis=0),
+    )
+
+
+def dense(regressors, nuisance, output, precision, weak, noise):
+    """Joint solution for weights and nuisance terms: mean, covariance, residual, effective number of parameters."""
+    both = np.concatenate([regressors, nuisance], axis=1)
+    prior = np.concatenate([precision, np.full(nuisance.shape[1], weak)])
+    inverse = np.linalg.inv(both.T @ both + noise * np.diag(prior))
+    mean = inverse @ (both.T @ output)
+    return mean, 0.5 * noise * inverse, output - both @ mean, np.trace(inverse @ both.T @ both)
+
+
+@given(seed=st.integers(0, 10**6), weak=st.floats(1e-3, 10.0))
+def test_the_fit_is_the_joint_one_at_a_noise_variance_that_its_residual_shows(seed, weak):
+    regressors, nuisance, output, precision = problem(seed)
+    found = gaussian.fit(statistics_of(regressors, nuisance, output), precision, weak)
+    mean, covariance, residual, effective = dense(regressors, nuisance, output, precision, weak, found.noise_variance)
+    columns = len(precision)
+    spread = np.sqrt(np.diag(covariance))[:columns]
+    assert np.abs((found.mean - mean[:columns]) / spread).max() < 1e-4
+    np.testing.assert_allclose(
+        found.covariance / np.outer(spread, spread),
+        covariance[:columns, :columns] / np.outer(spread, spread),
+        atol=0.01,
+    )
+    assert found.effective == pytest.approx(effective, rel=2e-3)
+    assert found.noise_variance == pytest.approx(2 * residual @ residual / (len(output) - effective), rel=1e-4)
+
+
+def test_columns_without_power_keep_their_prior():
+    regressors, nuisance, output, precision = problem(3)
+    regressors[:, 4] = 0
+    found = gaussian.fit(statistics_of(regressors, nuisance, output), precision, 1.0)
+    assert found.mean[4] == 0
+    assert found.covariance[4, 4] == pytest.approx(0.5 / precision[4], rel=2e-3)
+
+
+def test_noiseless_output_is_reproduced():
+    regressors, nuisance, _, precision = problem(5)
+    weights = np.arange(1.0, 8.0)
+    found = gaussian.fit(statistics_of(regressors, nuisance, regressors @ weights), 0 * precision, 1.0)
+    np.testing.assert_allclose(found.mean, weights, rtol=1e-5)

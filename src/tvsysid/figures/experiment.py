@@ -67,8 +67,9 @@ def experiment_figures(
     else:
         shown["participants"] = _all(results, summary)
     shown["participant"] = _detail(results, summary, one)
-    shown["variance-and-spread"] = _spread(summary)
-    if np.isfinite(results.true_stiffness.values).any():
+    if len(summary):
+        shown["variance-and-spread"] = _spread(summary)
+    if len(summary) and np.isfinite(results.true_stiffness.values).any():
         shown["error-against-truth"] = _error(results, summary)
     recorded = _of_one(excerpts, results, one)
     if recorded:
@@ -185,15 +186,20 @@ def _signals(pieces: Mapping[str, Recording], participant: str) -> Illustration:
 def _preparation(preparation: Preparation, results: xr.Dataset, label: str) -> Illustration:
     here = results.sel(recording=label)
     title = f"Preparation of {here.participant.item()}, {told(str(here.perturbation.item()))}"
+    aligned = "aligned and with" if preparation.alignment is not None else "with"
+    told_of = {
+        "alignment": (preparation.alignment, "each is aligned to the torque to be followed (black)"),
+        "task component": (preparation.task, "the component at the task's frequency, with its mean and limits"),
+        "residual": (preparation.residual, "the low-passed residual, with its mean and limits"),
+    }
     counts = preparation.account.counts
-    excluded = ", ".join(f"{counts.get(step, 0)} by {step}" for step in ("alignment", "task component", "residual"))
+    steps = "; ".join(
+        f"{words}: {counts.get(name, 0)} excluded" for name, (step, words) in told_of.items() if step is not None
+    )
     text = (
-        f"Like figure 7 of {PAPER}. "
-        f"Above: all {len(preparation.recorded)} realizations of the recorded torque, and the "
-        f"{len(preparation.ensemble)} that were kept, aligned and with their mean subtracted. Below: step 1 aligns "
-        "each realization to the torque to be followed (black) and excludes those that need too large a shift; step 2 "
-        "excludes those whose component at the task's frequency leaves the limits (mean: solid, limits: dashed); step "
-        f"3 does so with the low-passed residual. Excluded: {excluded}."
+        f"Like figure 7 of {PAPER}. Above: the torque of all {len(preparation.recorded)} realizations as it was "
+        f"recorded, and that of the {len(preparation.ensemble)} that were kept, {aligned} their mean subtracted. "
+        f"{f'Below, step by step: {steps}.' if steps else 'No step was taken that excludes realizations.'}"
     )
     return Illustration(preparation_steps(preparation, title), title, text)
 

@@ -143,3 +143,12 @@ def test_long_labels_and_many_amounts_do_not_overlap():
         boxes = [label.get_window_extent() for label in axes.get_xticklabels()]
         assert all(left.x1 <= right.x0 for left, right in pairwise(boxes))
         assert axes.get_xticklabels()[0].get_text() == "eirf\n30 | 75 | 150 | 300"
+
+
+def test_an_axis_holds_the_whiskers_but_not_what_is_far_out(experiment):
+    for factor, cut in ((1.0, False), (1000.0, True)):
+        summary = experiment.summary.copy()
+        outlying = (summary.metric == "random_error") & (summary.participant == "P1") & (summary.method == "sds")
+        summary.loc[outlying, "value"] *= factor
+        axes = variance_and_spread(summary).axes[2]
+        assert (axes.get_ylim()[1] < axes.dataLim.ymax) == cut

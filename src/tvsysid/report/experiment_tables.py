@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-METRICS: dict[str, tuple[str, str, int | None]] = {
+METRICS = {
     "mean_stiffness": ("mean stiffness", "N·m/rad", 1),
     "random_error": ("random error", "N·m/rad", 2),
     "vaf": ("VAF", "%", 1),
@@ -24,9 +24,9 @@ METRICS: dict[str, tuple[str, str, int | None]] = {
     "lowest_time_varying_vaf": ("lowest VAF over time", "%", 1),
     "bias_error": ("bias error", "N·m/rad", 2),
     "mean_bias": ("mean bias", "N·m/rad", 2),
-    "seconds": ("computing time", "s", None),
+    "seconds": ("computing time", "s", 2),
 }
-"""Heading, unit and decimals (None for three digits) of each column of the table of metrics."""
+"""Heading, unit and decimals of each column of the table of metrics."""
 COUNTS = {
     "recorded": "recorded",
     "excluded_alignment": "excluded: shift",

@@ -127,6 +127,15 @@ def test_the_papers_counts_stand_beside_the_papers_numbers_only():
     assert "the paper" not in " ".join(outcome(results, summary_of(results), claims().iloc[:0]))
 
 
+def test_claims_that_were_not_studied_are_folded_away(elements):
+    studied = table(elements, "What van de Ruit et al. (2021) say of their experiment")
+    for verdict in ("✓ holds", "✗ does not hold", "? undecided"):
+        assert verdict in studied
+    assert "not studied" not in studied
+    assert "260 ± 12 realizations are kept." in table(elements, "Claims that these recordings do not bear on.")
+    assert "1 claim not studied, and why" in [text for _, text in elements.of("summary")]
+
+
 def test_remarks_about_files(elements):
     text = section(elements, "recordings")
     assert "P2-noise trial_3.mat left out: <no torque> angle is clipped" in text

@@ -136,7 +136,7 @@ def _over_time(figure: SubFigure, results: xr.Dataset, perturbations: Sequence[s
             one_period(axes, results)
         which = f"{_words(perturbation)}\n" if len(perturbations) > 1 else ""
         row[0].set_ylabel(f"{which}estimate − truth\n(N·m/rad)", fontsize=SMALL)
-    low, high = usual_range(off, np.zeros(1))
+    low, high = usual_range(np.moveaxis(off, 1, 0), np.zeros(1))
     grid[0, 0].set_ylim(low - 0.05 * (high - low), high)
     for axes, label in zip(grid[0], least.values(), strict=True):
         axes.set_title(titles[label], fontsize=8.5)

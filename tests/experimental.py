@@ -80,6 +80,7 @@ def results_of(
             "bandpassed_vaf": (("recording", "analysis", "bootstrap"), whole - 4.0, {"units": "%"}),
             "parameters": (("recording", "analysis", "bootstrap"), np.full(sizes[:3], 30.0)),
             "seconds": (("recording", "analysis"), seconds),
+            "checksums": (("recording", "analysis", "variable"), np.ones((*sizes[:2], 1), dtype=np.uint64)),
             "doubts": (("recording", "analysis"), np.full(sizes[:2], "", dtype=object)),
             "failure": (("recording", "analysis"), np.full(sizes[:2], "", dtype=object)),
             "target_torque": (("recording", "time"), 1.05 * torque if target else nothing),
@@ -167,7 +168,7 @@ def _metrics(cell):
         yield "bias_error", metrics.bias_error(estimates, cell.true_stiffness.values), unit
         yield "mean_bias", float(off[np.isfinite(off)].mean()) if there else np.nan, unit
     yield "seconds", float(cell.seconds), "s"
-    yield "failed", float(cell.failure.item() != ""), "analyses"
+    yield "failed", float(np.isnan(cell.vaf.values).sum()), "draws"
 
 
 def exclusions_of(results):

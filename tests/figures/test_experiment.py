@@ -54,7 +54,10 @@ def test_descriptions_hold_the_main_figures(experiment, shown):
     assert "eirf, sds, birf, esm from 150 s of data; kbr from 40 s of data" in shown["participants"].description
     assert f"esm {means['mean_bias', 75]:.3g}".replace("-", "−") in shown["error-against-truth"].description
     counts = prepared(1, "prbs").account.counts
-    assert f"{counts['residual']} by residual" in shown["preparation"].description
+    assert (
+        f"the low-passed residual, with its mean and limits: {counts['residual']} excluded"
+        in shown["preparation"].description
+    )
     assert "at 1024 Hz, and the torque to be followed" in shown["recorded-signals"].description
 
 

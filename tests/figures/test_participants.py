@@ -211,3 +211,13 @@ def test_who_is_not_there_is_named(results):
         participant_in_detail(results, "P9")
     with pytest.raises(InputError, match="no recording 'P9-noise'; there are P1-noise, "):
         stiffness_with_bands(results, "P9-noise")
+
+
+def test_a_method_that_is_far_off_does_not_hide_the_others_but_a_stiffer_person_is_shown(results):
+    far = results.copy(deep=True)
+    far["stiffness"][:, 0] *= 20  # eirf
+    assert participant_in_detail(far, "P1").axes[0].get_ylim()[1] < 400
+    assert stiffness_of_participants(far).axes[0].get_ylim()[1] < 400
+    stiff = results.copy(deep=True)
+    stiff["stiffness"][results.participant.values == "P2"] *= 4
+    assert stiffness_of_participants(stiff).axes[0].get_ylim()[1] > 4 * 140

@@ -2,11 +2,12 @@ import numpy as np
 import pytest
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex
-from tests.virtual import prepared
+from tests.virtual import participant_of, prepared
 
 from tvsysid.figures import preparation_steps
 from tvsysid.figures.preparation import COLOURS, KEPT
 from tvsysid.figures.style import drawn
+from tvsysid.preprocess import prepare
 
 
 @pytest.fixture(scope="module")
@@ -45,3 +46,20 @@ def test_target_and_limits_are_drawn_and_axes_have_units(figure):
     assert all(axes.get_xlabel() == "time within a realization (s)" for axes in figure.axes)
     assert before.get_ylabel() == "torque (N·m)"
     assert drawn(figure, "png").startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("settings", "titles", "legend"),
+    [
+        ({"task_limit": None}, ["1. aligned to the target", "2. residual, low-passed"], "target"),
+        ({"reference": None, "task_limit": None}, ["1. residual, low-passed"], "limits"),
+        ({"reference": None, "task_limit": None, "residual_limit": None}, [], "kept"),
+    ],
+)
+def test_steps_that_were_not_taken_are_not_drawn(settings, titles, legend):
+    figure = preparation_steps(prepare(participant_of(1).noise.recording, **settings))
+    drawn(figure, "png")
+    assert [axes.get_title().partition(":")[0] for axes in figure.axes[2:]] == titles
+    shown = [text.get_text() for text in figure.legends[0].texts]
+    assert legend in shown
+    assert ("target" in shown) == bool(figure.axes[0].lines) == ("reference" not in settings)

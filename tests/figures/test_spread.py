@@ -1,5 +1,8 @@
+from itertools import pairwise
+
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
 from tests.experimental import METHODS, experiment_of, fail, results_of, summary_of
 
@@ -129,3 +132,23 @@ def test_error_of_a_method_that_failed():
     axes = figure.subfigs[0].axes[1]
     assert [text.get_text() for text in axes.texts] == ["no estimate"]
     assert len(axes.lines) == 1
+
+
+def test_long_labels_and_many_amounts_do_not_overlap():
+    methods = ("eirf", "sds:window=0.2,max_lag=0.1", "own:AMethodWithALongName", "kbr")
+    many = experiment_of(participants=("P1", "P2"), methods=methods, amounts=(30, 75, 150, 300), bootstraps=2)
+    for figure in (variance_and_spread(many.summary), error_against_truth(many.results, many.summary)):
+        FigureCanvasAgg(figure).draw()
+        axes = figure.axes[-1]
+        boxes = [label.get_window_extent() for label in axes.get_xticklabels()]
+        assert all(left.x1 <= right.x0 for left, right in pairwise(boxes))
+        assert axes.get_xticklabels()[0].get_text() == "eirf\n30 | 75 | 150 | 300"
+
+
+def test_an_axis_holds_the_whiskers_but_not_what_is_far_out(experiment):
+    for factor, cut in ((1.0, False), (1000.0, True)):
+        summary = experiment.summary.copy()
+        outlying = (summary.metric == "random_error") & (summary.participant == "P1") & (summary.method == "sds")
+        summary.loc[outlying, "value"] *= factor
+        axes = variance_and_spread(summary).axes[2]
+        assert (axes.get_ylim()[1] < axes.dataLim.ymax) == cut

@@ -2,9 +2,13 @@ import re
 from xml.etree import ElementTree
 
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from tests.synthetic import responses_of
 
 from tvsysid.figures import drawn, impulse_responses, save
+from tvsysid.figures.style import legend_below
 
 
 @pytest.mark.parametrize(("ending", "start"), [("svg", b"<?xml"), ("pdf", b"%PDF"), ("png", b"\x89PNG")])
@@ -31,3 +35,16 @@ def test_a_figure_that_cannot_be_drawn_leaves_nothing(tmp_path):
     with pytest.raises(ValueError, match="not supported"):
         save(impulse_responses(responses_of()), tmp_path / "figure.doc")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("lengths", [(5, 5, 5), (40, 3, 3, 3, 40, 12), (70,) * 4, (8,) * 13])
+def test_a_legend_below_fits_the_figure(lengths):
+    figure = Figure(figsize=(7, 3), layout="constrained")
+    figure.subplots()
+    legend_below(figure, [Line2D([], [], label="n" * length) for length in lengths])
+    FigureCanvasAgg(figure).draw()
+    (legend,) = figure.legends
+    assert [len(text.get_text()) for text in legend.texts] == list(lengths)
+    box = legend.get_window_extent()
+    assert box.x0 >= 0
+    assert box.x1 <= figure.bbox.x1

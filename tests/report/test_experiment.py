@@ -70,7 +70,7 @@ def test_who_is_virtual_is_told(elements):
 def test_outcome_tells_what_was_kept_and_found(experiment, elements):
     text = section(elements, "outcome")
     assert "6 recordings of 3 participants; 4 methods" in text
-    assert "48 analyses in all, of which 9 failed." in text
+    assert "288 identifications in all, of which 54 failed." in text
     assert "With filtered noise, 260 ± 0 of 300 realizations were kept (the paper: 260 ± 12 of 300)." in text
     assert "Of 4 claims of the paper: holds: 1" in text
     rows = experiment.summary[
@@ -91,11 +91,11 @@ def test_metrics_are_means_and_deviations_over_participants(experiment, elements
         & (experiment.summary.realizations == 150)
     ].value
     assert f"{rows.mean():.1f} ± {rows.std():.1f}" in text
-    found = metrics(experiment.summary)["rows"]
+    found = metrics(experiment.summary, 6)["rows"]
     assert len(found) == 16
     failed = {(row["perturbation"], row["method"], row["realizations"]): row["failed"] for row in found}
-    assert failed["filtered noise", "kbr", 40] == 1
-    assert failed["PRBS", "eirf", 75] == 1
+    assert failed["filtered noise", "kbr", 40] == 6
+    assert failed["PRBS", "eirf", 75] == 6
 
 
 def test_each_participant_by_itself(experiment, elements):
@@ -127,6 +127,15 @@ def test_the_papers_counts_stand_beside_the_papers_numbers_only():
     assert "the paper" not in " ".join(outcome(results, summary_of(results), claims().iloc[:0]))
 
 
+def test_claims_that_were_not_studied_are_folded_away(elements):
+    studied = table(elements, "What van de Ruit et al. (2021) say of their experiment")
+    for verdict in ("✓ holds", "✗ does not hold", "? undecided"):
+        assert verdict in studied
+    assert "not studied" not in studied
+    assert "260 ± 12 realizations are kept." in table(elements, "Claims that these recordings do not bear on.")
+    assert "1 claim not studied, and why" in [text for _, text in elements.of("summary")]
+
+
 def test_remarks_about_files(elements):
     text = section(elements, "recordings")
     assert "P2-noise trial_3.mat left out: <no torque> angle is clipped" in text
@@ -142,9 +151,33 @@ def test_troubles_name_the_recording_or_the_analysis(experiment, elements):
     assert experiment_troubles(results_of(("P1",), methods=("sds",))) == []
 
 
+def test_draws_that_failed_in_every_analysis_are_no_failed_recording():
+    results = results_of(("P1",), ("noise",), ("sds",))
+    results["failure"][:] = "2 of 6 draws failed, the first: no"
+    results["vaf"][:, :, :2] = np.nan
+    found = [(each["method"], each["count"], each["trials"]) for each in experiment_troubles(results)]
+    assert found == [("sds-75", 1, 1), ("sds-150", 1, 1)]
+
+
+def test_an_unfinished_study_says_so(tmp_path):
+    made = experiment_of(participants=("P1", "P2"), methods=("sds", "esm"))
+    fail(made.results, "", analysis="esm-150")
+    made.results["checksums"].loc[{"analysis": "esm-150"}] = 0
+    summary = made.summary[~((made.summary.method == "esm") & (made.summary.realizations == 150))]
+    for name, rows, words in (("some", summary, "of which none failed"), ("none", summary[:0], "There is none yet.")):
+        figures = experiment_figures(made.results, rows, {}, {})
+        path = tmp_path / f"{name}.html"
+        write_experiment_report(path, made.results, rows, claims(), made.exclusions, figures)
+        text = Elements(path.read_text()).of("main")[0][1]
+        assert "The study is not finished: 12 of 16 analyses are there." in text
+        assert "72 identifications in all" in text
+        assert words in text
+        assert "nan" not in text
+
+
 def test_what_was_run_and_how_to_do_it_again(elements):
     text = section(elements, "run")
-    for words in ("max shift 0.25", "reference target", "bootstraps 6", "version of numpy 2.3.1", "9 of 48"):
+    for words in ("max shift 0.25", "reference target", "bootstraps 6", "version of numpy 2.3.1", "54 of 288"):
         assert words in text
     command, code = ("".join(texts) for tag, _, texts in elements.found if tag == "pre")
     assert command == "tvsysid experiment --virtual 3 && echo"
@@ -170,7 +203,7 @@ def test_one_record_without_claims_figures_command_or_attributes(tmp_path, truth
     assert "nan" not in text
     assert "None was looked at." in text
     assert "Nothing was left out, and nothing was doubtful." in text
-    assert "1 analysis in all, of which none failed" in text
+    assert "6 identifications in all, of which none failed" in text
     assert "perturbation: steps" in table(elements, "Metrics of each method")
     assert "the paper’s" not in text
     assert ("mean bias" in text) == truth
@@ -188,7 +221,7 @@ def test_when_everything_failed(tmp_path):
     write_experiment_report(tmp_path / "report.html", failed, summary, claims(), made.exclusions.iloc[:0], figures)
     text = Elements((tmp_path / "report.html").read_text()).of("main")[0][1]
     assert "nan" not in text
-    assert "24 analyses in all, of which 24 failed" in text
+    assert "144 identifications in all, of which 144 failed" in text
 
 
 def test_results_from_a_store_give_the_same_page(tmp_path, experiment):

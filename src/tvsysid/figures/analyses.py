@@ -16,7 +16,9 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 SPIKE = 0.3
-"""How far an axis reaches beyond 98 % of the values, as a share of their range."""
+"""How far beyond 98 % of a method's values an axis reaches, as a share of their range."""
+FAR = 0.75
+"""How far beyond the middle one of the methods' ranges an axis reaches, as a share of it."""
 
 
 def unique(values: NDArray[np.generic]) -> list[str]:
@@ -82,18 +84,35 @@ def mean_and_spread(values: Array) -> tuple[Array, Array]:
 
 
 def usual_range(values: Array, always: Array) -> tuple[float, float]:
-    """Limits of an axis that shows all of some values but spikes, and all of others, with room; from zero if near.
+    """Limits of an axis that shows what methods have in common, and all of other values, with room; from zero if near.
 
-    A method that is out of its depth has spikes; they shall not hide the rest.
+    A method that is out of its depth has spikes, or is far off; that shall not hide the rest.
+
+    Parameters
+    ----------
+    values
+        Shape (method, ...).
+    always
+        Any shape.
     """
-    known, certain = values[np.isfinite(values)], always[np.isfinite(always)]
-    ends = [float(each) for each in certain]
-    if known.size:
-        usual_low, usual_high = np.percentile(known, [1, 99])
-        beyond = SPIKE * (usual_high - usual_low)
-        ends += [max(float(known.min()), usual_low - beyond), min(float(known.max()), usual_high + beyond)]
+    extents = [_without_spikes(known) for each in values if (known := each[np.isfinite(each)]).size]
+    ends = [float(each) for each in always[np.isfinite(always)]]
+    if extents:
+        low, high = np.median(extents, axis=0)
+        beyond = FAR * (high - low)
+        ends += [
+            max(min(each for each, _ in extents), float(low - beyond)),
+            min(max(each for _, each in extents), float(high + beyond)),
+        ]
     if not ends:
         return 0.0, 1.0
-    low, high = min(ends), max(ends)
-    room = 0.08 * max(high - low, 0.2 * abs(high), 1e-9)
-    return (0.0 if 0 <= low < 0.6 * high else low - room), high + room
+    least, most = min(ends), max(ends)
+    room = 0.08 * max(most - least, 0.2 * abs(most), 1e-9)
+    return (0.0 if 0 <= least < 0.6 * most else least - room), most + room
+
+
+def _without_spikes(values: Array) -> tuple[float, float]:
+    """Lowest and highest value, or not far beyond 98 % of them."""
+    low, high = np.percentile(values, [1, 99])
+    beyond = SPIKE * (high - low)
+    return max(float(values.min()), float(low - beyond)), min(float(values.max()), float(high + beyond))

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+PAPER = "van de Ruit et al. 2021"
 TOLD = {
     "mean_stiffness": "mean stiffness",
     "vaf": "VAF",
@@ -66,8 +67,9 @@ def experiment_figures(
     else:
         shown["participants"] = _all(results, summary)
     shown["participant"] = _detail(results, summary, one)
-    shown["variance-and-spread"] = _spread(summary)
-    if np.isfinite(results.true_stiffness.values).any():
+    if len(summary):
+        shown["variance-and-spread"] = _spread(summary)
+    if len(summary) and np.isfinite(results.true_stiffness.values).any():
         shown["error-against-truth"] = _error(results, summary)
     recorded = _of_one(excerpts, results, one)
     if recorded:
@@ -107,7 +109,8 @@ def _all(results: xr.Dataset, summary: pd.DataFrame) -> Illustration:
     people = len(unique(results.participant.values))
     title = f"Stiffness of {'all participants' if people > 1 else 'the participant'}"
     text = (
-        f"Stiffness over one realization, mean over bootstraps, of {_count(people, 'participant')}: a row for each "
+        f"Like figure 8 of {PAPER}: "
+        f"stiffness over one realization, mean over bootstraps, of {_count(people, 'participant')}: a row for each "
         f"perturbation, a line for each method ({_amounts(results)}){_truth(results)}. "
     )
     return Illustration(stiffness_of_participants(results, title), title, text + _torque(results) + _sentences(summary))
@@ -117,7 +120,8 @@ def _detail(results: xr.Dataset, summary: pd.DataFrame, participant: str) -> Ill
     title = f"Participant {participant} in detail"
     middle = ", whose VAF is in the middle of all" if len(unique(results.participant.values)) > 1 else ""
     text = (
-        f"Stiffness and time-varying VAF of participant {participant}{middle}: mean and two standard deviations over "
+        f"Like figure 9 of {PAPER}: "
+        f"stiffness and time-varying VAF of participant {participant}{middle}: mean and two standard deviations over "
         f"bootstraps, a column for each method ({_amounts(results)}){_truth(results)}. "
     )
     rows = summary[summary.participant == participant]
@@ -141,6 +145,7 @@ def _single(results: xr.Dataset, summary: pd.DataFrame) -> Illustration:
 def _spread(summary: pd.DataFrame) -> Illustration:
     title = "VAF and random error of all methods"
     text = (
+        f"Like figure 10 of {PAPER}. "
         "Bars: mean over participants of the VAF of the whole torque, of that between 1 and 10 Hz, and of the random "
         "error, with two standard deviations over participants; dots: single participants. VAF is that of the "
         "realizations that the model was identified from. "
@@ -173,21 +178,28 @@ def _signals(pieces: Mapping[str, Recording], participant: str) -> Illustration:
         f"{words}: angle {1000 * float(np.std(each.angle)):.3g} mrad, torque {float(np.std(each.torque)):.3g} N·m (SD)"
         for words, each in pieces.items()
     )
-    text = f"Angle and torque at {first.sampling_rate:g} Hz{target}, a row for each perturbation. {described}."
+    like = f"Like figure 6 of {PAPER}"
+    text = f"{like}: angle and torque at {first.sampling_rate:g} Hz{target}, a row for each perturbation. {described}."
     return Illustration(recorded_signals(pieces, title), title, text)
 
 
 def _preparation(preparation: Preparation, results: xr.Dataset, label: str) -> Illustration:
     here = results.sel(recording=label)
     title = f"Preparation of {here.participant.item()}, {told(str(here.perturbation.item()))}"
+    aligned = "aligned and with" if preparation.alignment is not None else "with"
+    told_of = {
+        "alignment": (preparation.alignment, "each is aligned to the torque to be followed (black)"),
+        "task component": (preparation.task, "the component at the task's frequency, with its mean and limits"),
+        "residual": (preparation.residual, "the low-passed residual, with its mean and limits"),
+    }
     counts = preparation.account.counts
-    excluded = ", ".join(f"{count} by {step}" for step, count in counts.items()) or "none"
+    steps = "; ".join(
+        f"{words}: {counts.get(name, 0)} excluded" for name, (step, words) in told_of.items() if step is not None
+    )
     text = (
-        f"Above: all {len(preparation.recorded)} realizations of the recorded torque, and the "
-        f"{len(preparation.ensemble)} that were kept, aligned and with their mean subtracted. Below: step 1 aligns "
-        "each realization to the torque to be followed (black) and excludes those that need too large a shift; step 2 "
-        "excludes those whose component at the task's frequency leaves the limits (mean: solid, limits: dashed); step "
-        f"3 does so with the low-passed residual. Excluded: {excluded}."
+        f"Like figure 7 of {PAPER}. Above: the torque of all {len(preparation.recorded)} realizations as it was "
+        f"recorded, and that of the {len(preparation.ensemble)} that were kept, {aligned} their mean subtracted. "
+        f"{f'Below, step by step: {steps}.' if steps else 'No step was taken that excludes realizations.'}"
     )
     return Illustration(preparation_steps(preparation, title), title, text)
 

@@ -74,8 +74,8 @@ def stiffness_of_participants(results: xr.Dataset, title: str = "") -> Figure:
         layout="constrained",
     )
     grid = figure.subplots(rows * len(blocks), wide, sharex=True, squeeze=False, height_ratios=heights * len(blocks))
-    limits = usual_range(mean.values, results.true_stiffness.values)
-    torque_limits = usual_range(torques, torques)
+    limits = usual_range(np.moveaxis(mean.values, 1, 0), results.true_stiffness.values)
+    torque_limits = usual_range(torques[:0], torques)
     for number, block in enumerate(blocks):
         part = grid[rows * number : rows * (number + 1)]
         for column, axes_of_one in enumerate(part.T):
@@ -184,9 +184,10 @@ def _bands(results: xr.Dataset, recordings: dict[str, str], with_vaf: bool, titl
     grid = figure.subplots(count, len(least), sharex=True, sharey="row", squeeze=False)
     moments = {name: mean_and_spread(np.moveaxis(here[name].values, 2, 0)) for name, _ in rows}
     mean, spread = moments["stiffness"]
-    limits = usual_range(np.stack([mean - 2 * spread, mean + 2 * spread]), here.true_stiffness.values)
+    bands = np.stack([mean - 2 * spread, mean + 2 * spread], axis=1)
+    limits = usual_range(np.moveaxis(bands, 2, 0), here.true_stiffness.values)
     followed = "target_torque" if np.isfinite(here.target_torque.values).any() else "mean_torque"
-    torque_limits = usual_range(here[followed].values, here[followed].values)
+    torque_limits = usual_range(np.zeros((0, 1)), here[followed].values)
     places = [(name, words, each) for name, words in rows for each in recordings]
     for row, (name, words, each) in zip(grid, places, strict=True):
         place = list(recordings).index(each)
@@ -194,7 +195,9 @@ def _bands(results: xr.Dataset, recordings: dict[str, str], with_vaf: bool, titl
         for column, (axes, method) in enumerate(zip(row, least, strict=True)):
             plain(axes).tick_params(labelsize=SMALL)
             if np.isfinite(torque).any():
-                _behind(axes, here.time.values, torque, torque_limits, scale=column == len(least) - 1)
+                _behind(
+                    axes, here.time.values, torque, torque_limits, column == len(least) - 1, followed == "target_torque"
+                )
             truth = here.true_stiffness.values[place]
             if name == "stiffness" and np.isfinite(truth).any():
                 axes.plot(here.time.values, truth, color=TRUTH, linewidth=1.0, linestyle="--", label="truth", zorder=3)
@@ -265,10 +268,10 @@ def _nothing(axes: Axes, why: str) -> None:
     axes.text(0.5, 0.96, why, transform=axes.transAxes, ha="center", va="top", fontsize=SMALL)
 
 
-def _behind(axes: Axes, time: Array, torque: Array, limits: tuple[float, float], scale: bool) -> None:
+def _behind(axes: Axes, time: Array, torque: Array, limits: tuple[float, float], scale: bool, smooth: bool) -> None:
     """Draw a torque as a grey line behind what the axes show, with its scale on the right if asked for."""
     other = axes.twinx()
-    other.plot(time, torque, color="#C0C0C0", linewidth=1.3, label="torque")
+    other.plot(time, torque, color="#C0C0C0", linewidth=1.3 if smooth else 0.7, label="torque")
     other.set_ylim(limits)
     other.spines[["top", "left"]].set_visible(False)
     other.spines["right"].set_visible(scale)

@@ -30,12 +30,14 @@ def preparation_steps(preparation: Preparation, title: str = "") -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
-        Above the recorded and the prepared torque, below one axes for each step.
+        Above the recorded and the prepared torque, below one axes for each step that was taken.
     """
     from matplotlib.figure import Figure  # noqa: PLC0415  # heavy
 
-    figure = Figure(figsize=(10.0, 6.4), layout="constrained")
-    grid = figure.add_gridspec(2, 6)
+    taken = (preparation.alignment, preparation.task, preparation.residual)
+    steps = {name: step for name, step in zip(TITLES, taken, strict=True) if step is not None}
+    figure = Figure(figsize=(10.0, 6.4 if steps else 3.6), layout="constrained")
+    grid = figure.add_gridspec(2 if steps else 1, 6)
     before, after = figure.add_subplot(grid[0, :3]), figure.add_subplot(grid[0, 3:])
     account, time = preparation.account, preparation.recorded.time
     recorded, prepared = preparation.recorded, preparation.ensemble
@@ -47,15 +49,12 @@ def preparation_steps(preparation: Preparation, title: str = "") -> Figure:
     _realizations(after, time, prepared.torque[:, prepared.core], np.full(len(prepared), ""))
     after.set_title(f"prepared: {len(prepared)} realizations, mean subtracted", fontsize=9)
 
-    names = ("1. aligned to the target", "2. component at the task's frequency", "3. residual, low-passed")
-    steps = (preparation.alignment, preparation.task, preparation.residual)
-    for number, (step, name) in enumerate(zip(steps, names, strict=True)):
-        if step is None:
-            continue
-        axes = figure.add_subplot(grid[1, 2 * number : 2 * number + 2])
+    wide = 6 // max(len(steps), 1)
+    for number, (name, step) in enumerate(steps.items()):
+        axes = figure.add_subplot(grid[1, wide * number : wide * (number + 1)])
         _realizations(axes, time, step.judged, step.account.excluded_by)
         _limits(axes, time, step)
-        axes.set_title(f"{name}: {np.count_nonzero(~step.account.kept)} excluded", fontsize=9)
+        axes.set_title(f"{number + 1}. {TITLES[name]}: {np.count_nonzero(~step.account.kept)} excluded", fontsize=9)
     for axes in figure.axes:
         axes.set_xlabel("time within a realization (s)", fontsize=8)
         axes.tick_params(labelsize=8)
@@ -63,11 +62,16 @@ def preparation_steps(preparation: Preparation, title: str = "") -> Figure:
         axes.locator_params(axis="x", nbins=5)
     for axes in figure.axes[:3]:
         axes.set_ylabel("torque (N·m)", fontsize=8)
-    figure.legend(handles=_legend(), frameon=False, fontsize=8, loc="outside lower center", ncols=7)
+    figure.legend(handles=_legend(list(steps)), frameon=False, fontsize=8, loc="outside lower center", ncols=7)
     figure.suptitle(title, fontsize=11)
     return figure
 
 
+TITLES = {
+    "alignment": "aligned to the target",
+    "task component": "component at the task's frequency",
+    "residual": "residual, low-passed",
+}
 COLOURS = {"alignment": PALETTE[1], "task component": PALETTE[0], "residual": PALETTE[2]}
 """Colour of the realizations that each step excluded."""
 
@@ -103,17 +107,15 @@ def _limits(axes: Axes, time: NDArray[np.float64], step: Step) -> None:
         axes.plot(time, limit, color=TRUTH, linewidth=1.2, linestyle="--")
 
 
-def _legend() -> list[object]:
+def _legend(steps: list[str]) -> list[object]:
     from matplotlib.lines import Line2D  # noqa: PLC0415  # heavy
 
-    excluded = {"shifted too far": "alignment", "unlike in the task": "task component", "unlike otherwise": "residual"}
-    return [
-        Line2D([], [], color=KEPT, linewidth=1.5, label="kept"),
-        *(
-            Line2D([], [], color=COLOURS[step], linewidth=1.5, label=f"excluded: {why}")
-            for why, step in excluded.items()
-        ),
-        Line2D([], [], color="black", linewidth=1.6, label="target"),
-        Line2D([], [], color=TRUTH, linewidth=1.2, label="mean"),
-        Line2D([], [], color=TRUTH, linewidth=1.2, linestyle="--", label="limits"),
-    ]
+    why = {"alignment": "shifted too far", "task component": "unlike in the task", "residual": "unlike otherwise"}
+    handles: list[object] = [Line2D([], [], color=KEPT, linewidth=1.5, label="kept")]
+    handles += [Line2D([], [], color=COLOURS[step], linewidth=1.5, label=f"excluded: {why[step]}") for step in steps]
+    if "alignment" in steps:
+        handles.append(Line2D([], [], color="black", linewidth=1.6, label="target"))
+    if {"task component", "residual"} & set(steps):
+        handles.append(Line2D([], [], color=TRUTH, linewidth=1.2, label="mean"))
+        handles.append(Line2D([], [], color=TRUTH, linewidth=1.2, linestyle="--", label="limits"))
+    return handles

@@ -28,6 +28,8 @@ SPREAD = {
 AGAINST_TRUTH = {"bias_error": "bias error (N·m/rad)", "mean_bias": "mean bias (N·m/rad)"}
 SMALL = 7.5
 """Points of the small print."""
+OUTLYING = 5.0
+"""An axis ends at this multiple of the upper quartile, so that one participant does not hide the others."""
 FAINT, FULL = 0.35, 0.85
 """Opacity of the bars for the least and the most data."""
 
@@ -60,8 +62,8 @@ def variance_and_spread(summary: pd.DataFrame, title: str = "") -> Figure:
             _bars(axes, rows, methods, (0.0, 100.0 if "vaf" in metric else np.inf))
             axes.set_title(_words(perturbation) if len(perturbations) > 1 else "", fontsize=8.5, loc="left")
             axes.set_ylabel(label, fontsize=SMALL)
-    for axes, metric in zip(grid[0], SPREAD, strict=True):
-        axes.set_ylim(0, 102 if "vaf" in metric else _top(axes, summary[summary.metric == metric]))
+    for column, metric in zip(grid.T, SPREAD, strict=True):
+        column[0].set_ylim(0, 102 if "vaf" in metric else _top(column, summary[summary.metric == metric]))
     _legend(figure, summary)
     figure.suptitle(title, fontsize=10)
     return figure
@@ -104,7 +106,7 @@ def error_against_truth(results: xr.Dataset, summary: pd.DataFrame, title: str =
             axes.axhline(0, color="black", linewidth=0.8)
             axes.set_title(_words(perturbation) if rows > 1 else "", fontsize=8.5, loc="left")
             axes.set_ylabel(label, fontsize=SMALL)
-    grid[0, 0].set_ylim(0, _top(grid[0, 0], summary[summary.metric == "bias_error"]))
+    grid[0, 0].set_ylim(0, _top(grid[:, 0], summary[summary.metric == "bias_error"]))
     _legend(figure, summary)
     figure.suptitle(title, fontsize=10)
     return figure
@@ -134,7 +136,7 @@ def _over_time(figure: SubFigure, results: xr.Dataset, perturbations: Sequence[s
             one_period(axes, results)
         which = f"{_words(perturbation)}\n" if len(perturbations) > 1 else ""
         row[0].set_ylabel(f"{which}estimate − truth\n(N·m/rad)", fontsize=SMALL)
-    low, high = usual_range(off, np.zeros(1))
+    low, high = usual_range(np.moveaxis(off, 1, 0), np.zeros(1))
     grid[0, 0].set_ylim(low - 0.05 * (high - low), high)
     for axes, label in zip(grid[0], least.values(), strict=True):
         axes.set_title(titles[label], fontsize=8.5)
@@ -190,13 +192,14 @@ def _opacity(number: int, count: int) -> float:
     return FULL if count == 1 else FAINT + (FULL - FAINT) * number / (count - 1)
 
 
-def _top(axes: Axes, rows: pd.DataFrame) -> float:
-    """Height of an axis from zero that holds all means and dots, unless one is far above what is usual."""
+def _top(column: Sequence[Axes], rows: pd.DataFrame) -> float:
+    """Height from zero that holds all that is drawn in some axes, unless it is far above what is usual."""
     values = rows.value.to_numpy(dtype=float)
     values = values[np.isfinite(values)]
     if not values.size:
         return 1.0
-    return 1.15 * min(float(values.max()), 4 * float(np.percentile(values, 75))) or 1.0
+    drawn = max(float(axes.dataLim.ymax) for axes in column if np.isfinite(axes.dataLim.ymax))
+    return 1.05 * min(drawn, OUTLYING * float(np.percentile(values, 75))) or 1.0
 
 
 def _words(perturbation: str) -> str:

@@ -51,7 +51,7 @@ def plain(axes: Axes) -> Axes:
 
 def legend_below(figure: Figure, handles: Sequence[Artist]) -> None:
     """Legend under all axes of a figure, in as few rows as its width allows."""
-    lengths = [0.45 + 0.062 * len(str(handle.get_label())) for handle in handles]
+    lengths = [0.5 + 0.07 * len(str(handle.get_label())) for handle in handles]
     columns = len(handles)
     while columns > 1:
         rows = -(-len(handles) // columns)

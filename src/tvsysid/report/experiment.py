@@ -68,6 +68,8 @@ def _content(
     people = unique(results.participant.values)
     known = np.isfinite(results.true_stiffness.values).any(axis=1)
     virtual = unique(results.participant.values[known])
+    there = results.checksums.transpose("recording", "analysis", ...).values.any(axis=-1)
+    draws = results.vaf.transpose("recording", "analysis", "bootstrap").values[there]
     return {
         "sizes": {
             **{str(name): size for name, size in results.sizes.items()},
@@ -75,11 +77,12 @@ def _content(
             "method": len(methods),
         },
         "truth": "all" if len(virtual) == len(people) else "some" if virtual else "none",
-        "identifications": results.failure.size,
-        "failed": int(np.count_nonzero(results.failure.values != "")),
+        "unfinished": [int(there.sum()), there.size] if not there.all() else None,
+        "identifications": draws.size,
+        "failed": int(np.count_nonzero(np.isnan(draws))),
         "outcome": experiment_tables.outcome(results, summary, claims),
         "figures": embedded({stem: each for stem, each in illustrations.items() if stem not in DETAILS}),
-        "metrics": experiment_tables.metrics(summary),
+        "metrics": experiment_tables.metrics(summary, results.sizes["bootstrap"]),
         "claims": tables.claim_rows(claims),
         "recordings": experiment_tables.recordings(results, exclusions),
         "details": embedded({stem: each for stem, each in illustrations.items() if stem in DETAILS}),

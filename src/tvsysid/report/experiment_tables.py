@@ -24,7 +24,7 @@ METRICS = {
     "lowest_time_varying_vaf": ("lowest VAF over time", "%", 1),
     "bias_error": ("bias error", "N·m/rad", 2),
     "mean_bias": ("mean bias", "N·m/rad", 2),
-    "seconds": ("computing time", "s", 1),
+    "seconds": ("computing time", "s", 2),
 }
 """Heading, unit and decimals of each column of the table of metrics."""
 COUNTS = {
@@ -53,7 +53,7 @@ def over_participants(values: NDArray[np.float64], decimals: int | None) -> Cell
     return number(float(known.mean()), spread, decimals)
 
 
-def metrics(summary: pd.DataFrame) -> dict[str, Any]:
+def metrics(summary: pd.DataFrame, bootstraps: int) -> dict[str, Any]:
     """Rows of the table of metrics: one for each method, amount of data and perturbation, and the columns' headings.
 
     ``each`` holds the same for every participant by itself.
@@ -61,15 +61,15 @@ def metrics(summary: pd.DataFrame) -> dict[str, Any]:
     there = [name for name in METRICS if np.isfinite(summary.value[summary.metric == name].astype(float)).any()]
     by = ["perturbation", "method", "realizations"]
     return {
-        "rows": _rows(summary, by, there),
-        "each": _rows(summary, ["participant", *by], there),
+        "rows": _rows(summary, by, there, bootstraps),
+        "each": _rows(summary, ["participant", *by], there, bootstraps),
         "headings": [METRICS[name] for name in there],
         "perturbations": [told(each) for each in unique(summary.perturbation.to_numpy())],
         "participants": summary.participant.nunique(),
     }
 
 
-def _rows(summary: pd.DataFrame, by: list[str], metrics: list[str]) -> list[dict[str, Any]]:
+def _rows(summary: pd.DataFrame, by: list[str], metrics: list[str], bootstraps: int) -> list[dict[str, Any]]:
     """A row for each group of the summary's rows, with a cell for each of some metrics."""
     rows = []
     for _, mine in summary.groupby(by, sort=False):
@@ -84,7 +84,7 @@ def _rows(summary: pd.DataFrame, by: list[str], metrics: list[str]) -> list[dict
                 "realizations": int(first.realizations),
                 "cells": [over_participants(values.get(name, nothing), METRICS[name][2]) for name in metrics],
                 "failed": int(np.nansum(values.get("failed", nothing))),
-                "participants": mine.participant.nunique(),
+                "draws": bootstraps * mine.participant.nunique(),
             }
         )
     return rows
@@ -146,7 +146,8 @@ def experiment_troubles(results: xr.Dataset) -> list[dict[str, Any]]:
         ``"doubtful"``), ``count`` of how many ``trials``, and the ``first`` reason.
     """
     failure, found = results.failure.transpose("recording", "analysis").values, []
-    lost = (failure != "").all(axis=1)
+    numbers = np.isfinite(results.vaf.transpose("recording", ...).values)
+    lost = (failure != "").all(axis=1) & ~numbers.any(axis=(1, 2))
     for label, reasons in zip(results.recording.values[lost], failure[lost], strict=True):
         count = len(reasons)
         found.append(

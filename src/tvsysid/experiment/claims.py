@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from tvsysid.experiment.layout import STEPS
-from tvsysid.experiment.summary import measured
+from tvsysid.experiment.summary import mean_over_draws, measured
 from tvsysid.verdicts import COLUMNS, RATIO, Claim, judged
 
 if TYPE_CHECKING:
@@ -166,7 +166,7 @@ def _mean(values: Array) -> float:
 
 def _rising(results: xr.Dataset) -> Array:
     """Correlation over time of the mean stiffness with the mean torque, (recording, analysis)."""
-    mean = results.stiffness.values.mean(axis=2)
+    mean = mean_over_draws(results.stiffness.values)
     torque = np.broadcast_to(results.mean_torque.values[:, None], mean.shape)
     found = np.full(mean.shape[:2], np.nan)
     for place in np.ndindex(*found.shape):
@@ -180,7 +180,7 @@ def _dips(results: xr.Dataset) -> Array:
     """Time-varying VAF at the quarters of a period less that about its beginning and middle, (recording, analysis)."""
     phase = results.time.values / (results.time.values[-1] + results.time.values[1] - results.time.values[0])
     from_turn = np.abs((2 * phase + 0.5) % 1 - 0.5) / 2
-    vaf = results.time_varying_vaf.values.mean(axis=2)
+    vaf = mean_over_draws(results.time_varying_vaf.values)
     at, away = from_turn < DIP_WIDTH / 2, from_turn > 0.25 - DIP_WIDTH / 2
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)

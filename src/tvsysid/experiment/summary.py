@@ -8,11 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from tvsysid.experiment.prepared import Prepared
 
 if TYPE_CHECKING:
     import xarray as xr
+
+Array = NDArray[np.float64]
 
 UNITS = {
     "mean_stiffness": "N·m/rad",
@@ -79,19 +82,26 @@ def measured(results: xr.Dataset) -> dict[str, Any]:
         # Of means over nothing: a method that failed.
         warnings.simplefilter("ignore", RuntimeWarning)
         stiffness = results.stiffness.values
-        mean = np.nanmean(stiffness, axis=2)
+        mean = mean_over_draws(stiffness)
         error = mean - results.true_stiffness.values[:, None]
         return {
             "mean_stiffness": np.nanmean(mean, axis=-1),
             "random_error": np.sqrt(np.nanmean(np.nanvar(stiffness, axis=2, ddof=1), axis=-1)),
             "vaf": np.nanmean(results.vaf.values, axis=-1),
             "bandpassed_vaf": np.nanmean(results.bandpassed_vaf.values, axis=-1),
-            "lowest_time_varying_vaf": np.nanmin(np.nanmean(results.time_varying_vaf.values, axis=2), axis=-1),
+            "lowest_time_varying_vaf": np.nanmin(mean_over_draws(results.time_varying_vaf.values), axis=-1),
             "bias_error": np.sqrt(np.nanmean(error**2, axis=-1)),
             "mean_bias": np.nanmean(error, axis=-1),
             "seconds": results.seconds.values,
             "failed": np.isnan(results.vaf.values).sum(axis=-1),
         }
+
+
+def mean_over_draws(values: Array) -> Array:
+    """Mean over the draws that did not fail, from (recording, analysis, bootstrap, time) to one axis less."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # where all failed
+        return np.asarray(np.nanmean(values, axis=2))
 
 
 def stiffness_over_time(results: xr.Dataset) -> pd.DataFrame:

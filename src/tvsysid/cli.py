@@ -282,7 +282,7 @@ def experiment(
 
     - `prepared/`: the ensembles that were identified (NetCDF; `tvsysid.recordings.load_ensemble` reads them);
 
-    - `figures/`: each as PNG, PDF and SVG;
+    - `figures/`: each as PNG, PDF and SVG, and every participant in detail as PNG and PDF;
 
     - `results.zarr`: every bootstrap; `xarray.open_zarr` reads it.
 
@@ -322,30 +322,31 @@ def report(
 
     Example: `tvsysid report tvsysid-benchmark`
     """
+    from tvsysid.benchmark import read_results
+    from tvsysid.execution import title_of
+    from tvsysid.experiment import TITLE, Experiment, prepared_recordings
+    from tvsysid.experiment import read_results as read_experiment
+
+    if not folder.is_dir():
+        raise InputError(f"{folder}: there is no such folder; give the one that a benchmark or an experiment wrote")
     _check_folder(folder)
-    try:
-        from tvsysid.benchmark import read_results
-
+    if title_of(folder / STORE) != TITLE:
         _write_study(read_results(folder / STORE), folder, "")
-    except InputError as no_benchmark:
-        if "Experimental study" not in str(no_benchmark):
-            raise
-        from tvsysid.experiment import Experiment, prepared_recordings
-        from tvsysid.experiment import read_results as read_experiment
-
-        results = read_experiment(folder / STORE)
-        what = Experiment(**json.loads(results.attrs["experiment"]))
-        with _progress("preparing recordings") as advance:
-            prepared = prepared_recordings(what, advance)
-        if {item.recorded.label: item.digest for item in prepared} != json.loads(results.attrs["data"]):
-            errors.print(
-                "[yellow]note:[/] the recordings are not there, or not as they were; what shows their preparation is "
-                "left as it is",
-                highlight=False,
-                soft_wrap=True,
-            )
-            prepared = ()
-        _write_experiment(what, results, prepared, folder, "")
+        return
+    results = read_experiment(folder / STORE)
+    settings = {name: each for name, each in json.loads(results.attrs["experiment"]).items() if name != "methods"}
+    what = Experiment(**settings)
+    with _progress("preparing recordings") as advance:
+        prepared = prepared_recordings(what, advance)
+    if {item.recorded.label: item.digest for item in prepared} != json.loads(results.attrs["data"]):
+        errors.print(
+            "[yellow]note:[/] the recordings are not there, or not as they were: exclusions.csv, prepared/ and the "
+            "figures of recording and preparation stay as they are, and the page is without these figures",
+            highlight=False,
+            soft_wrap=True,
+        )
+        prepared = ()
+    _write_experiment(what, results, prepared, folder, "")
 
 
 @app.command()
@@ -855,7 +856,8 @@ def _run_experiment(experiment: Any, out: Path, workers: int | None, scheduler: 
         f"{len(experiment.recordings)} recordings x {len(experiment.analyses)} analyses x "
         f"{experiment.bootstraps} bootstraps"
     )
-    return _going_on(go, title, "analyses", out, workers, scheduler), prepared
+    with _shown_warnings():
+        return _going_on(go, title, "analyses", out, workers, scheduler), prepared
 
 
 def _checked_apart(name: str) -> list[Check]:
@@ -943,8 +945,7 @@ def _write_experiment(experiment: Any, results: Any, prepared: Any, out: Path, c
     """Write tables, ensembles, figures and report, and print the essence; whether every analysis gave a result."""
     import pandas as pd
 
-    from tvsysid.experiment import exclusions, judge, shown, stiffness_over_time, summarize
-    from tvsysid.figures import experiment_figures, representative, save
+    from tvsysid.experiment import exclusions, judge, stiffness_over_time, summarize
     from tvsysid.recordings import whole_file, write_ensemble
     from tvsysid.report import experiment_troubles, write_experiment_report
 
@@ -963,21 +964,12 @@ def _write_experiment(experiment: Any, results: Any, prepared: Any, out: Path, c
         for item in prepared:
             if item.ensemble is not None:
                 write_ensemble(out / "prepared" / f"{item.recorded.label}.nc", item.ensemble)
-        excerpts, preparations = {}, {}
-        who = representative(results, summary)
-        for item in prepared:
-            if item.recorded.participant == who and item.ensemble is not None:
-                label = item.recorded.label
-                excerpts[label], preparations[label] = shown(experiment, item.recorded)
-        illustrations = experiment_figures(results, summary, excerpts, preparations)
-        for name, each in illustrations.items():
-            for ending in ("png", "pdf", "svg"):
-                save(each.figure, out / "figures" / f"{name}.{ending}")
+        illustrations = _experiment_pictures(experiment, results, summary, prepared, out / "figures")
         write_experiment_report(out / "report.html", results, summary, claims, excluded, illustrations, command)
     for perturbation in dict.fromkeys(summary.perturbation):
         output.print(_experiment_table(summary[summary.perturbation == perturbation], str(perturbation)))
     output.print(_recordings_table(results))
-    if (claims.verdict != "not studied").any():
+    if claims.verdict.isin(["holds", "does not hold"]).any():
         output.print(_claims_table(claims, "experiment"))
     labels = set(results.recording.values.tolist())  # those that failed altogether were told before
     met = [trouble for trouble in experiment_troubles(results) if trouble["method"] not in labels]
@@ -985,6 +977,28 @@ def _write_experiment(experiment: Any, results: Any, prepared: Any, out: Path, c
     names = ["report.html", *tables, "prepared/", f"figures/ ({len(illustrations)})", STORE]
     _say_written(out, names)
     return complete
+
+
+def _experiment_pictures(experiment: Any, results: Any, summary: Any, prepared: Any, folder: Path) -> Any:
+    """Draw and save everything; those of the page, by the stems of their files."""
+    from tvsysid.experiment import shown
+    from tvsysid.figures import experiment_figures, participant_in_detail, representative, save
+
+    excerpts, preparations = {}, {}
+    who = representative(results, summary)
+    for item in prepared:
+        if item.recorded.participant == who and item.ensemble is not None:
+            with suppress(InputError):  # a file that is gone since
+                excerpts[item.recorded.label], preparations[item.recorded.label] = shown(experiment, item.recorded)
+    illustrations = experiment_figures(results, summary, excerpts, preparations)
+    for name, each in illustrations.items():
+        for ending in ("png", "pdf", "svg"):
+            save(each.figure, folder / f"{name}.{ending}")
+    for participant in dict.fromkeys(results.participant.values.tolist()):
+        figure = participant_in_detail(results, participant, f"Participant {participant} in detail")
+        for ending in ("png", "pdf"):
+            save(figure, folder / "participants" / f"{participant}.{ending}")
+    return illustrations
 
 
 def _experiment_table(rows: pd.DataFrame, perturbation: str) -> Table:
@@ -996,7 +1010,8 @@ def _experiment_table(rows: pd.DataFrame, perturbation: str) -> Table:
         "vaf": "VAF\n(%)",
         "bandpassed_vaf": "VAF 1-10 Hz\n(%)",
     }
-    people = rows.participant.nunique()
+    known = rows[(rows.metric == "vaf") & rows.value.notna()]
+    people = known.participant.nunique()
     spread = ", mean ± SD over participants" if people > 1 else ""
     table = Table(
         title=f"{perturbation}: {people} participant{'s' if people > 1 else ''}{spread}", title_justify="left"

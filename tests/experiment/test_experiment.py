@@ -76,11 +76,22 @@ def test_a_toml_file_says_the_same(tmp_path):
         ({"bootstraps": 1}, r"bootstraps: Input should be greater than or equal to 2; got 1"),
         ({"methods": "nosuch"}, r"unknown method 'nosuch'"),
         ({"methods": ["sds", "sds"]}, r"methods: sds-75 is there twice; give each method a name of its own"),
-        ({"perturbation": "sine"}, r"perturbation: none of sine was recorded; there are noise, prbs"),
+        ({"perturbation": ["noise", "pbrs"]}, r"perturbation: pbrs was not recorded; there are noise, prbs"),
         ({"participants": {"a": {"noise": "a.mat"}}}, r"reading: files need it: which channels are angle and torque"),
         ({"reading": {"angle": "pos", "torque": "tq"}}, r"reading.sampling_rate: this is missing; give it"),
         ({"preparation": {"ratee": 1}}, r"preparation.ratee: unknown key; did you mean rate\?"),
         ({"virtual": [1, 1]}, r"participants: P1-noise is there twice; give each a name of its own"),
+        (
+            {"participants": {"P1": {"walk": "a"}}, "reading": READING, "virtual": 1},
+            r"participants: P1 is a virtual one",
+        ),
+        ({"participants": {"A": {}}, "reading": READING}, r"perturbations with files for each participant; A has none"),
+        (
+            {"participants": {"a/b": {"noise": "a"}}, "reading": READING},
+            r"names that files may have.*got the name 'a/b'",
+        ),
+        ({"participants": {"a\0": {"noise": "a"}}, "reading": READING}, r"names that files may have"),
+        ({"reading": READING | {"start": 1}}, r"reading.start: unknown key"),
         ({"virtual": -1}, r"virtual.0: Input should be greater than or equal to 0; got -1"),
         ({"realizations": 1}, r"realizations.0: Input should be greater than or equal to 2; got 1"),
         ({"methods": [3]}, r"expected the key of a method, or an object with identify\(ensemble\); got 3"),
@@ -109,3 +120,32 @@ def test_draws_depend_on_the_recording_and_the_number_of_realizations_alone():
     seeds = {one.seed_of(item, count) for item in one.recordings for count in (75, 150)}
     assert len(seeds) == 24
     assert one.seed_of(recorded, 75) != Experiment(seed=1).seed_of(recorded, 75)
+
+
+def test_what_stands_in_a_table_is_taken_as_it_is():
+    methods = [
+        {"name": "kbr"}, {"name": "plain", "method": "kbr"}, {"name": "pieces", "method": "eirf", "contiguous": True},
+        {"name": "scattered", "method": "kbr", "contiguous": False}, "kbr:gamma=9", {"name": "sds", "realizations": 30},
+    ]  # fmt: skip
+    experiment = Experiment(methods=methods)
+    told = {item.name: (item.realizations, item.contiguous) for item in experiment.analyses}
+    assert told == {
+        "kbr": (40, True), "plain": (40, True), "pieces": (40, True), "scattered": (150, False),
+        "kbr:gamma=9": (40, True), "sds": (30, False),
+    }  # fmt: skip
+    assert experiment.named_methods["kbr"] == tv.KernelRegression.preset("experiment")
+    assert experiment.named_methods["plain"] == tv.KernelRegression()
+    assert experiment.named_methods["sds"].window == 12 / 128
+
+
+class Nameless:
+    """A method whose repr tells no more than where it is."""
+
+    def identify(self, ensemble):
+        return tv.BasisIRF().identify(ensemble)
+
+
+def test_an_object_without_a_name_has_that_of_its_class():
+    one, two = (Experiment(methods=[Nameless()], virtual=1) for _ in range(2))
+    assert one.identity == two.identity
+    assert one.analyses[0].label == "Nameless-75"

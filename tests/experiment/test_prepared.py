@@ -1,5 +1,6 @@
 """Preparing recordings, of which some cannot be used."""
 
+import io
 import os
 import re
 import warnings
@@ -120,10 +121,17 @@ def test_a_trial_that_cannot_be_used_is_told_and_the_others_go_on(tmp_path, spoi
     np.testing.assert_array_equal(prepared.ensemble.torque, others.ensemble.torque)
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="nothing is locked for the superuser")
-def test_a_locked_file_is_told_and_the_others_go_on(tmp_path):
+def test_a_locked_file_is_told_and_the_others_go_on(tmp_path, monkeypatch):
     write_trials(tmp_path)
-    (tmp_path / "trial1.mat").chmod(0)
+    opened = io.open
+
+    def locked(file, *arguments, **settings):  # chmod locks nothing for the superuser
+        if "trial1" in str(file):
+            raise PermissionError(13, "Permission denied", str(file))
+        return opened(file, *arguments, **settings)
+
+    monkeypatch.setattr("builtins.open", locked)
+    monkeypatch.setattr(io, "open", locked)
     (prepared,) = prepared_recordings(experiment_on(tmp_path, "trial*.mat"))
     assert prepared.trials == 2
     assert "ermission" in prepared.remarks[0]
@@ -142,13 +150,14 @@ def test_a_column_that_cannot_be_used_is_told_and_the_others_go_on(tmp_path):
 
 def test_doubts_are_told_and_nothing_is_left_out(tmp_path):
     signals = trial()
-    signals["angle"] = np.rad2deg(signals["angle"]) * 20
+    signals["angle"] = np.rad2deg(1.25 * signals["angle"])  # 0.0087 rad RMS, as the paper's
     signals["torque"][1000:1100] = 0.0
     savemat(tmp_path / "trial0.mat", signals)
     savemat(tmp_path / "trial1.mat", trial(1) | {"sampling_rate": 100.0})
     (prepared,) = prepared_recordings(experiment_on(tmp_path, "trial*.mat"))
     told = "\n".join(prepared.remarks)
     assert prepared.trials == 2
+    assert "trial0.mat: angle has an RMS of 0.4" in told
     assert "if it is in degrees, say so" in told
     assert "torque stays at 0 for" in told
     assert "the file states 100 Hz" in told
@@ -162,7 +171,7 @@ def test_a_recording_without_any_usable_trial_fails_alone(tmp_path, small):
     )  # fmt: skip
     lost, fine = prepared_recordings(experiment)
     assert lost.ensemble is None
-    assert lost.failure.startswith("no trial can be used: nothing*.mat: no file in")
+    assert lost.failure.startswith("no trial can be used: nothing*.mat: no file has such a name")
     assert fine.failure == ""
     results = tv.experiment.run(experiment, prepared=(lost, fine), workers=1)
     assert results.survivors.values.tolist() == [0, len(fine.ensemble)]
@@ -200,3 +209,39 @@ def test_data_are_told_apart_by_their_digest(tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert prepared_recordings(experiment_on(tmp_path, "trial*.mat"))[0].digest != first
+
+
+def test_the_same_file_counts_once_and_brackets_are_no_pattern_where_a_file_has_them(tmp_path):
+    folder = tmp_path / "study [2026]"
+    folder.mkdir()
+    write_trials(folder)
+    savemat(folder / "more[1].mat", trial(5))
+    (prepared,) = prepared_recordings(experiment_on(folder, ["trial*.mat", "./trial0.mat", "more[1].mat"]))
+    assert (prepared.trials, prepared.refused) == (4, {})
+
+
+def test_files_of_one_name_in_two_folders_are_told_apart(tmp_path):
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "t.mat").write_bytes(b"")
+    write_trials(tmp_path)
+    (prepared,) = prepared_recordings(experiment_on(tmp_path, ["*/t.mat", "trial*.mat"]))
+    assert list(prepared.refused) == ["a/t.mat", "b/t.mat"]
+
+
+def test_a_trial_in_another_unit_than_the_others_is_a_doubt(tmp_path):
+    write_trials(tmp_path, count=4)
+    signals = trial(2)
+    savemat(tmp_path / "trial2.mat", signals | {"torque": 1000 * signals["torque"]})
+    (prepared,) = prepared_recordings(experiment_on(tmp_path, "trial*.mat"))
+    (remark,) = prepared.remarks
+    assert re.fullmatch(r"trial2\.mat: the torque is \S+ times as large as in most trials; .* another unit\?", remark)
+
+
+def test_an_excerpt_shows_the_torque_to_be_followed_whatever_it_is_called(tmp_path):
+    for number in range(2):
+        savemat(tmp_path / f"trial{number}.mat", trial(number) | {"goal": np.sin(np.arange(3072) * np.pi / 128)})
+    preparing = {"reference": "goal", "task_limit": None, "residual_limit": None, "ends": 1.0, "context": 0.25}
+    experiment = experiment_on(tmp_path, "trial*.mat", preparation=preparing)
+    excerpt, _ = shown(experiment, experiment.recordings[0])
+    assert list(excerpt.channels) == ["target"]

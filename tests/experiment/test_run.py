@@ -106,7 +106,7 @@ def test_an_experiment_is_gone_on_with(small, tmp_path):
     same(results, small.results)
 
 
-def test_other_data_and_other_settings_are_refused(tmp_path):
+def test_other_settings_are_refused_and_other_data_identified_again(tmp_path):
     write_trials(tmp_path)
     settings = {
         "participants": {"P1": {"noise": "trial*.mat"}}, "folder": tmp_path, "reading": READING,
@@ -117,8 +117,10 @@ def test_other_data_and_other_settings_are_refused(tmp_path):
     with pytest.raises(tv.InputError, match="the store is of another experiment: bootstraps: 2 there, 3 here"):
         run(Experiment(**settings | {"bootstraps": 3}), store=path, workers=1)
     savemat(tmp_path / "trial0.mat", trial(7))
-    with pytest.raises(tv.InputError, match=r"of other recordings \(digests\): P1-noise: \w+ there, \w+ here"):
-        run(Experiment(**settings), store=path, workers=1)
+    # Other data are identified again; the others are not.
+    with pytest.warns(tv.DoubtfulWarning, match="not the data that were identified before: P1-noise; identified again"):
+        changed = run(Experiment(**settings), store=path, workers=1)
+    xr.testing.assert_allclose(changed.stiffness, run(Experiment(**settings), workers=1).stiffness)
 
 
 def test_stores_of_another_kind_are_refused(small, tmp_path):
@@ -144,7 +146,8 @@ def test_draws_that_fail_are_told_and_the_others_count(tmp_path, small):
     results = run(experiment, prepared=small.prepared[:1], workers=1)
     failed = np.isnan(results.vaf.sel(analysis="sometimes-10").values[0])
     assert 0 < failed.sum() < 30
-    text = str(results.failure.sel(analysis="sometimes-10").values[0])
+    text = str(results.doubts.sel(analysis="sometimes-10").values[0])
+    assert (results.failure == "").all()
     assert text.startswith(f"{failed.sum()} of 30 draws failed, the first: ")
     assert "RuntimeError: too early" in text
     table = summarize(results).set_index(["method", "realizations", "metric"]).value
@@ -203,3 +206,58 @@ def test_the_recordings_are_prepared_if_they_are_not_given(small):
     results = run(experiment, workers=1)
     np.testing.assert_array_equal(results.stiffness[0, 0], small.results.stiffness[1, 0])
     assert len(prepared_recordings(experiment)) == 1
+
+
+def moved(tmp_path):
+    """An experiment on two participants in a folder, of whom one has no files yet."""
+    folder = tmp_path / "first"
+    (folder / "a").mkdir(parents=True)
+    write_trials(folder / "a")
+    return folder, {
+        "participants": {"A": {"noise": "a/trial*.mat"}, "B": {"noise": "b/trial*.mat"}}, "reading": READING,
+        "preparation": SHORT, "methods": "birf", "realizations": 10, "bootstraps": 3,
+    }  # fmt: skip
+
+
+def test_a_recording_that_is_mended_is_done_and_the_others_are_kept(tmp_path):
+    folder, settings = moved(tmp_path)
+    first = run(Experiment(**settings, folder=folder), store=folder / "r.zarr", workers=1).load()
+    assert np.isnan(first.stiffness[1]).all()
+    (folder / "b").mkdir()
+    write_trials(folder / "b", stiffness=50.0)
+    seen = []
+    with pytest.warns(tv.DoubtfulWarning, match="before: B-noise; identified again"):
+        second = run(
+            Experiment(**settings, folder=folder), store=folder / "r.zarr", workers=1,
+            progress=lambda done, total: seen.append(done),
+        )  # fmt: skip
+    assert seen == [1, 2]
+    np.testing.assert_array_equal(second.stiffness[0], first.stiffness[0])
+    assert float(second.stiffness[1].mean()) == pytest.approx(50, rel=0.1)
+
+
+def test_a_study_that_is_moved_with_its_files_is_gone_on_with(tmp_path):
+    folder, settings = moved(tmp_path)
+    run(Experiment(**settings, folder=folder), store=folder / "r.zarr", workers=1)
+    other = shutil.move(folder, tmp_path / "second [2026]")
+    # What is said of the recordings may differ from time to time: here a trial more cannot be read.
+    (other / "a" / "trial9.mat").write_bytes(b"nothing")
+    seen = []
+    results = run(
+        Experiment(**settings, folder=other), store=other / "r.zarr", workers=1,
+        progress=lambda done, total: seen.append(done),
+    )  # fmt: skip
+    assert seen[0] == 1
+    assert "trial9.mat is left out" in str(read_results(other / "r.zarr").remarks.values[0])
+    assert np.isfinite(results.stiffness[0]).all()
+
+
+def test_recordings_prepared_of_another_experiment_are_refused(small):
+    with pytest.raises(tv.InputError, match="prepared are not the experiment's: P1-prbs, P1-noise; give what"):
+        run(small.experiment, prepared=small.prepared[::-1], workers=1)
+
+
+def test_more_realizations_than_there_are_is_a_doubt(small):
+    experiment = Experiment(**SMALL | {"methods": "birf", "perturbation": "noise", "realizations": 400})
+    results = run(experiment, prepared=small.prepared[:1], workers=1)
+    assert "400 realizations are drawn from 268: they vary less" in str(results.doubts.values[0, 0])

@@ -40,8 +40,8 @@ def test_every_participant_has_a_column_and_every_perturbation_a_row(results):
     assert len({axes.get_ylim() for axes in torque}) == 1
     assert figure.get_suptitle() == "All"
     assert legend(figure) == [
-        "eirf, 150 s", "sds, 150 s", "birf, 150 s", "esm, 150 s", "kbr, 40 s", "truth", "torque to be followed",
-        "mean torque, filtered noise", "mean torque, PRBS",
+        "eirf, 75 x 2 s", "sds, 75 x 2 s", "birf, 75 x 2 s", "esm, 75 x 2 s", "kbr, 20 x 2 s",
+        "truth", "torque to be followed", "mean torque, filtered noise", "mean torque, PRBS",
     ]  # fmt: skip
 
 
@@ -114,7 +114,7 @@ def test_a_period_of_walking_and_other_amounts():
     drawn(figure, "png")
     assert figure.axes[0].get_xlim() == (0, 1.5)
     assert figure.axes[0].get_ylabel().startswith("steps\n")
-    assert legend(figure)[:2] == ["birf, 45 s", "own:Method, 45 s"]
+    assert legend(figure)[:2] == ["birf, 30 x 1.5 s", "own:Method, 30 x 1.5 s"]
 
 
 def test_spikes_do_not_hide_the_rest(results):
@@ -129,7 +129,7 @@ def test_details_of_a_participant(results):
     drawn(figure, "png")
     grid = np.array(figure.axes[:20]).reshape(4, 5)
     assert [axes.get_title() for axes in grid[0]] == [
-        "eirf, 150 s", "sds, 150 s", "birf, 150 s", "esm, 150 s", "kbr, 40 s",
+        "eirf, 75 x 2 s", "sds, 75 x 2 s", "birf, 75 x 2 s", "esm, 75 x 2 s", "kbr, 20 x 2 s",
     ]  # fmt: skip
     assert [axes.get_ylabel() for axes in grid[:, 0]] == [
         "filtered noise\nstiffness\n(N·m/rad)", "PRBS\nstiffness\n(N·m/rad)",
@@ -147,7 +147,7 @@ def test_details_of_a_participant(results):
             np.testing.assert_allclose(mean.get_ydata(), chosen.mean(axis=0))
             assert mean.get_color() == HUES[method]
             top = axes.collections[0].get_paths()[0].vertices[:, 1].max()
-            band = chosen.mean(axis=0) + 2 * chosen.std(axis=0)
+            band = chosen.mean(axis=0) + 2 * chosen.std(axis=0, ddof=1)
             assert top == pytest.approx(min(band.max(), 100) if row > 1 else band.max())
             truth = labelled(axes, "truth")
             assert [line.get_color() for line in truth] == ([TRUTH] if row < 2 else [])
@@ -160,11 +160,11 @@ def test_details_of_a_participant(results):
     assert [axes.get_ylabel() for axes in behind] == (["", "", "", "", "torque (N·m)"] * 4)
 
 
-def test_without_a_target_the_mean_torque_is_grey():
+def test_without_a_target_no_torque_is_drawn_behind_the_bands():
     results = results_of(("S1",), ("noise",), ("sds",), (75,), target=False)
     figure = participant_in_detail(results, "S1")
-    np.testing.assert_array_equal(figure.axes[2].lines[0].get_ydata(), results.mean_torque.values[0])
-    assert "mean torque" in legend(figure)
+    assert len(figure.axes) == 2
+    assert not {"mean torque", "torque to be followed"} & set(legend(figure))
     assert figure.axes[0].get_ylabel() == "stiffness\n(N·m/rad)"
 
 

@@ -64,7 +64,10 @@ def test_channels_come_along():
     ("settings", "message"),
     [
         ({"period": 20.0}, "no realization of 20 s with 0.5 s of context on both sides fits into 10 s"),
-        ({"period": 1.005}, "1.005 s is not a whole number of samples at 100 Hz; the nearest that is: 1 s"),
+        (
+            {"period": 1.005},
+            r"1.005 s is not a whole number of samples at 100 Hz \(100.5\); give a rate at which it is one",
+        ),
         ({"period": 0.0}, "a period of 0.0 s is shorter than a sample"),
         ({"period": -2.0}, "period must be a number of seconds, zero or more"),
         ({"period": float("nan")}, "period must be a number of seconds, zero or more"),

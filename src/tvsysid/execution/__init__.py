@@ -1,6 +1,6 @@
 """How any study is carried out: tasks go to workers, what comes back to a store, and what is there is not redone."""
 
-from tvsysid.execution.store import Fixed, Layout, Place, Store, Variable, open_store, read_store
+from tvsysid.execution.store import Fixed, Layout, Place, Store, Variable, open_store, read_store, title_of
 from tvsysid.execution.task import (
     Outcome,
     Task,
@@ -31,5 +31,6 @@ __all__ = [
     "pickled",
     "processes",
     "read_store",
+    "title_of",
     "versions",
 ]

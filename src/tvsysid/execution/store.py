@@ -16,7 +16,7 @@ import platform
 import shutil
 import warnings
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -162,6 +162,15 @@ class Store:
             self._arrays[name][place] = outcome[name]
         self._arrays[CHECKSUMS][place] = np.array([_checksum(self._file(name, place)) for name in self._measured])
 
+    def forget_unless(self, name: str, expected: Callable[[Place], str]) -> list[Place]:
+        """Forget what tasks measured where a text among it is not the expected one; the places forgotten."""
+        forgotten = []
+        for place in self.places:
+            if self._state(place) == WHOLE and str(self._arrays[name][place]) != expected(place):
+                self._file(CHECKSUMS, place).unlink()
+                forgotten.append(place)
+        return forgotten
+
     def results(self) -> xr.Dataset:
         """What is there, read from the disk when it is used; the files are not looked through again."""
         return _in_order(_opened(self.path))
@@ -292,6 +301,11 @@ def read_store(path: str | Path, title: str, number: int) -> xr.Dataset:
     return _in_order(results)
 
 
+def title_of(path: str | Path) -> str:
+    """What the results in a folder are, or nothing where there are none."""
+    return str((_attributes(Path(path) / "zarr.json") or {}).get("title", ""))
+
+
 def _check_kind(path: str | Path, attributes: Mapping[str, Any], title: str, number: int) -> None:
     found = attributes.get("title", "something else"), attributes.get("layout", "none")
     if found != (title, number):
@@ -366,7 +380,7 @@ def _compare(path: Path, kept: dict[str, Any] | None, layout: Layout) -> None:
         if theirs != here:
             raise InputError(
                 f"{path}: the store is of {what}: {differences(theirs, here)}; "
-                "give another folder, or remove it to start afresh"
+                "give another folder, or remove this one to start afresh"
             )
 
 

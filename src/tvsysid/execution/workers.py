@@ -18,6 +18,7 @@ from concurrent.futures import (
 )
 from contextlib import closing, contextmanager
 from dataclasses import replace
+from functools import partial
 from itertools import islice
 from typing import Any
 
@@ -89,7 +90,9 @@ def _outcomes(
         return
     workers = workers or cores()
     if workers == 1:
-        yield from ((place, carry_out(task_at(place))) for place in places)
+        for place in places:
+            task = task_at(place)
+            yield place, _outcome(partial(carry_out, task), task)
     else:
         yield from _from_processes(task_at, places, workers)
 
@@ -108,17 +111,21 @@ def _from(
                 return
             done, _ = wait(pending, return_when=FIRST_COMPLETED)
             for future in done:
-                try:
-                    outcome = future.result()
-                except (BrokenExecutor, CancelledError, InputError):
-                    raise
-                except Exception as error:
-                    reason = f"the worker failed: {type(error).__name__}: {error}"
-                    outcome = task_at(pending[future]).all_failed(reason)
-                yield pending.pop(future), outcome
+                yield pending[future], _outcome(future.result, task_at(pending[future]))
+                del pending[future]
     finally:
         for future in pending:
             future.cancel()
+
+
+def _outcome(result: Callable[[], Outcome], task: Task) -> Outcome:
+    """What a task gives, or that it failed where it raised what is nobody's word to the user."""
+    try:
+        return result()
+    except (BrokenExecutor, CancelledError, InputError):
+        raise
+    except Exception as error:
+        return task.all_failed(f"the worker failed: {type(error).__name__}: {error}")
 
 
 def _submit(executor: Executor, task: Task) -> Future[Outcome]:
@@ -183,7 +190,7 @@ def _without(task: Task, methods: Mapping[str, str]) -> Task:
 
 def _in_one_process(task: Task) -> Outcome:
     with processes(1) as pool:
-        return pool.submit(carry_out, task).result()
+        return _outcome(pool.submit(carry_out, task).result, task)
 
 
 @contextmanager

@@ -2,11 +2,13 @@
 
 from tvsysid.experiment.claims import judge
 from tvsysid.experiment.experiment import Experiment, Recorded
+from tvsysid.experiment.layout import TITLE
 from tvsysid.experiment.prepared import Prepared, prepared_recordings, shown
 from tvsysid.experiment.run import read_results, run
 from tvsysid.experiment.summary import exclusions, stiffness_over_time, summarize
 
 __all__ = [
+    "TITLE",
     "Experiment",
     "Prepared",
     "Recorded",

@@ -35,6 +35,8 @@ class DrawsTask(Task):
         What is identified, for messages.
     ensemble
         To draw from; None where nothing could be prepared.
+    digest
+        Of the ensemble.
     samples
         Of a realization.
     realizations, contiguous
@@ -49,6 +51,7 @@ class DrawsTask(Task):
 
     label: str
     ensemble: Ensemble | None
+    digest: str
     samples: int
     realizations: int
     contiguous: bool
@@ -92,7 +95,7 @@ class DrawsTask(Task):
     def all_failed(self, reason: str) -> Outcome:
         """Outcome where the method gave no result."""
         numbers = {key: np.full((self.bootstraps, *self._shape(key)), np.nan) for key in NUMBERS}
-        return numbers | _texts("", reason) | {"seconds": np.array(np.nan)}
+        return numbers | self._texts("", reason) | {"seconds": np.array(np.nan)}
 
     def _one(self, pickled: bytes, counts: NDArray[np.int64]) -> dict[str, Any]:
         """What one draw gives. A method that calls sys.exit() has failed like any other."""
@@ -122,19 +125,31 @@ class DrawsTask(Task):
         return (self.samples,) if key in ("stiffness", "time_varying_vaf") else ()
 
     def _told(self, doubts: list[list[str]], failures: list[str], found: list[dict[str, Any]]) -> Outcome:
-        """Each doubt once, whatever its numbers, with how often it was met; the first failure, likewise."""
+        """Each doubt once, whatever its numbers, with how often it was met; failure where no draw gave a result.
+
+        Draws are the same each time: what failed in some will fail in them again, and is a doubt about the rest.
+        """
+        assert self.ensemble is not None
+        count = len(self.ensemble)
+        told = []
+        if self.realizations > count:
+            told.append(
+                f"{self.realizations} realizations are drawn from {count}: they vary less than so many recorded ones "
+                f"would; draw {count} at most"
+            )
+        failed = [text for text in failures if text]
+        if 0 < len(failed) < len(failures):
+            told.append(f"{len(failed)} of {len(failures)} draws failed, the first: {failed[0]}")
         kinds: dict[str, list[str]] = {}
         for text in (text for texts in doubts for text in dict.fromkeys(texts)):
             kinds.setdefault(re.sub(r"\d[\d.e+-]*", "#", text), []).append(text)
-        met = "; ".join(f"{texts[0]} ({len(texts)} of {len(doubts)} draws)" for texts in kinds.values())
-        failed = [text for text in failures if text]
-        failure = f"{len(failed)} of {len(failures)} draws failed, the first: {failed[0]}" if failed else ""
-        return _texts(met, failure) | {"seconds": np.array(sum(row["seconds"] for row in found))}
+        told += [f"{texts[0]} ({len(texts)} of {len(doubts)} draws)" for texts in kinds.values()]
+        failure = f"every draw failed, the first: {failed[0]}" if len(failed) == len(failures) else ""
+        return self._texts("; ".join(told), failure) | {"seconds": np.array(sum(row["seconds"] for row in found))}
 
-
-def _texts(doubts: str, failure: str) -> Outcome:
-    kind = np.dtypes.StringDType()
-    return {"doubts": np.array(doubts, dtype=kind), "failure": np.array(failure, dtype=kind)}
+    def _texts(self, doubts: str, failure: str) -> Outcome:
+        texts = {"doubts": doubts, "digest": self.digest, "failure": failure}
+        return {name: np.array(text, dtype=np.dtypes.StringDType()) for name, text in texts.items()}
 
 
 def _mean(values: Array) -> float:

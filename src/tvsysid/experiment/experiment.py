@@ -25,6 +25,8 @@ PERTURBATIONS = ("noise", "prbs")
 """What virtual participants undergo."""
 LAG, SHORT, LONG = 15 / 128, 12 / 128, 30 / 128
 """The paper's longest lag and its windows for sds and esm in s: 15, 12 and 30 samples (section 4.2)."""
+LONGEST = 80
+"""Characters of a name, of which files are called."""
 FEW, MANY = (20, 40), (75, 150)
 """Realizations in a draw: of kbr, and of the other methods."""
 
@@ -50,7 +52,6 @@ class Reading(_Settings):
     angle_unit: Literal["rad", "deg"] = "rad"
     torque_sign: Literal[1, -1] = 1
     columns: Literal["contiguous", "trials"] = "contiguous"
-    start: float = 0.0
 
 
 class Preparing(_Settings):
@@ -83,7 +84,7 @@ class Applied(_Settings):
     method: Any
     name: str = ""
     realizations: Counts | None = None
-    contiguous: bool = False
+    contiguous: bool | None = None
 
     @field_validator("method")
     @classmethod
@@ -100,7 +101,7 @@ PAPER: dict[str, dict[str, Any]] = {
     "sds": {"method": f"sds:max_lag={LAG},window={SHORT}"},
     "birf": {"method": f"birf:max_lag={LAG}"},
     "esm": {"method": f"esm:window={LONG}"},
-    "kbr": {"method": "kbr:preset=experiment", "contiguous": True},
+    "kbr": {"method": "kbr:preset=experiment"},
 }
 """The paper's methods with its settings for the experiment, by the key that stands for them."""
 
@@ -162,9 +163,10 @@ class Experiment(_Settings):
         ``"eirf"``, ``"sds"``, ``"birf"``, ``"esm"`` and ``"kbr"`` by themselves take the paper's settings for its
         experiment. Others are keys with settings (``"sds:window=0.2"``), ``"mymodule:MyMethod"``, objects with
         ``identify``, or mappings with ``method`` and, if need be, a ``name``, ``realizations`` of its own, and
-        ``contiguous`` for draws in one piece.
+        ``contiguous`` for draws in one piece (of itself true for kbr, and for a method whose attribute
+        ``contiguous`` is).
     realizations
-        How many are drawn; by default 75 and 150, and 20 and 40 for kbr, as in the paper.
+        How many are drawn, of all methods; by default 75 and 150, and 20 and 40 in one piece, as in the paper.
     bootstraps
         Number of draws.
     seed
@@ -236,8 +238,13 @@ class Experiment(_Settings):
     @classmethod
     def _names_for_files(cls, values: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
         for name in [*values, *(name for recorded in values.values() for name in recorded)]:
-            if not name or set(name) & set("/\\") or name.startswith("."):
-                raise ValueError(f"expected names that files may have, without slashes; got the name {name!r}")
+            if not name.isprintable() or not name or set(name) & set("/\\:") or name[0] == "." or len(name) > LONGEST:
+                raise ValueError(
+                    f"expected names that files may have: up to {LONGEST} characters, no slashes or colons; got the "
+                    f"name {name[: LONGEST + 1]!r}"
+                )
+        if empty := [name for name, recorded in values.items() if not recorded]:
+            raise ValueError(f"expected perturbations with files for each participant; {empty[0]} has none")
         return values
 
     @field_validator("methods", mode="before")
@@ -254,11 +261,12 @@ class Experiment(_Settings):
             )
         if twice := _twice([analysis.label for analysis in self.analyses]):
             raise ValueError(f"methods: {twice} is there twice; give each method a name of its own")
-        if not self.recordings:
-            raise ValueError(
-                f"perturbation: none of {', '.join(self.perturbation or ())} was recorded; there are "
-                f"{', '.join(dict.fromkeys(recorded.perturbation for recorded in self._every_recording))}"
-            )
+        there = list(dict.fromkeys(recorded.perturbation for recorded in self._every_recording))
+        if unknown := [name for name in self.perturbation or () if name not in there]:
+            raise ValueError(f"perturbation: {unknown[0]} was not recorded; there are {', '.join(there)}")
+        virtual = {recorded.participant for recorded in self._every_recording if recorded.is_virtual}
+        if both := sorted(virtual & set(self.participants)):
+            raise ValueError(f"participants: {both[0]} is a virtual one too; give the one with files another name")
         if twice := _twice([recorded.label for recorded in self.recordings]):
             raise ValueError(f"participants: {twice} is there twice; give each a name of its own")
         return self
@@ -283,11 +291,13 @@ class Experiment(_Settings):
     @cached_property
     def analyses(self) -> tuple[Analysis, ...]:
         """What is done with each recording."""
-        return tuple(
-            Analysis(item.name, item.method, count, item.contiguous)
-            for item in self.methods
-            for count in item.realizations or self.realizations or (FEW if item.contiguous else MANY)
-        )
+        found = []
+        for item in self.methods:
+            own = bool(getattr(self.named_methods[item.name], "contiguous", False))
+            contiguous = own if item.contiguous is None else item.contiguous
+            counts = item.realizations or self.realizations or (FEW if contiguous else MANY)
+            found += [Analysis(item.name, item.method, count, contiguous) for count in counts]
+        return tuple(found)
 
     @cached_property
     def named_methods(self) -> dict[str, Any]:
@@ -300,18 +310,23 @@ class Experiment(_Settings):
         key = [int.from_bytes(digest[i : i + 4], "little") for i in range(0, 16, 4)]
         return int(np.random.SeedSequence(self.seed, spawn_key=key).generate_state(1, np.uint64)[0])
 
-    def to_json(self) -> str:
-        """The settings as text; what tells one experiment from another."""
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What is done with each recording; with the recordings themselves, it tells one experiment from another."""
         methods = [
             {
                 "name": item.name,
-                "method": item.method if isinstance(item.method, str) else repr(item.method),
+                "method": label_of(item.method),
                 "realizations": [each.realizations for each in self.analyses if each.name == item.name],
-                "contiguous": item.contiguous,
+                "contiguous": any(each.contiguous for each in self.analyses if each.name == item.name),
             }
             for item in self.methods
         ]
-        settings: dict[str, Any] = {"methods": methods, "bootstraps": self.bootstraps, "seed": self.seed}
+        return {"methods": methods, "bootstraps": self.bootstraps, "seed": self.seed}
+
+    def to_json(self) -> str:
+        """All settings as text."""
+        settings = self.identity
         virtual = dict.fromkeys(recorded.number for recorded in self.recordings if recorded.is_virtual)
         if virtual:
             settings["virtual"] = list(virtual)
@@ -333,13 +348,11 @@ def _applied(value: Any) -> Any:
     """A method as it may be written, as a mapping with all that belongs to it."""
     if isinstance(value, Applied):
         return value
-    if isinstance(value, Mapping):
-        given = dict(value)
-        method = given.get("method", given.get("name"))
-    else:
-        given, method = {}, value
-    if isinstance(method, str) and method in PAPER:
-        return {"name": method} | given | {"contiguous": False} | PAPER[method]
+    given = dict(value) if isinstance(value, Mapping) else {}
+    short = given.get("name") if isinstance(value, Mapping) and "method" not in given else value
+    if isinstance(short, str) and short in PAPER:
+        return {"name": short} | PAPER[short] | given
+    method = given.get("method", value)
     return {"method": method, "name": label_of(method)} | given
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob
 import hashlib
+import os
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -16,12 +17,14 @@ from numpy.typing import NDArray
 from tvsysid.errors import DoubtfulWarning, InputError
 from tvsysid.experiment.experiment import Experiment, Recorded
 from tvsysid.preprocess import Account, Preparation, prepare
-from tvsysid.recordings import join_trials, read_usable_trials
+from tvsysid.recordings import read_usable_trials
 from tvsysid.signals import Ensemble, Recording
 from tvsysid.simulate import participant
 
 Array = NDArray[np.float64]
 
+NOTHING = "nothing"
+"""Digest of what could not be prepared, for whatever reason."""
 EXCERPT = 10.0
 """Seconds of a recording that are shown."""
 TRUTH, TORQUE = "tvsysid: true stiffness", "tvsysid: recorded torque"
@@ -73,10 +76,11 @@ class Prepared:
     @property
     def digest(self) -> str:
         """Of the ensemble; what tells these data from others."""
-        found = hashlib.sha256(self.failure.encode())
-        if self.ensemble is not None:
-            for values in (self.ensemble.angle, self.ensemble.torque, self.ensemble.onsets, self.ensemble.trials):
-                found.update(np.asarray(values).tobytes())
+        if self.ensemble is None:
+            return NOTHING
+        found = hashlib.sha256()
+        for values in (self.ensemble.angle, self.ensemble.torque, self.ensemble.onsets, self.ensemble.trials):
+            found.update(np.asarray(values).tobytes())
         return found.hexdigest()[:16]
 
 
@@ -108,8 +112,10 @@ def shown(experiment: Experiment, recorded: Recorded) -> tuple[Recording, Prepar
     InputError
         If it cannot be read or prepared.
     """
-    recording, _ = _recording(experiment, recorded)
-    return _excerpt(recording), _preparation(experiment, recording)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DoubtfulWarning)  # told when it was prepared
+        recording, _ = _recording(experiment, recorded)
+        return _excerpt(recording, experiment.preparation.reference), _preparation(experiment, recording)
 
 
 def _prepared(experiment: Experiment, recorded: Recorded) -> Prepared:
@@ -172,76 +178,54 @@ def _recording(experiment: Experiment, recorded: Recorded) -> tuple[Recording, d
 
 
 def _read(experiment: Experiment, recorded: Recorded) -> tuple[Recording, dict[str, str]]:
-    """Usable trials from files, each long enough for a realization."""
+    """Usable trials from files, each long enough for a realization.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
     assert experiment.reading is not None
     preparing = experiment.preparation
     files, missing = _files(experiment.folder, recorded.files)
     channels = [] if preparing.reference is None else [preparing.reference]
-    recording, refused = read_usable_trials(files, **experiment.reading.model_dump(), channels=channels)
-    refused = missing | refused
-    if recording is not None:
-        recording, short = _long_enough(recording, 2 * preparing.ends + preparing.period)
-        refused |= short
-    if recording is None:
+    shortest = 2 * preparing.ends + preparing.period
+    usable = read_usable_trials(files, shortest, **experiment.reading.model_dump(), channels=channels)
+    refused = missing | usable.refused
+    if usable.recording is None:
         reasons = "; ".join(f"{name}: {reason}" for name, reason in refused.items())
         raise InputError(f"no trial can be used: {reasons}")
-    return recording, refused
+    return usable.recording, refused
 
 
-def _files(folder: Path, patterns: tuple[str, ...]) -> tuple[list[Path], dict[str, str]]:
-    """Files that patterns stand for, in the order of their names, and patterns that stand for none."""
-    files: list[Path] = []
+def _files(folder: Path, patterns: tuple[str, ...]) -> tuple[dict[str, Path], dict[str, str]]:
+    """Files that patterns stand for, each once, in the order of their names, and patterns that stand for none.
+
+    Files are called by their place in the folder, which may be moved with all that is in it.
+    """
+    files: dict[Path, str] = {}
     missing = {}
-    for pattern in patterns:
-        if not glob.has_magic(pattern):
-            files.append(folder / pattern)
-            continue
-        found = sorted(map(Path, glob.glob(str(folder / pattern))))  # an absolute pattern stays what it is
-        files += found
-        if not found:
-            missing[pattern] = f"no file in {folder} has such a name"
-    return files, missing
-
-
-def _long_enough(recording: Recording, shortest: float) -> tuple[Recording | None, dict[str, str]]:
-    """The recording without its trials that are too short."""
-    kept, refused = [], {}
-    for number, trial in enumerate(recording.trials):
-        seconds = (trial.stop - trial.start) / recording.sampling_rate
-        if seconds < shortest:
-            refused[f"trial {number + 1} of those that can be read"] = (
-                f"it lasts {seconds:g} s, and a realization with the ends that are cut off takes {shortest:g} s"
-            )
+    for pattern in map(os.path.expanduser, patterns):
+        if not glob.has_magic(pattern) or (folder / pattern).is_file():
+            found = [pattern]
         else:
-            kept.append(trial)
-    if not refused:
-        return recording, refused
-    parts = [
-        Recording(
-            recording.angle[trial],
-            recording.torque[trial],
-            recording.sampling_rate,
-            recording.start,
-            {name: values[trial] for name, values in recording.channels.items()},
-        )
-        for trial in kept
-    ]
-    return (join_trials(parts) if parts else None), refused
+            root = None if Path(pattern).is_absolute() else folder
+            found = sorted(glob.glob(pattern, root_dir=root, recursive=True))
+        if not found:
+            missing[pattern] = "no file has such a name, in the folder of the study or where the name says"
+        for name in found:
+            files.setdefault((folder / name).resolve(), name)
+    return {name: folder / name for name in files.values()}, missing
 
 
-def _excerpt(recording: Recording) -> Recording:
-    """Ten seconds from the middle of the first trial, counted from its beginning."""
+def _excerpt(recording: Recording, reference: str | None) -> Recording:
+    """Ten seconds from the middle of the first trial, counted from its beginning, with the torque to be followed."""
     trial = recording.trials[0]
     count = min(round(EXCERPT * recording.sampling_rate), trial.stop - trial.start)
     first = trial.start + (trial.stop - trial.start - count) // 2
     part = slice(first, first + count)
-    return Recording(
-        recording.angle[part],
-        recording.torque[part],
-        recording.sampling_rate,
-        0.0,
-        {name: values[part] for name, values in recording.channels.items() if name not in (TRUTH, TORQUE)},
-    )
+    target = {} if reference is None else {"target": recording.channels[reference][part]}
+    return Recording(recording.angle[part], recording.torque[part], recording.sampling_rate, 0.0, target)
 
 
 # The two recordings of a virtual participant are made together.

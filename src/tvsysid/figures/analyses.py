@@ -39,7 +39,7 @@ def least_data(results: xr.Dataset) -> dict[str, str]:
 
 def seconds_of_data(results: xr.Dataset, analysis: str) -> str:
     """How much data was drawn for an analysis, as text: realizations times their duration."""
-    return f"{int(results.realizations.sel(analysis=analysis)) * period_of(results):.4g} s"
+    return f"{int(results.realizations.sel(analysis=analysis))} x {period_of(results):.4g} s"
 
 
 def period_of(results: xr.Dataset) -> float:
@@ -79,7 +79,7 @@ def mean_and_spread(values: Array) -> tuple[Array, Array]:
     count = known.sum(axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = np.sum(values, axis=0, where=known) / count
-        spread = np.sqrt(np.sum(np.square(values - mean), axis=0, where=known) / count)
+        spread = np.sqrt(np.sum(np.square(values - mean), axis=0, where=known) / (count - 1))
     return mean, spread
 
 

@@ -186,7 +186,8 @@ def _bands(results: xr.Dataset, recordings: dict[str, str], with_vaf: bool, titl
     mean, spread = moments["stiffness"]
     bands = np.stack([mean - 2 * spread, mean + 2 * spread], axis=1)
     limits = usual_range(np.moveaxis(bands, 2, 0), here.true_stiffness.values)
-    followed = "target_torque" if np.isfinite(here.target_torque.values).any() else "mean_torque"
+    # Without a torque to be followed there need be no task, and the mean torque tells little.
+    followed = "target_torque"
     torque_limits = usual_range(np.zeros((0, 1)), here[followed].values)
     places = [(name, words, each) for name, words in rows for each in recordings]
     for row, (name, words, each) in zip(grid, places, strict=True):
@@ -290,7 +291,7 @@ def _band(axes: Axes, time: Array, mean: Array, spread: Array, hue: str, name: s
     low, high = mean - 2 * spread, mean + 2 * spread
     if name == "time_varying_vaf":
         low, high = np.maximum(low, 0.0), np.minimum(high, 100.0)
-    if np.nanmax(spread) > 0:
+    if np.isfinite(spread).any() and np.nanmax(spread) > 0:
         axes.fill_between(time, low, high, color=hue, alpha=0.28, linewidth=0, label="spread")
     axes.plot(time, mean, color=hue, linewidth=1.4 if name == "stiffness" else 0.9, label="mean")
 

@@ -64,6 +64,7 @@ def variance_and_spread(summary: pd.DataFrame, title: str = "") -> Figure:
             axes.set_ylabel(label, fontsize=SMALL)
     for column, metric in zip(grid.T, SPREAD, strict=True):
         column[0].set_ylim(0, 102 if "vaf" in metric else _top(column, summary[summary.metric == metric]))
+        _tell_cut_off(column)
     _legend(figure, summary)
     figure.suptitle(title, fontsize=10)
     return figure
@@ -107,6 +108,7 @@ def error_against_truth(results: xr.Dataset, summary: pd.DataFrame, title: str =
             axes.set_title(_words(perturbation) if rows > 1 else "", fontsize=8.5, loc="left")
             axes.set_ylabel(label, fontsize=SMALL)
     grid[0, 0].set_ylim(0, _top(grid[:, 0], summary[summary.metric == "bias_error"]))
+    _tell_cut_off(grid[:, 0])
     _legend(figure, summary)
     figure.suptitle(title, fontsize=10)
     return figure
@@ -200,6 +202,18 @@ def _top(column: Sequence[Axes], rows: pd.DataFrame) -> float:
         return 1.0
     drawn = max(float(axes.dataLim.ymax) for axes in column if np.isfinite(axes.dataLim.ymax))
     return 1.05 * min(drawn, OUTLYING * float(np.percentile(values, 75))) or 1.0
+
+
+def _tell_cut_off(column: Sequence[Axes]) -> None:
+    """Write the height of each bar that ends above its axes."""
+    from matplotlib.patches import Rectangle  # noqa: PLC0415  # heavy
+
+    for axes in column:
+        top = axes.get_ylim()[1]
+        for bar in axes.patches:
+            if isinstance(bar, Rectangle) and bar.get_height() > top:
+                middle = bar.get_x() + bar.get_width() / 2
+                axes.annotate(f"↑ {bar.get_height():.3g}", (middle, top), ha="center", va="bottom", fontsize=SMALL)
 
 
 def _words(perturbation: str) -> str:

@@ -34,6 +34,8 @@ class Method(ABC):
     key: ClassVar[str]
     title: ClassVar[str]
     assumptions: ClassVar[tuple[str, ...]]
+    contiguous: ClassVar[bool] = False
+    """Whether it needs realizations that follow each other in the record."""
 
     def identify(self, ensemble: Ensemble) -> Model:
         """Identify the impedance of the joint over one realization.

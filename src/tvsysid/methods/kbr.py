@@ -109,6 +109,7 @@ class KernelRegression(Method):
     band: tuple[float, float] = (0.0, 20.0)
 
     key: ClassVar[str] = "kbr"
+    contiguous: ClassVar[bool] = True
     title: ClassVar[str] = "Kernel-based regression"
     assumptions: ClassVar[tuple[str, ...]] = (
         "Stiffness, viscosity and inertia change smoothly and nearly periodically, as the kernel says.",

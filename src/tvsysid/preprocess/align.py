@@ -59,7 +59,7 @@ def align(ensemble: Ensemble, reference: str, search: float = 0.5, max_shift: fl
     if reference not in ensemble.channels:
         raise InputError(
             f"align: there is no channel {reference!r} to align to; "
-            f"channels: {', '.join(map(repr, ensemble.channels)) or 'none'}"
+            f"channels: {', '.join(map(repr, ensemble.channels)) or 'none'}; without a torque to follow, leave it out"
         )
     rate = ensemble.sampling_rate
     reach = round(search * rate)

@@ -47,7 +47,9 @@ def decimate(recording: Recording, rate: float) -> Recording:
     ratio = recording.sampling_rate / rate
     factor = round(ratio)
     if factor < 1 or abs(ratio - factor) > 1e-9 * ratio:
-        fits = [recording.sampling_rate / r for r in range(max(1, int(ratio) - 1), int(ratio) + 3)]
+        every = [recording.sampling_rate / r for r in range(1, max(2, int(recording.sampling_rate)))]
+        whole = [fit for fit in every if fit == round(fit)] or every
+        fits = sorted(sorted(whole, key=lambda fit: abs(fit - rate))[:4])
         raise InputError(
             f"decimate: {recording.sampling_rate:g} Hz is not a whole multiple of {rate:g} Hz; "
             f"rates that fit nearby: {', '.join(f'{fit:g}' for fit in fits)} Hz"

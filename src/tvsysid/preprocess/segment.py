@@ -87,8 +87,8 @@ def _whole_samples(name: str, seconds: float, rate: float) -> int:
     samples = seconds * rate
     if abs(samples - round(samples)) > 1e-6 * max(1.0, samples):
         raise InputError(
-            f"segment: {name} {seconds:g} s is not a whole number of samples at {rate:g} Hz; "
-            f"the nearest that is: {round(samples) / rate:g} s"
+            f"segment: {name} {seconds:g} s is not a whole number of samples at {rate:g} Hz ({samples:g}); "
+            "give a rate at which it is one, for with a period that is a little off realizations would drift"
         )
     return round(samples)
 

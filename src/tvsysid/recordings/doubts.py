@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Literal
 
 import numpy as np
@@ -14,8 +14,10 @@ from tvsysid.signals import Recording
 
 Array = NDArray[np.float64]
 
-LARGEST_ANGLE = 0.5
-"""RMS in rad above which an angle about its mean is probably in degrees."""
+LARGEST_ANGLE = 0.4
+"""RMS in rad above which an angle about its mean is probably in degrees: half a degree is a usual perturbation."""
+UNLIKE = 10.0
+"""Ratio of a trial's size to that of the others from which on it is probably in another unit."""
 LONGEST_STANDSTILL = 0.25
 """Seconds of the same value, over and over, from which on a signal was probably lost."""
 AT_A_LEVEL = 0.02
@@ -82,6 +84,28 @@ def of_signals(recording: Recording, angle: str, torque: str, angle_unit: Litera
     # A joint may be held before and after it is moved; but a torque sensor always has noise.
     yield from _standstills(recording, angle, recording.angle, amid=True)
     yield from _standstills(recording, torque, recording.torque, amid=False)
+
+
+def of_trials(recordings: Sequence[Recording], names: Sequence[str]) -> Iterator[str]:
+    """Trials whose angle or torque is much larger or smaller than that of the others.
+
+    Parameters
+    ----------
+    recordings
+        Each a trial.
+    names
+        What they are called.
+    """
+    if len(recordings) < 3:
+        return
+    for what in ("angle", "torque"):
+        sizes = np.array([np.std(getattr(recording, what)) for recording in recordings])
+        usual = float(np.median(sizes))
+        for name, size in zip(names, sizes, strict=True):
+            ratio = max(size / usual, usual / size) if size > 0 and usual > 0 else np.inf
+            if ratio > UNLIKE:
+                side = "large" if size > usual else "small"
+                yield f"{name}: the {what} is {ratio:.3g} times as {side} as in most trials; is it in another unit?"
 
 
 def _standstills(recording: Recording, name: str, signal: Array, amid: bool) -> Iterator[str]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from tvsysid.errors import DoubtfulWarning, InputError
 from tvsysid.recordings.channel import TIMES_ITS_SIZE, Channel, listed
-from tvsysid.recordings.doubts import of_signals, of_statements
+from tvsysid.recordings.doubts import of_signals, of_statements, of_trials
 from tvsysid.recordings.find import describe_file
 from tvsysid.recordings.memory import check_fits
 from tvsysid.signals import Recording, checked_array
@@ -153,21 +153,26 @@ class UsableTrials(NamedTuple):
     ----------
     recording
         The trials that can be used; None if there is none.
+    names
+        What each of them is called: its file, or file and number of the trial.
     refused
         Why the others cannot, by file, or by file and number of the trial.
     """
 
     recording: Recording | None
+    names: tuple[str, ...]
     refused: dict[str, str]
 
 
-def read_usable_trials(paths: Sequence[str | Path], **settings: Any) -> UsableTrials:
+def read_usable_trials(paths: Mapping[str, Path], shortest: float = 0.0, **settings: Any) -> UsableTrials:
     """Read trials as :func:`read_trials` does, and leave out those that cannot be used instead of giving up.
 
     Parameters
     ----------
     paths
-        Files in the order of the trials.
+        Files in the order of the trials, by what they are called.
+    shortest
+        Seconds that a trial must last.
     **settings
         As of :func:`read_recording`, the same for all files.
 
@@ -189,17 +194,17 @@ def read_usable_trials(paths: Sequence[str | Path], **settings: Any) -> UsableTr
     say = _Said(**settings)
     usable: list[Recording] = []
     refused: dict[str, str] = {}
-    for path in paths:
-        file = Path(path)
+    names: list[str] = []
+    for called, file in paths.items():
         try:
             found, values = _signals(file, say)
         except (InputError, MemoryError) as error:
-            refused[file.name] = str(error).removeprefix(f"{file}: ").removeprefix(f"{file.name}: ") or "no memory left"
+            refused[called] = str(error).removeprefix(f"{file}: ").removeprefix(f"{file.name}: ") or "no memory left"
             continue
         trials = values[say.angle].shape[1] if say.columns == "trials" else 1
         for number in range(trials):
             chosen = slice(number, number + 1) if say.columns == "trials" else slice(None)
-            name = file.name if trials == 1 else f"{file.name}, trial {number + 1}"
+            name = called if trials == 1 else f"{called}, trial {number + 1}"
             try:
                 signals = {
                     channel: checked_array(channel, matrix[:, chosen].ravel(order="F"), ("time",))
@@ -209,10 +214,19 @@ def read_usable_trials(paths: Sequence[str | Path], **settings: Any) -> UsableTr
             except InputError as error:
                 refused[name] = str(error)
                 continue
+            if recording.duration < shortest:
+                refused[name] = (
+                    f"it lasts {recording.duration:g} s, and a realization with the ends that are cut off takes "
+                    f"{shortest:g} s"
+                )
+                continue
             usable.append(recording)
+            names.append(name)
             for doubt in say.doubts(found, recording):
                 warnings.warn(f"{name}: {doubt}", DoubtfulWarning, stacklevel=2)
-    return UsableTrials(join_trials(usable) if usable else None, refused)
+    for doubt in of_trials(usable, names):
+        warnings.warn(doubt, DoubtfulWarning, stacklevel=2)
+    return UsableTrials(join_trials(usable) if usable else None, tuple(names), refused)
 
 
 def read_trials(paths: Sequence[str | Path], **settings: Any) -> Recording:

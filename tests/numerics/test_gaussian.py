@@ -126,3 +126,14 @@ def test_the_fit_is_where_the_evidence_of_the_noise_is_highest():
     best = gaussian.log_evidence(statistics, precision, 1.0, noise)
     assert abs(best.by_noise) < 1e-3
     assert best.value > max(gaussian.log_evidence(statistics, precision, 1.0, noise * by).value for by in (0.9, 1.1))
+
+
+def test_nuisance_terms_eliminated_once_are_those_of_a_prior_that_scales_with_the_noise():
+    regressors, nuisance, output, precision = problem(4)
+    weak, near = 0.6, 0.8
+    once = gaussian.without_nuisance(statistics_of(regressors, nuisance, output), weak, near)
+    constant = np.sum(np.log1p(np.sum(nuisance**2, axis=0) / (near * weak)))
+    for noise in (0.5, near, 2.0):
+        expected = log_density(regressors, nuisance, output, precision, weak * near / noise, noise)
+        found = gaussian.log_evidence(once, precision, 1.0, noise).value
+        assert found - 0.5 * constant == pytest.approx(expected, rel=1e-7)

@@ -19,7 +19,7 @@ from tvsysid.methods.base import EXCITED_ABOVE, Method, check_positive, missing_
 from tvsysid.methods.evidence import Evidence
 from tvsysid.models import Diagnostics, SecondOrderModel
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
-from tvsysid.numerics.gaussian import Fit, Statistics, fit, log_evidence, of_columns
+from tvsysid.numerics.gaussian import Fit, Statistics, fit, log_evidence, of_columns, without_nuisance
 from tvsysid.numerics.kernels import (
     TOLERANCE,
     DecayFeatures,
@@ -63,8 +63,10 @@ START = 1e3
 """Power of the torque that each coefficient makes, in noise variances, from which tuning sets out."""
 LEEWAY = 100.0
 """Factor by which a decay may enlarge a prior variance."""
+NOISES = 20
+"""Steps of the noise variance at most, for settings that are given."""
 MOST = 2000
-"""Coefficients beyond which a decay is not tried."""
+"""Coefficients beyond which a decay is not tried, and settings that were given are not compared."""
 CLEARLY = 5.0
 """Log marginal likelihood by which a decay must be worse for shorter ones not to be tried."""
 FAINT = 1e-7
@@ -262,18 +264,26 @@ class KernelRegression(Method):
         """
         rate, period = ensemble.sampling_rate, self._period(ensemble)
         stacks, start, stop = self._stacks(ensemble)
+        endless = Kernel.of(period, self.length_periodic, math.inf, start, stop, rate)
+        about = self._fit(stacks, endless, rate)[0].noise_variance
+        noise, powers = math.log(about), _powers(stacks)
+
+        def likelihood_of(kernel: Kernel, gammas: Array) -> _Likelihood | None:
+            kept = kernel.visible(gammas * powers, VISIBLE * about)
+            return None if int(kept.sum()) > MOST else _Likelihood.of(stacks, kernel, kept, self.band, rate, about)
+
         own = Kernel.of(period, self.length_periodic, self.length_decay, start, stop, rate)
-        fit, kept = self._fit(stacks, own, rate)
-        noise = math.log(fit.noise_variance)
-        given = np.array([math.log(self.length_periodic), *np.log(self._gammas), noise])
-        before = _Likelihood.of(stacks, own, kept, self.band, rate)(given)[0]
-        tried = [_Tried(self.length_decay, given, before)]
+        given, before = likelihood_of(own, self._gammas), math.nan
+        theta = np.array([math.log(self.length_periodic), *np.log(self._gammas), noise])
+        if given is not None:
+            theta[4], before = given.best_noise(theta)
+        tried = [_Tried(self.length_decay, theta, before)]
 
         # No harmonic is shared by two lengths, but its variance: all lengths have one Gram matrix.
         kernel = Kernel.of(period, LENGTHS[0], math.inf, start, stop, rate)
-        strict = _Likelihood.of(stacks, kernel, np.ones((3, kernel.columns), dtype=bool), self.band, rate)
+        everything = np.ones((3, kernel.columns), dtype=bool)
+        strict = _Likelihood.of(stacks, kernel, everything, self.band, rate, about)
         # Of each coefficient so much that the torque it makes is a thousand times the noise.
-        powers = _powers(stacks)
         loose = np.array([0.0, *(math.log(START) + noise - np.log(powers)), noise])
         near = loose
         for length in LENGTHS:
@@ -285,12 +295,11 @@ class KernelRegression(Method):
 
         for share in DECAYS:
             best = max(tried[1:], key=lambda climbed: climbed.value)
-            decay = share * (stop - start)
+            decay = float(share * (stop - start))
             kernel = Kernel.of(period, math.exp(best.theta[0]), decay, start, stop, rate)
-            kept = kernel.visible(LEEWAY * np.exp(best.theta[1:4]) * powers, VISIBLE * math.exp(best.theta[4]))
-            if decay < 2 * period or int(kept.sum()) > MOST:
+            likelihood = likelihood_of(kernel, LEEWAY * np.exp(best.theta[1:4])) if decay >= 2 * period else None
+            if likelihood is None:
                 break
-            likelihood = _Likelihood.of(stacks, kernel, kept, self.band, rate)
             tried.append(likelihood.climb(best.theta, decay=decay, leeway=math.log(LEEWAY)))
             if tried[-1].value < best.value - CLEARLY:
                 break
@@ -302,7 +311,7 @@ class KernelRegression(Method):
             tried=tuple(each.settings() for each in tried),
             values=values,
             standard_errors=np.full(len(values), math.nan),
-            chosen=int(np.argmax(values)),
+            chosen=int(np.nanargmax(values)),
             axis="length_periodic",
             positions=np.exp([each.theta[0] for each in tried]),
             lines=(
@@ -681,15 +690,22 @@ class _Likelihood(NamedTuple):
     coefficient: NDArray[np.int64]
     harmonic: NDArray[np.int64]
     fixed: NDArray[np.bool_]
-    weak: float
 
     @classmethod
     def of(
-        cls, stacks: list[_Run], kernel: Kernel, kept: NDArray[np.bool_], band: tuple[float, float], rate: float
+        cls,
+        stacks: list[_Run],
+        kernel: Kernel,
+        kept: NDArray[np.bool_],
+        band: tuple[float, float],
+        rate: float,
+        noise: float,
     ) -> _Likelihood:
+        """With the external terms eliminated for about this noise variance."""
         coefficient, column = np.nonzero(kept)
         harmonic = np.array([harmonic for harmonic, _, _ in kernel.products])[column]
-        return cls(_statistics(stacks, kernel, kept, band, rate), coefficient, harmonic, column == 0, _weak(stacks))
+        statistics = without_nuisance(_statistics(stacks, kernel, kept, band, rate), _weak(stacks), noise)
+        return cls(statistics, coefficient, harmonic, column == 0)
 
     def __call__(self, theta: Array) -> tuple[float, Array]:
         """Log marginal likelihood, and its derivatives."""
@@ -699,10 +715,22 @@ class _Likelihood(NamedTuple):
             strength = variances + np.log(np.diag(self.statistics.gram)) - theta[4]
         seen = self.fixed | (strength > math.log(FAINT))
         precision = np.where(self.fixed, 0.0, np.exp(-np.where(seen, variances, 0.0)))[seen]
-        found = log_evidence(of_columns(self.statistics, seen), precision, self.weak, math.exp(theta[4]))
+        found = log_evidence(of_columns(self.statistics, seen), precision, 1.0, math.exp(theta[4]))
         by_gamma = np.bincount(self.coefficient[seen], found.by_variances, minlength=3)
         by_length = float(found.by_variances @ slopes[self.harmonic[seen]])
         return found.value, np.array([by_length, *by_gamma, found.by_noise])
+
+    def best_noise(self, theta: Array) -> tuple[float, float]:
+        """Log of the noise variance that suits the other settings best, and the log marginal likelihood."""
+        place = theta.copy()
+        for _ in range(NOISES):
+            value, slope = self(place)
+            # The likelihood of a log variance curves like that of so many numbers.
+            step = slope[4] / (0.5 * self.statistics.number)
+            if abs(step) < 1e-4:
+                break
+            place[4] += step
+        return float(place[4]), value
 
     def climb(
         self, theta: Array, length: float | None = None, decay: float = ENDLESS, leeway: float = math.inf

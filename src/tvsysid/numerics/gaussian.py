@@ -180,6 +180,33 @@ def _floor(statistics: Statistics) -> float:
     return 2e-14 * statistics.square / statistics.number
 
 
+def without_nuisance(statistics: Statistics, weak: float, noise: float) -> Statistics:
+    r"""Statistics from which the nuisance terms were eliminated, once for all noise variances.
+
+    Their prior variance is taken to be :math:`1 / q` times :math:`\sigma^2 / \sigma_0^2`, so that what they leave of
+    the data does not depend on the noise variance. That is little, as a rule: what the terms can explain is then lost
+    whatever the noise. The log evidence is less than that of the whole by the log of a constant.
+
+    Parameters
+    ----------
+    statistics, weak
+        As for :func:`fit`.
+    noise
+        A noise variance close to those of interest, :math:`\sigma_0^2`.
+    """
+    gram, cross, square, number, mixed, shared, powers = statistics
+    shrink = 1 / (powers + noise * weak)
+    return Statistics(
+        gram=blas.dsyrk(-1.0, mixed * np.sqrt(shrink), beta=1.0, c=gram, lower=1),
+        cross=cross - mixed @ (shrink * shared),
+        square=square - float(np.sum(shrink * shared**2)),
+        number=number,
+        mixed=np.zeros((len(cross), 0)),
+        shared=np.zeros(0),
+        powers=np.zeros(0),
+    )
+
+
 def of_columns(statistics: Statistics, chosen: NDArray[np.bool_]) -> Statistics:
     """Statistics of some of the columns of X."""
     return statistics._replace(
@@ -228,7 +255,7 @@ def _solve(statistics: Statistics, precision: Array, weak: float, noise: float) 
     shrink = 1 / (powers + noise * weak)
     explained = mixed * np.sqrt(shrink)
     right = cross - mixed @ (shrink * shared)
-    system = blas.dsyrk(-1.0, explained, beta=1.0, c=gram, lower=1)
+    system = blas.dsyrk(-1.0, explained, beta=1.0, c=gram, lower=1) if len(powers) else gram.copy(order="F")
     system.ravel(order="A")[:: len(system) + 1] += noise * precision
     factor, failed = lapack.dpotrf(system, lower=1)
     if failed:  # columns without power, or alike to rounding
@@ -242,5 +269,7 @@ def _solve(statistics: Statistics, precision: Array, weak: float, noise: float) 
     # The quadratic form in the Gram matrix, by what the system does to the mean.
     quadratic = float(mean @ right) - noise * float(precision @ mean**2) + float(np.sum((mean @ explained) ** 2))
     residual = square - 2 * float(mean @ cross) + quadratic + float(np.sum(terms * (powers * terms - 2 * left)))
-    spread = float(np.sum(shrink)) + float(np.sum(blas.dtrmm(1.0, inverse_factor, mixed * shrink, lower=1) ** 2))
+    spread = float(np.sum(shrink))
+    if len(powers):
+        spread += float(np.sum(blas.dtrmm(1.0, inverse_factor, mixed * shrink, lower=1) ** 2))
     return _Solution(mean, inverse_factor, residual, effective + len(powers) - noise * weak * spread)

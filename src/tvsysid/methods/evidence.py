@@ -67,7 +67,7 @@ class Evidence:
     def gain(self) -> float:
         """By how much the criterion is better than with the settings that the method had before."""
         difference = float(self.values[self.chosen] - self.values[0])
-        return difference if self.better == "higher" else -difference
+        return difference if self.better == "higher" else 0.0 - difference
 
     def __repr__(self) -> str:
         settings = ", ".join(f"{name}={value!r}" for name, value in self.settings.items())

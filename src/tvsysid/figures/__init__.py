@@ -8,6 +8,7 @@ from tvsysid.figures.preparation import preparation_steps
 from tvsysid.figures.responses import impulse_responses
 from tvsysid.figures.study import Illustration, study_figures
 from tvsysid.figures.style import drawn, lines, save
+from tvsysid.figures.tuning import tuning_curves
 
 __all__ = [
     "Illustration",
@@ -21,4 +22,5 @@ __all__ = [
     "recorded_channels",
     "save",
     "study_figures",
+    "tuning_curves",
 ]

@@ -70,15 +70,26 @@ class Evidence:
         return difference if self.better == "higher" else 0.0 - difference
 
     def __repr__(self) -> str:
-        settings = ", ".join(f"{name}={value!r}" for name, value in self.settings.items())
-        return f"Evidence({settings}: {self.criterion} better by {self.gain:.3g} {self.unit}; {len(self.values)} tried)"
+        return (
+            f"Evidence({_told(self.settings)}: {self.criterion} better by {self.gain:.3g} {self.unit} than with "
+            f"{_told(self.tried[0])}; {len(self.values)} tried)"
+        )
 
     def to_pandas(self) -> pd.DataFrame:
-        """A row for each trial: settings, criterion, standard error, and whether it was chosen."""
+        """A row for each trial: settings, criterion, its value and unit, standard error, and whether it was chosen."""
         import pandas as pd  # noqa: PLC0415  # heavy
 
-        rows = pd.DataFrame([dict(settings) for settings in self.tried])
-        rows[f"{self.criterion} ({self.unit})"] = self.values
-        rows["standard_error"] = self.standard_errors
-        rows["chosen"] = np.arange(len(self.values)) == self.chosen
-        return rows
+        return pd.DataFrame(
+            {
+                "settings": [_told(settings) for settings in self.tried],
+                "criterion": self.criterion,
+                "value": self.values,
+                "unit": self.unit,
+                "standard_error": self.standard_errors,
+                "chosen": np.arange(len(self.values)) == self.chosen,
+            }
+        )
+
+
+def _told(settings: Mapping[str, Any]) -> str:
+    return ", ".join(f"{name}={value!r}" for name, value in settings.items())

@@ -308,7 +308,10 @@ class KernelRegression(Method):
             criterion="log marginal likelihood",
             unit="nat",
             better="higher",
-            tried=tuple(each.settings() for each in tried),
+            tried=(
+                {name: getattr(self, name) for name in ("length_periodic", "length_decay", "gamma")},
+                *(each.settings() for each in tried[1:]),
+            ),
             values=values,
             standard_errors=np.full(len(values), math.nan),
             chosen=int(np.nanargmax(values)),
@@ -676,8 +679,10 @@ class _Tried(NamedTuple):
     value: float
 
     def settings(self) -> dict[str, Any]:
-        length, *gammas = (float(number) for number in np.exp(self.theta[:4]))
-        return {"length_periodic": length, "length_decay": self.decay, "gamma": tuple(gammas)}
+        length, decay, *gammas = (
+            float(f"{number:.4g}") for number in (*np.exp(self.theta[:1]), self.decay, *np.exp(self.theta[1:4]))
+        )
+        return {"length_periodic": length, "length_decay": decay, "gamma": tuple(gammas)}
 
 
 class _Likelihood(NamedTuple):

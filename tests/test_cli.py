@@ -348,3 +348,22 @@ def test_errors_are_one_line(tvsysid, words, message):
     assert err.startswith("tvsysid: ")
     assert err.count("\n") == 1
     assert "Traceback" not in err
+
+
+def test_identify_with_settings_from_the_data(tvsysid, tmp_path):
+    tvsysid("simulate", "joint.mat", "--duration", 40)
+    methods = ("--method", "birf", "--method", "kbr")
+    code, out, err = tvsysid("identify", "joint.mat", *IDENTIFY, *methods, "--tune")
+    assert (code, err) == (0, "")
+    assert "birf: Evidence(basis=HaarWavelets(functions=4): log evidence less precisions fitted better by" in out
+    folder = tmp_path / "tvsysid-identify"
+    table = pd.read_csv(folder / "tuning.csv")
+    assert list(table.columns) == ["method", "settings", "criterion", "value", "unit", "standard_error", "chosen"]
+    for _, rows in table.groupby("method"):
+        assert rows.value[rows.chosen].item() == rows.value.max()
+    assert (folder / "tuning.png").stat().st_size > 5000
+    with xr.open_datatree(folder / "models.nc", engine="h5netcdf") as tree:
+        assert tree["birf"].attrs["method"].startswith("BasisIRF(max_lag=0.12, basis=HaarWavelets(functions=4)")
+    code, _, err = tvsysid("identify", "joint.mat", *IDENTIFY, "--method", "birf:tuned=true", "--tune")
+    assert code == 2
+    assert "leave out --tune, and write key:tuned=true" in err

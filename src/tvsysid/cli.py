@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from tvsysid.benchmark import Check
+    from tvsysid.methods import Evidence, Method
     from tvsysid.models import Model
     from tvsysid.signals import Ensemble
 
@@ -378,6 +379,7 @@ def identify(
         typer.Option(metavar="S", help="Record kept beside each realization, for lags and windows at its edges."),
     ] = 0.5,
     method: MethodOption = DEFAULT_METHODS,
+    tune: Annotated[bool, typer.Option("--tune", help="Choose each method's settings from the data.")] = False,
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results.")] = Path("tvsysid-identify"),
 ) -> None:
     """Identify stiffness over time from a recording.
@@ -395,7 +397,9 @@ def identify(
 
     - `models.nc`: all that was identified, a group for each method (NetCDF; `xarray.open_datatree` reads it);
 
-    - `stiffness.png` and `.pdf`: stiffness and time-varying VAF over time.
+    - `stiffness.png` and `.pdf`: stiffness and time-varying VAF over time;
+
+    - with `--tune`, `tuning.csv`, `.png` and `.pdf`: the settings that were tried, and how each did.
 
     Example: `tvsysid identify ankle.mat --angle pos --torque tq --rate 1000 --decimate 100 --period 2 --torque-sign -1`
     """
@@ -432,11 +436,15 @@ def identify(
         ensemble = preprocess.subtract_mean(preprocess.segment(recording, period, context))
         output.print(f"{file.name}: {ensemble!r}", highlight=False)
         models: dict[str, Model] = {}
+        evidence: dict[str, Evidence] = {}
         # Small matrices: BLAS threads would only wait for each other.
         with _progress("identifying") as advance, threadpool_limits(1):
             for number, (label, item) in enumerate(chosen.items()):
                 advance(number, len(chosen))
-                models[label] = _identified(label, item, ensemble)
+                best = item
+                if tune:
+                    best, evidence[label] = _tuned(label, item, ensemble)
+                models[label] = _identified(label, best, ensemble)
     measured = ensemble.torque[:, ensemble.core]
     predictions = {label: model.predict(ensemble) for label, model in models.items()}
     over_time = {label: time_varying_vaf(measured, predicted) for label, predicted in predictions.items()}
@@ -448,7 +456,10 @@ def identify(
     for ending in ("png", "pdf"):
         save(figure, out / f"stiffness.{ending}")
     output.print(_identification_table(models, shares, ensemble))
-    _say_written(out, ["stiffness.csv", "models.nc", "stiffness.png", "stiffness.pdf"])
+    written = ["stiffness.csv", "models.nc", "stiffness.png", "stiffness.pdf"]
+    if evidence:
+        written += _write_tuning(evidence, out)
+    _say_written(out, written)
 
 
 @app.command()
@@ -1145,6 +1156,42 @@ def _identified(label: str, method: Any, ensemble: Ensemble) -> Model:
         raise
     except Exception as error:
         raise InputError(f"method {label}: {told(error)}") from error
+
+
+def _tuned(label: str, method: Any, ensemble: Ensemble) -> tuple[Method, Evidence]:
+    """Method with settings chosen from the data, and what speaks for them."""
+    from tvsysid.methods import Method
+
+    if not isinstance(method, Method):
+        raise InputError(
+            f"--tune: settings of {label} cannot be chosen from data; leave out --tune, and write key:tuned=true for "
+            "those methods whose settings can"
+        )
+    tuned = method.tuned(ensemble)
+    assert tuned.evidence is not None
+    return tuned, tuned.evidence
+
+
+def _write_tuning(evidence: dict[str, Evidence], out: Path) -> list[str]:
+    """Print what was chosen, and write all that was tried; names of the files."""
+    import pandas as pd
+
+    from tvsysid.figures import save, tuning_curves
+    from tvsysid.recordings import whole_file
+
+    for label, item in evidence.items():
+        output.print(f"{label}: {item!r}", highlight=False, soft_wrap=True, markup=False)
+    tables = []
+    for label, item in evidence.items():
+        table = item.to_pandas()
+        table.insert(0, "method", label)
+        tables.append(table)
+    with whole_file(out / "tuning.csv") as file:
+        pd.concat(tables, ignore_index=True).to_csv(file, index=False, float_format="%.6g")
+    figure = tuning_curves(evidence)
+    for ending in ("png", "pdf"):
+        save(figure, out / f"tuning.{ending}")
+    return ["tuning.csv", "tuning.png", "tuning.pdf"]
 
 
 def _identification_table(models: dict[str, Model], shares: dict[str, Any], ensemble: Ensemble) -> Table:

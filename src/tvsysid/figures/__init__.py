@@ -13,6 +13,7 @@ from tvsysid.figures.responses import impulse_responses
 from tvsysid.figures.spread import error_against_truth, variance_and_spread
 from tvsysid.figures.study import study_figures
 from tvsysid.figures.style import drawn, lines, save
+from tvsysid.figures.tuning import tuning_curves
 
 __all__ = [
     "Illustration",
@@ -33,5 +34,6 @@ __all__ = [
     "stiffness_of_participants",
     "stiffness_with_bands",
     "study_figures",
+    "tuning_curves",
     "variance_and_spread",
 ]

@@ -8,13 +8,14 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import ClassVar, TypeVar, get_args
+from typing import ClassVar, Self, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtr
 
 from tvsysid.errors import DoubtfulWarning, InputError
+from tvsysid.methods.evidence import Evidence
 from tvsysid.models import Model
 from tvsysid.numerics.spectra import power_share
 from tvsysid.signals import Ensemble
@@ -34,6 +35,8 @@ class Method(ABC):
     key: ClassVar[str]
     title: ClassVar[str]
     assumptions: ClassVar[tuple[str, ...]]
+    evidence: ClassVar[Evidence | None] = None
+    """Why the settings are what they are; of a method that :meth:`tuned` returned only."""
 
     def identify(self, ensemble: Ensemble) -> Model:
         """Identify the impedance of the joint over one realization.
@@ -58,11 +61,7 @@ class Method(ABC):
         DoubtfulWarning
             For what is legal but doubtful; kept in the model's diagnostics.
         """
-        if not isinstance(ensemble, Ensemble):
-            raise InputError(
-                f"identify: expected an Ensemble, got {type(ensemble).__name__}; "
-                "cut a Recording with tvsysid.preprocess.segment"
-            )
+        _check_ensemble("identify", ensemble)
         started = perf_counter()
         model = self._identify(ensemble)
         doubts = (*self._doubts(ensemble), *_doubts_of_all(ensemble, model, *self._needed_band(ensemble)))
@@ -71,8 +70,39 @@ class Method(ABC):
             warnings.warn(f"{self.key}: {doubt}", DoubtfulWarning, stacklevel=2)
         return replace(model, diagnostics=diagnostics)
 
+    def tuned(self, ensemble: Ensemble, seed: int = 0) -> Self:
+        """Return the method with settings chosen from the data.
+
+        Parameters
+        ----------
+        ensemble
+            Realizations to choose by, mean subtracted; those to be identified from, or others alike.
+        seed
+            For what is drawn at random: the same gives the same settings.
+
+        Returns
+        -------
+        Method
+            Of the same class. Its ``evidence`` says what was tried, and how each did; it is no setting, so that the
+            method equals, and shows itself as, one whose settings were given by hand.
+
+        Raises
+        ------
+        InputError
+            If the ensemble is none, or has too few realizations or samples.
+        """
+        _check_ensemble("tuned", ensemble)
+        evidence = self._evidence(ensemble, seed)
+        method = replace(self, **evidence.settings)
+        object.__setattr__(method, "evidence", evidence)
+        return method
+
     @abstractmethod
     def _identify(self, ensemble: Ensemble) -> Model: ...
+
+    def _evidence(self, ensemble: Ensemble, seed: int) -> Evidence:
+        """What speaks for which settings."""
+        raise InputError(f"{type(self).__name__} has no settings that can be chosen from data")
 
     @abstractmethod
     def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
@@ -80,6 +110,14 @@ class Method(ABC):
 
     def _doubts(self, ensemble: Ensemble) -> Iterator[str]:
         yield from ()
+
+
+def _check_ensemble(verb: str, ensemble: object) -> None:
+    if not isinstance(ensemble, Ensemble):
+        raise InputError(
+            f"{verb}: expected an Ensemble, got {type(ensemble).__name__}; "
+            "cut a Recording with tvsysid.preprocess.segment"
+        )
 
 
 def whole_samples(seconds: float, ensemble: Ensemble) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -21,8 +21,9 @@ from tvsysid.methods.base import (
     padded,
 )
 from tvsysid.methods.correlations import impulse_response_model
+from tvsysid.methods.evidence import Evidence
 from tvsysid.models import Diagnostics, ImpulseResponseModel, Model, SecondOrderModel
-from tvsysid.numerics.bases import Basis, CubicBSplines, evaluate
+from tvsysid.numerics.bases import Basis, CubicBSplines, FourierSeries, HaarWavelets, evaluate
 from tvsysid.numerics.bayes import PRIORS, Posterior
 from tvsysid.numerics.differentiation import HALF_WIDTH, derivative_weights
 from tvsysid.numerics.moments import lagged_moments, time_chunks
@@ -31,6 +32,18 @@ from tvsysid.signals import Ensemble
 Array = NDArray[np.float64]
 Prior = Literal["ard", "ridge", "none"]
 Structure = Literal["parametric", "irf"]
+
+BASES: tuple[Basis, ...] = (
+    *(CubicBSplines(functions) for functions in (4, 6, 8, 10, 12, 16, 20, 28, 40)),
+    *(CubicBSplines(functions, periodic=True) for functions in (6, 8, 10, 12, 16, 20, 28, 40)),
+    *(FourierSeries(harmonics) for harmonics in (0, 1, 2, 3, 4, 6, 8, 12, 16)),
+    *(HaarWavelets(functions) for functions in (2, 4, 8, 16, 32)),
+)
+"""Bases of which a tuned one is the best."""
+MOST = 500
+"""Coefficients of the largest model that is tried."""
+CLEARLY = 3.0
+"""Log evidence by which a basis must be better than the one given to be chosen: 20 to 1."""
 
 
 @dataclass(frozen=True)
@@ -91,6 +104,42 @@ class BasisIRF(Method):
     def _identify(self, ensemble: Ensemble) -> Model:
         functions = evaluate(self.basis, ensemble.samples)
         return self._parametric(ensemble, functions) if self.model == "parametric" else self._irf(ensemble, functions)
+
+    def _evidence(self, ensemble: Ensemble, seed: int) -> Evidence:
+        """Evidence of bases, less the number of precisions that were fitted to the data.
+
+        ``seed`` is not needed: nothing is drawn at random.
+        """
+        if self.prior == "none":
+            raise InputError(
+                "BasisIRF: least squares has no evidence to choose a basis by; set prior to 'ard' or 'ridge'"
+            )
+        per_function = 2 if self.model == "parametric" else 2 * fitting_lags("BasisIRF", self.max_lag, ensemble) + 1
+        tried: list[Basis] = []
+        values, counts = [], []
+        for basis in (self.basis, *(basis for basis in BASES if basis != self.basis)):
+            functions = evaluate(basis, ensemble.samples).shape[1]
+            if tried and per_function * functions > MOST:
+                continue
+            model = replace(self, basis=basis)._identify(ensemble)
+            # Each precision that was fitted raises the evidence, even of a function that is not there.
+            fitted = per_function * functions if self.prior == "ard" else 1
+            tried.append(basis)
+            counts.append(functions)
+            values.append(model.diagnostics.details["log_evidence"] - fitted)
+        best = int(np.argmax(values))
+        return Evidence(
+            criterion="log evidence less precisions fitted",
+            unit="nat",
+            better="higher",
+            tried=tuple({"basis": basis} for basis in tried),
+            values=np.array(values),
+            standard_errors=np.full(len(values), np.nan),
+            chosen=best if values[best] > values[0] + CLEARLY else 0,
+            axis="functions",
+            positions=np.array(counts, dtype=np.float64),
+            lines=tuple(_kind(basis) for basis in tried),
+        )
 
     def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
         return 1 / (2 * self.max_lag), EXCITED_ABOVE
@@ -162,6 +211,12 @@ class BasisIRF(Method):
         count = len(ensemble)
         samples = count * (ensemble.samples - 2 * missing)
         return PRIORS[self.prior](gram * count, cross * count, square * count, samples)
+
+
+def _kind(basis: Basis) -> str:
+    """Name of a basis, without the number of its functions."""
+    name = getattr(type(basis), "__name__", "basis")
+    return f"periodic {name}" if isinstance(basis, CubicBSplines) and basis.periodic else name
 
 
 def _moments(ensemble: Ensemble, lags: int) -> Iterator[tuple[slice, Array, Array, Array]]:

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from tvsysid.methods.base import EXCITED_ABOVE, Method, check_choice, check_positive, fitting_lags, whole_samples
 from tvsysid.methods.correlations import impulse_response_model, rank_diagnostics, solve_windows
+from tvsysid.methods.evidence import Evidence
+from tvsysid.methods.halves import evidence_by_halves
 from tvsysid.models import ImpulseResponseModel
 from tvsysid.numerics import pseudoinverse
 from tvsysid.numerics.pseudoinverse import Order, Solution
@@ -18,6 +20,9 @@ from tvsysid.signals import Ensemble
 
 Array = NDArray[np.float64]
 Solver = Literal["mdl", "full", "lstsq"]
+
+LAGS = (0.03, 0.04, 0.06, 0.08, 0.10, 0.12, 0.16)
+"""Lags in s of which tuned ones are the best."""
 
 
 @dataclass(frozen=True)
@@ -83,6 +88,9 @@ class EnsembleIRF(Method):
         if self.solver == "full":
             return pseudoinverse.full(phi_uu, phi_uy)
         return pseudoinverse.truncated(phi_uu, phi_uy, variance, count, self.order)
+
+    def _evidence(self, ensemble: Ensemble, seed: int) -> Evidence:
+        return evidence_by_halves(self, ensemble, seed, {"max_lag": LAGS}, self.max_lag)
 
     def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
         return 1 / (2 * self.max_lag), EXCITED_ABOVE

@@ -22,6 +22,8 @@ from tvsysid.methods.base import (
     padded,
     whole_samples,
 )
+from tvsysid.methods.evidence import Evidence
+from tvsysid.methods.halves import evidence_by_halves
 from tvsysid.models import Diagnostics, FrequencyResponseModel
 from tvsysid.numerics.spectra import power_share, short_time_spectra
 from tvsysid.signals import Ensemble
@@ -36,6 +38,11 @@ EXCITED = 1e-6
 """Share of the strongest frequency's input power from which on a frequency counts as excited."""
 FIT_BAND = 20.0
 """Highest frequency in Hz of the second-order fit."""
+
+WINDOWS = (0.12, 0.16, 0.20, 0.26, 0.30, 0.36, 0.44, 0.56, 0.70)
+"""Windows in s of which a tuned one is the best."""
+REFERENCE_LAG = 0.12
+"""Lags in s of the impulse response that tuning compares with."""
 
 
 @dataclass(frozen=True)
@@ -130,6 +137,9 @@ class EnsembleSpectral(Method):
                 f"spectra are averaged over only {len(ensemble)} realizations: the response is hardly determined; "
                 "record more, or use kbr"
             )
+
+    def _evidence(self, ensemble: Ensemble, seed: int) -> Evidence:
+        return evidence_by_halves(self, ensemble, seed, {"window": WINDOWS}, REFERENCE_LAG)
 
     def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
         return 1 / self.window, EXCITED_ABOVE

@@ -9,9 +9,16 @@ from typing import ClassVar
 from tvsysid.errors import InputError
 from tvsysid.methods.base import EXCITED_ABOVE, Method, check_positive, fitting_lags, whole_samples
 from tvsysid.methods.correlations import impulse_response_model, rank_diagnostics, solve_windows
+from tvsysid.methods.evidence import Evidence
+from tvsysid.methods.halves import evidence_by_halves
 from tvsysid.models import ImpulseResponseModel
 from tvsysid.numerics.pseudoinverse import truncated
 from tvsysid.signals import Ensemble
+
+LAGS = (0.03, 0.04, 0.06, 0.08, 0.12, 0.16)
+"""Lags in s of which tuned ones are the best."""
+WINDOWS = (0.02, 0.04, 0.06, 0.08, 0.10, 0.14, 0.20, 0.30, 0.40)
+"""Windows in s of which a tuned one is the best."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +80,9 @@ class ShortDataSegments(Method):
                 f"a window holds {samples} samples of all realizations for {unknowns} lags: the fit is hardly "
                 "determined; record more, or lengthen window"
             )
+
+    def _evidence(self, ensemble: Ensemble, seed: int) -> Evidence:
+        return evidence_by_halves(self, ensemble, seed, {"max_lag": LAGS, "window": WINDOWS}, self.max_lag)
 
     def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
         return 1 / (2 * self.max_lag), EXCITED_ABOVE

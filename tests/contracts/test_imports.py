@@ -17,7 +17,7 @@ LEVELS = [
     ["signals", "impedance"],
     ["models"],
     ["recordings", "preprocess", "simulate", "methods", "metrics"],
-    ["benchmark"],
+    ["benchmark", "diagnosis"],
     ["figures"],
     ["report"],
     ["cli"],

@@ -157,9 +157,9 @@ KINDS: dict[str, Kind] = {
     ),
     "misaligned-realizations": Kind(
         "Some realizations come early or late",
-        "realizations that fit clearly better when they are shifted",
-        "realizations",
-        1,
+        "share of the realizations that fit clearly better when they are shifted",
+        "%",
+        2,
         "above",
         "changes of stiffness are smeared over time, and peaks come out too low",
         "align them before the mean is subtracted (tv.preprocess.align), or exclude them",
@@ -211,18 +211,18 @@ KINDS: dict[str, Kind] = {
     ),
     "angle-spikes": Kind(
         "Spikes in the angle",
-        "highest spike against what is usual at the 99th percentile",
+        "highest sample that the angle's past does not foretell, over the 99th percentile of all",
         "times",
-        6,
+        2.5,
         "above",
         "a spike of one sample has a large acceleration that no torque answers: inertia comes out too low",
         "interpolate the samples or exclude the realizations; see the cables",
     ),
     "torque-spikes": Kind(
         "Spikes in the torque",
-        "highest spike against what is usual at the 99th percentile",
+        "highest sample that neither the joint's model nor the past foretells, over the 90th percentile of all",
         "times",
-        6,
+        8,
         "above",
         "single samples of large error weigh much in a least-squares fit",
         "interpolate the samples or exclude the realizations; see the cables",
@@ -239,12 +239,12 @@ KINDS: dict[str, Kind] = {
     ),
     "reflex": Kind(
         "A reflex answers stretch",
-        "share of the torque left over that late velocity of one direction foretells",
+        "share of the torque left over that the speed of 40 to 300 ms before foretells, whichever its direction",
         "%",
-        5,
+        2,
         "above",
-        "intrinsic and reflex torque are identified as one: viscosity comes out too low, stiffness varies with the "
-        "perturbation, and VAF is low",
+        "intrinsic and reflex torque are identified as one: viscosity comes out too low and stiffness too high, both "
+        "vary with the perturbation, and VAF is low",
         "take the result as that of joint and reflex together, or use a method with a reflex path in parallel",
     ),
     "slow-answer": Kind(

@@ -7,7 +7,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.diagnosis.evidence import Evidence
+from tvsysid.diagnosis.evidence import WHITENING as SAMPLES
+from tvsysid.diagnosis.evidence import Evidence, innovations
 from tvsysid.diagnosis.fit import fit_motion
 from tvsysid.diagnosis.repetition import relative_noise, relative_stiffness
 from tvsysid.numerics.spectra import hann, short_time_spectra
@@ -21,7 +22,7 @@ WELCH = 2.0
 FARTHEST = 0.3
 """Lags in s that are shown, to either side."""
 WHITENING = 0.12
-"""Seconds of the angle's past that make it white before it is correlated with the torque."""
+"""Seconds of a signal's past that make it white before it is correlated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +48,7 @@ class Curves:
     lag
         In s, positive where the torque is later, shape (lag,).
     correlation
-        Of torque and angle, both through the filter that makes the angle white, shape (lag,).
+        Of the torque that the model leaves with angle and with speed, each whitened, shape (2, lag).
     chance
         Distance from zero that 95 % of the correlations of unrelated signals keep.
     """
@@ -118,14 +119,20 @@ def _coherence(evidence: Evidence) -> tuple[Array, Array, Array]:
 
 
 def _correlation(evidence: Evidence) -> tuple[Array, Array, float]:
-    """Correlation of innovations, each lag over as many samples as there are."""
-    order = min(max(2, round(WHITENING * evidence.rate)), evidence.angle.shape[1] // 3)
-    angle, torque = evidence.foretold_apart(order)
-    reach = min(round(FARTHEST * evidence.rate), angle.shape[1] // 2)
+    """Correlation of what is left of the torque with angle and speed, all whitened, each lag over the same samples."""
+    residual, first = evidence.white_residual, evidence.fit.first + SAMPLES
+    speed = np.abs(np.gradient(evidence.angle, axis=1))
+    causes = []
+    for signal in (evidence.angle, speed - speed.mean(axis=0)):
+        order = min(max(2, round(WHITENING * evidence.rate)), first)
+        values = innovations(signal, order)[:, first - order :]
+        causes.append(values[:, : residual.shape[1]])
+    reach = min(round(FARTHEST * evidence.rate), residual.shape[1] // 3)
     lags = np.arange(-reach, reach + 1)
-    inner = slice(reach, angle.shape[1] - reach)
-    later = [torque[:, inner.start + lag : inner.stop + lag] for lag in lags]
-    scale = np.sqrt(np.mean(angle**2) * np.mean(torque**2))
-    products = np.array([np.mean(angle[:, inner] * each) for each in later])
-    correlation = products / scale if scale > 0 else np.zeros(len(lags))
-    return lags / evidence.rate, correlation, 1.96 / np.sqrt(angle[:, inner].size)
+    inner = slice(reach, residual.shape[1] - reach)
+    correlation = np.zeros((2, len(lags)))
+    for row, cause in zip(correlation, causes, strict=True):
+        scale = np.sqrt(np.mean(cause**2) * np.mean(residual**2))
+        if scale > 0:
+            row[:] = [np.mean(cause[:, inner] * residual[:, reach + lag : inner.stop + lag]) / scale for lag in lags]
+    return lags / evidence.rate, correlation, 1.96 / np.sqrt(residual[:, inner].size)

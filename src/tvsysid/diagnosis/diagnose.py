@@ -187,7 +187,8 @@ def diagnose(ensemble: Ensemble) -> Diagnosis:
         repetition.wrong_period(timely),
         *(losses.clipped(timely, which) for which in ("angle", "torque")),
         *(losses.lost(timely, which) for which in ("angle", "torque")),
-        *(losses.spikes(timely, which) for which in ("angle", "torque")),
+        losses.angle_spikes(timely),
+        losses.torque_spikes(timely),
         structure.feedback(timely),
         structure.reflex(timely),
         structure.slow_answer(timely),
@@ -196,7 +197,7 @@ def diagnose(ensemble: Ensemble) -> Diagnosis:
     return Diagnosis(
         tuple(checks[name] for name in KINDS),
         _measures(timely),
-        curves(timely),
+        curves(evidence),
         f"{len(ensemble)} realizations of {ensemble.duration:g} s at {ensemble.sampling_rate:g} Hz",
     )
 

@@ -126,12 +126,6 @@ class Evidence:
         count = len(influence)
         return values, np.sqrt(np.sum(influence**2, axis=0) * count / max(count - 1, 1))
 
-    def foretold_apart(self, order: int) -> tuple[Array, Array]:
-        """Angle less what so many samples of its past foretell, and the torque through the same filter."""
-        taps = np.concatenate([[1.0], -_prediction(self.angle, order)[::-1]])
-        angle, torque = (lfilter(taps, 1.0, signal, axis=1)[:, order:] for signal in (self.angle, self.torque))
-        return np.asarray(angle), np.asarray(torque)
-
     def synchronised(self, late: int) -> Evidence:
         """Evidence of the same ensemble with the torque taken so many samples later."""
         given, width = self.ensemble, self.ensemble.angle.shape[1]
@@ -258,6 +252,12 @@ def solved(gram: Array, moments: Array) -> Array:
     """Least squares from second moments, safe where regressors are nearly the same."""
     ridge = RIDGE * np.trace(gram) / len(gram) + np.finfo(float).tiny
     return np.asarray(np.linalg.solve(gram + ridge * np.eye(len(gram)), moments))
+
+
+def innovations(signal: Array, order: int) -> Array:
+    """What so many samples of a signal's past do not foretell, shape (realization, time - order)."""
+    taps = np.concatenate([[1.0], -_prediction(signal, order)[::-1]])
+    return np.asarray(lfilter(taps, 1.0, signal, axis=1)[:, order:])
 
 
 def _prediction(signal: Array, order: int) -> Array:

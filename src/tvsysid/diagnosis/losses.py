@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, median_filter
 
+from tvsysid.diagnosis.catalogue import KINDS
 from tvsysid.diagnosis.check import Check, judged, unjudged
-from tvsysid.diagnosis.evidence import WHITENING, Evidence
+from tvsysid.diagnosis.evidence import WHITENING, Evidence, innovations
 
 Array = NDArray[np.float64]
 
@@ -24,10 +24,20 @@ STILL = 0.1
 """Share of what is expected below which a signal does not move."""
 LOUD = 4.0
 """Times the usual power from which on a window's residual is out of the ordinary."""
+LEAST_SAMPLES = 10
+"""Of a window."""
 HALF_SPIKE = 3
-"""Samples to either side with which one is compared."""
-USUAL = 0.99
-"""Quantile of differences that is usual."""
+"""Samples to either side from which a spike stands out."""
+PAST = 0.12
+"""Seconds of a signal's past that foretell it."""
+USUAL_ANGLE, USUAL_TORQUE = 0.99, 0.9
+"""Quantiles against which spikes are held: a PRBS surprises at every switch, noise never."""
+OUT_OF_LINE = 1.2
+"""Times the usual distance from the median about it that makes a sample stand out."""
+DISTURBED = 4.5
+"""Times the usual residual that a spike in the angle causes beside it."""
+BESIDE = 6
+"""Samples to either side over which the derivatives' filters spread a spike."""
 
 
 def clipped(evidence: Evidence, which: str) -> Check:
@@ -48,6 +58,10 @@ def clipped(evidence: Evidence, which: str) -> Check:
     bottom = ordered[ALIKE - 1] - ordered[0] <= SAME * size
     tied = top | bottom
     share = 100 * float(tied.mean())
+    middle = len(ordered) // 2
+    inside = ordered[min(middle + ALIKE, len(ordered)) - 1] - ordered[middle] <= SAME * size
+    if share and inside.mean() > 0.5 * tied.mean():
+        return judged(name, share, f"the same values of {which} come again and again, not only the extremes", certain=False)
     if float(np.mean(np.abs(deviations) < 0.5 * size)) < TWO_LEVELS:
         return judged(name, share, f"the {which} switches between two levels, as a PRBS does", certain=False)
     sides = "highest" if not bottom.any() else "lowest" if not top.any() else "highest and lowest"
@@ -58,7 +72,7 @@ def clipped(evidence: Evidence, which: str) -> Check:
 def lost(evidence: Evidence, which: str) -> Check:
     """Time during which one signal stands still, or is but what the subtracted mean left, while the other moves."""
     name = f"lost-{which}"
-    samples = max(4, round(WINDOW * evidence.rate))
+    samples = max(LEAST_SAMPLES, round(WINDOW * evidence.rate))
     answer, measured = evidence.white_parts.sum(axis=0), evidence.whitened(evidence.fit.torque)
     if measured.shape[1] < samples:
         return unjudged(name, f"realizations are shorter than {WINDOW:g} s")
@@ -88,11 +102,11 @@ def lost(evidence: Evidence, which: str) -> Check:
 
 
 def _window_power(values: Array, samples: int, others: Array | None = None) -> Array:
-    """Sum of products in windows that follow each other, shape (realization, window)."""
+    """Products of deviations from the mean of each window, summed, shape (realization, window)."""
     count = values.shape[1] // samples
     others = values if others is None else others
     blocks = [each[:, : count * samples].reshape(len(each), count, samples) for each in (values, others)]
-    return np.asarray(np.einsum("rws,rws->rw", *blocks))
+    return np.asarray(np.einsum("rws,rws->rw", *(block - block.mean(axis=2, keepdims=True) for block in blocks)))
 
 
 def _held(evidence: Evidence, which: str, samples: int) -> list[NDArray[np.bool_]]:
@@ -105,29 +119,55 @@ def _held(evidence: Evidence, which: str, samples: int) -> list[NDArray[np.bool_
     return [np.ptp(values, axis=2) <= 1e-9 * float(np.std(evidence.ensemble.torque))]
 
 
-def spikes(evidence: Evidence, which: str) -> Check:
-    """Single samples far from their neighbours, against what is usual in these signals, if the joint's model is off there."""
-    name = f"{which}-spikes"
-    signals = {"angle": evidence.fit.motion[0], "torque": evidence.fit.torque}
-    sizes = {key: _against_neighbours(values) for key, values in signals.items()}
-    off = _against_neighbours(evidence.residual)
-    height = sizes[which]
-    # What the model explains is no spike; and one in the other channel is the other's.
-    other = sizes["torque" if which == "angle" else "angle"]
-    mine = np.where((off > judged(name, 0.0, "").threshold / 2) & (height > other), height, 0.0)
-    if not mine.any():
-        return judged(name, 0.0, f"no spike in the {which}")
-    realization, sample = np.unravel_index(int(np.argmax(mine)), mine.shape)
-    value = float(mine.max())
-    count = int(np.count_nonzero(mine > judged(name, 0.0, "").threshold))
-    begin = (sample + HALF_SPIKE + evidence.fit.first - evidence.ensemble.context) / evidence.rate
-    what = f"the highest is {value:.3g} times as high as is usual, in realization {realization} at {begin:.3g} s"
-    return judged(name, value, what + (f"; {count} samples stand out" if count else ""))
+def angle_spikes(evidence: Evidence) -> Check:
+    """Samples that neither past nor neighbours foretell, and that the torque does not answer."""
+    surprise, _, place = _surprises(evidence)
+    standing_out = surprise > 0
+    standing_out &= _against_neighbours(evidence.angle)[:, place] > OUT_OF_LINE
+    residual = _over_usual(np.abs(evidence.white_residual), USUAL_TORQUE)
+    standing_out &= maximum_filter1d(residual, 2 * BESIDE + 1, axis=1) > DISTURBED
+    return _highest(evidence, "angle-spikes", np.where(standing_out, surprise, 0.0))
+
+
+def torque_spikes(evidence: Evidence) -> Check:
+    """Samples that neither the model nor the past of what it leaves foretell, and that are not the angle's."""
+    surprise, torque_surprise, _ = _surprises(evidence)
+    residual = _over_usual(np.abs(evidence.white_residual), USUAL_TORQUE)
+    of_angle = maximum_filter1d(surprise, 4 * BESIDE + 1, axis=1) > KINDS["angle-spikes"].limit
+    return _highest(evidence, "torque-spikes", np.where((torque_surprise > surprise) & ~of_angle, residual, 0.0))
+
+
+def _surprises(evidence: Evidence) -> tuple[Array, Array, slice]:
+    """What the angle's past does not foretell, the torque alike, both over what is usual, and which samples these are."""
+    order = min(max(2, round(PAST * evidence.rate)), evidence.fit.first + WHITENING)
+    first, samples = evidence.fit.first + WHITENING, evidence.white_residual.shape[1]
+    inner = slice(first - order, first - order + samples)
+    angle, torque = (
+        _over_usual(np.abs(innovations(values, order)[:, inner]), USUAL_ANGLE)
+        for values in (evidence.angle, evidence.torque)
+    )
+    return angle, torque, slice(first, first + samples)
+
+
+def _highest(evidence: Evidence, name: str, heights: Array) -> Check:
+    value = float(heights.max())
+    if value == 0:
+        return judged(name, 0.0, "none")
+    realization, sample = np.unravel_index(int(np.argmax(heights)), heights.shape)
+    begin = (sample + WHITENING + evidence.fit.first - evidence.ensemble.context) / evidence.rate
+    count = int(np.count_nonzero(heights > KINDS[name].limit))
+    more = f"; {count} samples stand out" if count > 1 else ""
+    return judged(
+        name, value, f"the highest is {value:.3g} times as high as is usual, in realization {realization} at {begin:.3g} s{more}"
+    )
+
+
+def _over_usual(values: Array, quantile: float) -> Array:
+    usual = float(np.quantile(values, quantile))
+    return values / usual if usual > 0 else np.zeros_like(values)
 
 
 def _against_neighbours(values: Array) -> Array:
-    """Distance of each sample from the mean of two neighbours, over what is usual."""
-    inner = values[:, HALF_SPIKE:-HALF_SPIKE]
-    distance = np.abs(inner - 0.5 * (values[:, 2 * HALF_SPIKE :] + values[:, : -2 * HALF_SPIKE]))
-    usual = float(np.quantile(distance, USUAL)) if distance.size else 0.0
-    return distance / usual if usual > 0 and math.isfinite(usual) else np.zeros_like(distance)
+    """Distance of each sample from the median about it over what is usual; a step has none, a spike has all of it."""
+    distance = np.abs(values - median_filter(values, (1, 2 * HALF_SPIKE + 1)))
+    return _over_usual(distance, USUAL_ANGLE)

@@ -104,9 +104,11 @@ def _own_fits(evidence: Evidence) -> tuple[Array, Array]:
 
 
 def relative_stiffness(evidence: Evidence) -> Array:
-    """Stiffness of each realization over that of all, shape (realization,)."""
+    """Stiffness of each realization over the median of all, shape (realization,)."""
     grams, moments = _own_fits(evidence)
-    return np.asarray(1 + np.einsum("rb,rb->r", np.linalg.pinv(grams, hermitian=True)[:, 0], moments))
+    stiffness = 1 + np.einsum("rb,rb->r", np.linalg.pinv(grams, hermitian=True)[:, 0], moments)
+    usual = float(np.median(stiffness))
+    return np.asarray(stiffness / usual) if usual > 0 else stiffness
 
 
 def relative_noise(evidence: Evidence) -> Array:
@@ -144,7 +146,7 @@ def misaligned(evidence: Evidence) -> tuple[Check, NDArray[np.bool_]]:
     if count:
         farthest = np.flatnonzero(out)[np.argmax(np.abs(seconds[out]))]
         what += f", such as realization {farthest} by {seconds[farthest]:+.2g} s"
-    return judged(name, count, what), out
+    return judged(name, 100 * count / len(out), what, certain=count > 1), out
 
 
 def _has_a_shape(evidence: Evidence) -> bool:

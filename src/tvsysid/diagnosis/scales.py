@@ -19,6 +19,8 @@ LARGEST_INERTIA = 1.0
 """In kg·m²: more than an arm or a lower leg has."""
 LONGEST_DELAY = 0.1
 """In s, to either side."""
+CLEARER = 1.3
+"""Times as much as with the best shift that a joint must leave unexplained without it."""
 FINER = np.linspace(-1, 1, 9)
 """Samples beside the best shift that are tried."""
 
@@ -90,7 +92,9 @@ def delay(evidence: Evidence) -> tuple[Check, int]:
     best = int(np.argmin(left))
     if 1 - left[best] < ANSWERED:
         return unjudged(name, NO_ANSWER), 0
-    certain = best != reach and chance(squares[reach] - squares[best]) < CHANCE
+    # An angle that gives way to the torque follows it too, but then hardly better than with no shift.
+    clear = left[reach] > CLEARER * left[best]
+    certain = bool(clear) and chance(squares[reach] - squares[best]) < CHANCE
     finer = np.clip(shifts[best] + FINER, -reach, reach)
     samples = float(finer[np.argmin([_left(refitted(evidence, float(shift))) for shift in finer])])
     late = 1000 * samples / evidence.rate

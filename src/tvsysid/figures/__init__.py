@@ -3,6 +3,7 @@
 from tvsysid.figures.amount import error_against_amount
 from tvsysid.figures.channels import recorded_channels
 from tvsysid.figures.comparison import method_comparison
+from tvsysid.figures.diagnosis import diagnosis_illustration, diagnosis_panels
 from tvsysid.figures.identification import identified_stiffness
 from tvsysid.figures.preparation import preparation_steps
 from tvsysid.figures.responses import impulse_responses
@@ -11,6 +12,8 @@ from tvsysid.figures.style import drawn, lines, save
 
 __all__ = [
     "Illustration",
+    "diagnosis_illustration",
+    "diagnosis_panels",
     "drawn",
     "error_against_amount",
     "identified_stiffness",

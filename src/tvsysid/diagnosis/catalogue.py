@@ -70,7 +70,7 @@ KINDS: dict[str, Kind] = {
         "%",
         30,
         "above",
-        "nothing tells what the torque answers from what repeats anyway; once the mean is subtracted only noise is left",
+        "nothing tells what the torque answers from what repeats anyway; less the mean, only noise is left",
         "draw a new random perturbation for every realization; data recorded so cannot be mended",
     ),
     "mean-torque": Kind(
@@ -106,8 +106,8 @@ KINDS: dict[str, Kind] = {
         "rad",
         0.2,
         "above",
-        "degrees taken for radians make stiffness, viscosity and inertia 57 times too small; if they are radians, no joint "
-        "is linear over so wide a movement",
+        "degrees taken for radians make stiffness, viscosity and inertia 57 times too small; if they are radians, no "
+        "joint is linear over so wide a movement",
         "if the file is in degrees, read it with angle_unit='deg' (--angle-unit deg)",
     ),
     "torque-unit": Kind(
@@ -134,7 +134,7 @@ KINDS: dict[str, Kind] = {
         "ms",
         15,
         "above",
-        "a torque that is late by d lowers the viscosity by stiffness times d, below zero if need be, and bends the rest",
+        "a torque that is late by d lowers the viscosity by stiffness times d, even below zero, and bends the rest",
         "shift one channel against the other by this much before cutting, and find what delays it (a filter, a clock)",
     ),
     "drift": Kind(
@@ -188,7 +188,7 @@ KINDS: dict[str, Kind] = {
         "%",
         2,
         "above",
-        "where the sensor is at its limit the torque does not answer: stiffness comes out too low, most where it is high",
+        "where the sensor is at its limit the torque does not answer: stiffness comes out too low where it is high",
         "widen the sensor's range; exclude the realizations concerned",
     ),
     "lost-angle": Kind(
@@ -233,8 +233,8 @@ KINDS: dict[str, Kind] = {
         "%",
         10,
         "above",
-        "the methods here take the angle as imposed; if noise in the torque moves it, stiffness and inertia come out too "
-        "low and viscosity too",
+        "the methods here take the angle as imposed; if noise in the torque moves it, stiffness, viscosity and inertia "
+        "come out too low",
         "use a stiffer actuator, or a closed-loop method with the actuator's command as the instrument",
     ),
     "reflex": Kind(
@@ -253,7 +253,7 @@ KINDS: dict[str, Kind] = {
         "%",
         10,
         "above",
-        "a model of second order (birf, kbr) misses this part; impulse responses hold it only as far as their lags reach",
+        "a model of second order (birf, kbr) misses this part; impulse responses hold it as far as their lags reach",
         "use eirf, sds or esm with longer lags; look for a reflex, a soft coupling, or a filter in one channel",
     ),
 }

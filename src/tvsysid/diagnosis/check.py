@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from tvsysid.diagnosis.catalogue import KINDS
 
@@ -69,9 +69,20 @@ class Check:
         """Whether it could be told at all."""
         return not math.isnan(self.value)
 
+    @property
+    def beyond(self) -> bool:
+        """Whether the value is on the wrong side of its threshold, chance or not."""
+        return abs(self.value) > self.threshold if self.wrong == "above" else self.value < self.threshold
+
+    @property
+    def state(self) -> str:
+        """``"found"``, ``"in order"``, ``"uncertain"`` (beyond the threshold, maybe by chance) or ``"not judged"``."""
+        if self.found:
+            return "found"
+        return "uncertain" if self.beyond else "in order" if self.judged else "not judged"
+
     def __repr__(self) -> str:
-        state = "found" if self.found else "in order" if self.judged else "not judged"
-        return f"Check({self.name}: {state}; {self.what})"
+        return f"Check({self.name}: {self.state}; {self.what})"
 
 
 def judged(name: str, value: float, what: str, *, certain: bool = True) -> Check:
@@ -84,9 +95,8 @@ def judged(name: str, value: float, what: str, *, certain: bool = True) -> Check
     certain
         Whether the value is no chance; only then it counts as found.
     """
-    kind = KINDS[name]
-    beyond = abs(value) > kind.limit if kind.wrong == "above" else value < kind.limit
-    return Check(name, value, beyond and certain, what)
+    check = Check(name, value, False, what)
+    return replace(check, found=check.beyond and certain)
 
 
 def unjudged(name: str, why: str) -> Check:

@@ -77,7 +77,9 @@ def curves(evidence: Evidence) -> Curves:
     """All that the pictures show."""
     rate, fit = evidence.rate, evidence.fit
     length = min(fit.torque.shape[1], round(WELCH * rate))
-    spectra = [_power(values, length, rate) for values in (fit.motion[0], fit.torque, evidence.residual)]
+    angle, torque, residual = (
+        _power(values, length, rate) for values in (fit.motion[0], fit.torque, evidence.residual)
+    )
     coherence, coherence_time, coherence_frequency = _coherence(evidence)
     lag, correlation, chance = _correlation(evidence)
     order = evidence.order
@@ -86,8 +88,10 @@ def curves(evidence: Evidence) -> Curves:
         own = fit_motion(fit.motion[:, half], fit.torque[half], rate, fit.first)
         halves.append(own.stiffness[own.bins])
     return Curves(
-        np.fft.rfftfreq(length, 1 / rate),
-        *spectra,
+        np.asarray(np.fft.rfftfreq(length, 1 / rate), dtype=np.float64),
+        angle,
+        torque,
+        residual,
         coherence,
         coherence_time,
         coherence_frequency,
@@ -115,7 +119,8 @@ def _coherence(evidence: Evidence) -> tuple[Array, Array, Array]:
     coherence = np.abs(spectra.yu) ** 2 / np.where(power > 0, power, np.inf)
     centres = np.arange(len(coherence)) + length // 2 - evidence.ensemble.context
     inside = (centres >= 0) & (centres < evidence.ensemble.samples)
-    return coherence[inside], centres[inside] / evidence.rate, np.fft.rfftfreq(length, 1 / evidence.rate)
+    frequency = np.asarray(np.fft.rfftfreq(length, 1 / evidence.rate), dtype=np.float64)
+    return coherence[inside], centres[inside] / evidence.rate, frequency
 
 
 def _correlation(evidence: Evidence) -> tuple[Array, Array, float]:

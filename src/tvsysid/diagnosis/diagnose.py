@@ -62,10 +62,10 @@ class Diagnosis:
 
     @property
     def table(self) -> pd.DataFrame:
-        """One row for everything that was looked at: name, found, value, unit, threshold, what, effect, remedy."""
+        """One row for everything that was looked at: name, state, value, threshold, what, effect, remedy."""
         import pandas as pd  # noqa: PLC0415  # heavy
 
-        names = ("name", "found", "value", "unit", "wrong", "threshold", "what", "effect", "remedy")
+        names = ("name", "state", "found", "value", "unit", "wrong", "threshold", "what", "effect", "remedy")
         return pd.DataFrame([{name: getattr(check, name) for name in names} for check in self.checks])
 
     @property
@@ -113,7 +113,8 @@ def strength(check: Check) -> str:
         return "not judged"
     allowed = "at most" if check.wrong == "above" else "at least"
     value = "0" if abs(check.value) < 1e-9 else f"{check.value:.3g}" if abs(check.value) < 1e4 else f"{check.value:.2g}"
-    return f"{value} {check.unit}, {allowed} {check.threshold:g} is in order"
+    doubt = ", but this may be chance" if check.state == "uncertain" else ""
+    return f"{value} {check.unit}, {allowed} {check.threshold:g} is in order{doubt}"
 
 
 def diagnose(ensemble: Ensemble) -> Diagnosis:
@@ -163,8 +164,8 @@ def diagnose(ensemble: Ensemble) -> Diagnosis:
     known = min(evidence.ensemble.samples, evidence.angle.shape[1] - 2 * HALF_WIDTH)
     if known < SHORTEST:
         raise InputError(
-            f"diagnose: derivatives are known at {max(known, 0)} samples of a realization at {evidence.rate:g} Hz, it takes "
-            f"{SHORTEST}; give longer realizations, or {HALF_WIDTH / evidence.rate:g} s of context"
+            f"diagnose: derivatives are known at {max(known, 0)} samples of a realization at {evidence.rate:g} Hz, it "
+            f"takes {SHORTEST}; give longer realizations, or {HALF_WIDTH / evidence.rate:g} s of context"
         )
     # A delay would look like much else: the rest is judged without it.
     late, samples = scales.delay(evidence)

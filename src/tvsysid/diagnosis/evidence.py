@@ -1,4 +1,4 @@
-"""What all checks start from: deviations from the mean, the second-order fit and what it leaves; and their statistics."""
+"""What all checks start from: deviations from the mean, the second-order fit, what it leaves, and statistics."""
 
 from __future__ import annotations
 

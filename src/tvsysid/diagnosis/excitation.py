@@ -62,6 +62,6 @@ def same_perturbation(evidence: Evidence) -> Check:
             f"{QUARTER * evidence.rate:g} Hz",
         ),
     )
-    answered = evidence.explained >= ANSWERED
-    what += ", and the torque answers what differs" if answered else f", and {NO_ANSWER} where realizations differ"
-    return judged("same-perturbation", value, what, certain=not answered)
+    if evidence.explained >= ANSWERED:
+        return judged("same-perturbation", 0.0, f"{what}, but the torque answers what differs")
+    return judged("same-perturbation", value, f"{what}, and {NO_ANSWER} where realizations differ")

@@ -61,12 +61,14 @@ def clipped(evidence: Evidence, which: str) -> Check:
     middle = len(ordered) // 2
     inside = ordered[min(middle + ALIKE, len(ordered)) - 1] - ordered[middle] <= SAME * size
     if share and inside.mean() > 0.5 * tied.mean():
-        return judged(name, share, f"the same values of {which} come again and again, not only the extremes", certain=False)
+        return unjudged(name, f"the same values of {which} come again and again, not only the extremes")
     if float(np.mean(np.abs(deviations) < 0.5 * size)) < TWO_LEVELS:
-        return judged(name, share, f"the {which} switches between two levels, as a PRBS does", certain=False)
+        return unjudged(name, f"the {which} switches between two levels, as a PRBS does")
+    if not tied.any():
+        return judged(name, 0.0, f"no {which} stays at a limit")
     sides = "highest" if not bottom.any() else "lowest" if not top.any() else "highest and lowest"
     what = f"at {share:.1f} % of the times at least {ALIKE} realizations have the same {sides} {which}"
-    return judged(name, share, what if tied.any() else f"no {which} stays at a limit")
+    return judged(name, share, what)
 
 
 def lost(evidence: Evidence, which: str) -> Check:
@@ -76,9 +78,7 @@ def lost(evidence: Evidence, which: str) -> Check:
     answer, measured = evidence.white_parts.sum(axis=0), evidence.whitened(evidence.fit.torque)
     if measured.shape[1] < samples:
         return unjudged(name, f"realizations are shorter than {WINDOW:g} s")
-    expected, there, left = (
-        _window_power(values, samples) for values in (answer, measured, evidence.white_residual)
-    )
+    expected, there, left = (_window_power(values, samples) for values in (answer, measured, evidence.white_residual))
     together = _window_power(answer, samples, measured)
     typical = float(np.median(left))
     if which == "torque":
@@ -110,7 +110,7 @@ def _window_power(values: Array, samples: int, others: Array | None = None) -> A
 
 
 def _held(evidence: Evidence, which: str, samples: int) -> list[NDArray[np.bool_]]:
-    """Windows in which every value is the same, where no mean was subtracted; a perturbation may be held, a torque not."""
+    """Windows in which every value is the same, where no mean was subtracted; an angle may be held, a torque not."""
     if which == "angle":
         return []
     first = evidence.fit.first + WHITENING
@@ -138,7 +138,7 @@ def torque_spikes(evidence: Evidence) -> Check:
 
 
 def _surprises(evidence: Evidence) -> tuple[Array, Array, slice]:
-    """What the angle's past does not foretell, the torque alike, both over what is usual, and which samples these are."""
+    """What the angle's past does not foretell, the torque's alike, over what is usual; and which samples."""
     order = min(max(2, round(PAST * evidence.rate)), evidence.fit.first + WHITENING)
     first, samples = evidence.fit.first + WHITENING, evidence.white_residual.shape[1]
     inner = slice(first - order, first - order + samples)
@@ -158,7 +158,9 @@ def _highest(evidence: Evidence, name: str, heights: Array) -> Check:
     count = int(np.count_nonzero(heights > KINDS[name].limit))
     more = f"; {count} samples stand out" if count > 1 else ""
     return judged(
-        name, value, f"the highest is {value:.3g} times as high as is usual, in realization {realization} at {begin:.3g} s{more}"
+        name,
+        value,
+        f"the highest is {value:.3g} times as high as is usual, in realization {realization} at {begin:.3g} s{more}",
     )
 
 

@@ -1,4 +1,4 @@
-"""Whether the realizations are of one behaviour: no mean left, no drift, none unlike, none shifted, the right period."""
+"""Whether the realizations are of one behaviour: no mean left, no drift, none unlike or shifted, the right period."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ RESOLUTION = 0.25
 
 
 def mean_left(evidence: Evidence, which: str) -> Check:
-    """RMS of the mean over realizations over what chance leaves, or its offset's t value over the one that chance allows.
+    """RMS of the mean over realizations over what chance leaves; the same of a common offset, if it is more.
 
     Noise is alike at neighbouring times, so that its mean is not averaged out over time: hence an allowance of 2.5.
     """
@@ -84,8 +84,8 @@ def drift(evidence: Evidence) -> Check:
     return judged(
         name,
         value,
-        f"the stiffness of the second half is {abs(value):.2g} % {'higher' if change > 0 else 'lower'} than that of the "
-        f"first, ± {100 * error:.2g} %",
+        f"the stiffness of the second half is {abs(value):.2g} % {'higher' if change > 0 else 'lower'} than that of "
+        f"the first, ± {100 * error:.2g} %",
         certain=chance(_scores(change, error, len(order))) < CHANCE,
     )
 
@@ -119,7 +119,7 @@ def relative_noise(evidence: Evidence) -> Array:
 
 
 def misaligned(evidence: Evidence) -> tuple[Check, NDArray[np.bool_]]:
-    """Realizations that are explained clearly better by the behaviour of all when it is shifted, and which these are."""
+    """Realizations that the behaviour of all explains clearly better when it is shifted, and which these are."""
     name, none = "misaligned-realizations", np.zeros(len(evidence.ensemble), dtype=bool)
     if len(evidence.ensemble) < LEAST_REALIZATIONS:
         return unjudged(name, TOO_FEW), none
@@ -152,9 +152,7 @@ def misaligned(evidence: Evidence) -> tuple[Check, NDArray[np.bool_]]:
 def _has_a_shape(evidence: Evidence) -> bool:
     """Whether the stiffness varies, and alike in odd and even realizations."""
     fit = evidence.fit
-    odd, even = (
-        fit_motion(fit.motion[:, half::2], fit.torque[half::2], evidence.rate, fit.first) for half in (0, 1)
-    )
+    odd, even = (fit_motion(fit.motion[:, half::2], fit.torque[half::2], evidence.rate, fit.first) for half in (0, 1))
     profiles = odd.stiffness[odd.bins], even.stiffness[even.bins]
     depth = float(np.std(fit.stiffness)) / max(abs(float(np.mean(fit.stiffness))), np.finfo(float).tiny)
     if depth < DEEP or min(float(np.std(each)) for each in profiles) == 0:
@@ -163,7 +161,7 @@ def _has_a_shape(evidence: Evidence) -> bool:
 
 
 def unlike(evidence: Evidence, misaligned_ones: NDArray[np.bool_]) -> Check:
-    """Realizations of other stiffness, of another size of answer, or of other noise; not those that are only shifted."""
+    """Realizations of other stiffness, other size of answer, or other noise; not those that are only shifted."""
     name = "unlike-realizations"
     if len(evidence.ensemble) < LEAST_REALIZATIONS:
         return unjudged(name, TOO_FEW)
@@ -181,7 +179,9 @@ def unlike(evidence: Evidence, misaligned_ones: NDArray[np.bool_]) -> Check:
     what = f"{int(out.sum())} of {len(out)} realizations lie far out"
     if out.any():
         first = int(np.flatnonzero(out)[0])
-        what += f", first realization {first}: stiffness {stiffness[first]:.2g} and noise {noise[first]:.2g} times the usual"
+        what += (
+            f", first realization {first}: stiffness {stiffness[first]:.2g}, noise {noise[first]:.2g} times the usual"
+        )
     return judged(name, int(out.sum()), what)
 
 
@@ -218,7 +218,7 @@ def wrong_period(evidence: Evidence) -> Check:
     independent = max(1.0, len(frequencies) * RESOLUTION)
     probability = independent * max(0.0, 1 - float(coherent[best]) / (largest * len(numbers))) ** (len(ensemble) - 1)
     what = (
-        f"stiffness varies by {amplitude[best]:.2g} % of its mean with {1 / frequencies[best]:.3g} s, beside what repeats "
-        f"every {ensemble.duration:g} s"
+        f"stiffness varies by {amplitude[best]:.2g} % of its mean with {1 / frequencies[best]:.3g} s, beside what "
+        f"repeats every {ensemble.duration:g} s"
     )
     return judged(name, float(amplitude[best]), what, certain=probability < CHANCE)

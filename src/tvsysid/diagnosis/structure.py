@@ -39,7 +39,9 @@ def feedback(evidence: Evidence) -> Check:
     noise = np.stack([evidence.residual[:, start - lag : samples - lag] for lag in noise_lags])
     angle = evidence.fit.motion[0][:, start:]
     share, probability = gained(without(angle, past), without(noise, past))
-    what = f"noise in the torque foretells {_percent(share)} of what the angle's past does not, {1000 * AHEAD:.0f} ms ahead"
+    what = (
+        f"noise in the torque foretells {_percent(share)} of the angle's unforeseen movement in {1000 * AHEAD:.0f} ms"
+    )
     return judged(name, 100 * share, what, certain=share > 0 and probability < CHANCE)
 
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tvsysid.diagnosis import Curves, Diagnosis
-from tvsysid.figures.style import PALETTE, TRUTH, plain
 from tvsysid.figures.study import Illustration
+from tvsysid.figures.style import PALETTE, TRUTH, plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -72,22 +72,26 @@ def diagnosis_illustration(diagnosis: Diagnosis, name: str) -> Illustration:
     measures = {key: f"{value:.3g} {unit}".removesuffix(" 1") for key, (value, unit) in diagnosis.measures.items()}
     halves = [float(values.mean()) for values in curves.stiffness_halves]
     farthest = [
-        f"{np.abs(values).max():.2f} at {1000 * curves.lag[np.argmax(np.abs(values))]:.0f} ms" for values in curves.correlation
+        f"{np.abs(values).max():.2f} at {1000 * curves.lag[np.argmax(np.abs(values))]:.0f} ms"
+        for values in curves.correlation
     ]
     inside = curves.coherence[:, (curves.coherence_frequency > 0) & (curves.coherence_frequency <= SHOWN)]
-    text = (
+    sentences = [
         f"Power of the angle over frequency, 95 % of it below {measures['bandwidth of the angle']}, and the band from "
-        f"{LOWEST:g} Hz to the joint's natural frequency of {measures['natural frequency']}. Power of the torque, and of "
-        f"what stiffness, viscosity and inertia leave of it: they explain {measures['explained torque']}. Coherence of "
-        f"torque and angle over time and frequency, median {float(np.median(inside)):.2f} up to {SHOWN:g} Hz. Stiffness over "
-        f"time in the first half of the experiment, on average {halves[0]:.3g} N·m/rad, and in the second, {halves[1]:.3g}. "
-        f"Stiffness of each realization over that of all, from {curves.stiffness.min():.2f} to {curves.stiffness.max():.2f}, "
-        f"and its noise over what is usual, from {curves.noise.min():.2f} to {curves.noise.max():.2f}. Correlation of the torque "
-        f"left over with the angle, largest {farthest[0]}, and with the speed, largest {farthest[1]}; chance keeps 95 % of "
-        f"them below {float(curves.chance):.2f}, the grey band. Beyond it, later torque (positive lags) is a reflex, a slow "
-        f"answer or a delay, and earlier torque feedback."
-    )
-    return Illustration(diagnosis_panels(diagnosis, name), f"What was seen in {name}", text)
+        f"{LOWEST:g} Hz to the joint's natural frequency of {measures['natural frequency']}.",
+        "Power of the torque, and of what stiffness, viscosity and inertia leave of it: they explain "
+        f"{measures['explained torque']}.",
+        f"Coherence of torque and angle over time and frequency, median {float(np.median(inside)):.2f} up to "
+        f"{SHOWN:g} Hz.",
+        f"Stiffness over time in the first half of the experiment, on average {halves[0]:.3g} N·m/rad, and in the "
+        f"second, {halves[1]:.3g}.",
+        f"Stiffness of each realization over what is usual, from {curves.stiffness.min():.2f} to "
+        f"{curves.stiffness.max():.2f}, and its noise, from {curves.noise.min():.2f} to {curves.noise.max():.2f}.",
+        f"Correlation of the torque left over with the angle, largest {farthest[0]}, and with the speed, largest "
+        f"{farthest[1]}; chance keeps 95 % of them below {float(curves.chance):.2f}, the grey band. What is beyond it "
+        "at positive lags is a reflex, a slow answer or a delay, at negative ones feedback.",
+    ]
+    return Illustration(diagnosis_panels(diagnosis, name), f"What was seen in {name}", " ".join(sentences))
 
 
 def _angle(axes: Axes, curves: Curves, natural: float) -> None:

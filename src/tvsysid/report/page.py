@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import re
 from collections.abc import Mapping
@@ -12,9 +11,10 @@ from typing import TYPE_CHECKING, Any
 import tomli_w
 
 from tvsysid import __version__
-from tvsysid.figures import Illustration, drawn
+from tvsysid.figures import Illustration
 from tvsysid.recordings import whole_file
 from tvsysid.report import tables
+from tvsysid.report.fill import filled, picture
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -59,16 +59,7 @@ def write_report(
     command
         What was typed to run the study; the page says nothing of it if empty.
     """
-    from jinja2 import Environment, PackageLoader, StrictUndefined  # noqa: PLC0415  # heavy
-
-    environment = Environment(
-        loader=PackageLoader("tvsysid.report", ""),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    page = environment.get_template("page.html").render(_content(results, summary, claims, illustrations, command))
+    page = filled("page.html", _content(results, summary, claims, illustrations, command))
     with whole_file(path) as temporary:
         temporary.write_text(page, encoding="utf-8")
 
@@ -96,17 +87,7 @@ def _content(
         "seconds": round(float(results.seconds.sum() + results.stage_seconds.sum())),
         "settings": {SETTINGS.get(name, name.replace("_", " ")): _words(value) for name, value in study.items()},
         "ranking": tables.ranking(results, summary),
-        "figures": [
-            {
-                "stem": stem,
-                "title": each.title,
-                "description": each.description,
-                "source": "data:image/svg+xml;base64," + base64.b64encode(drawn(each.figure, "svg")).decode(),
-                "width": round(96 * each.figure.get_figwidth()),
-                "height": round(96 * each.figure.get_figheight()),
-            }
-            for stem, each in illustrations.items()
-        ],
+        "figures": [{"stem": stem, **picture(each)} for stem, each in illustrations.items()],
         "claims": tables.claim_rows(claims),
         "methods": tables.methods(results),
         "troubles": tables.troubles(results),

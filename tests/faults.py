@@ -1,6 +1,7 @@
 """Faults planted into records and ensembles, each named after the finding that must name it."""
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from scipy.signal import butter, cont2discrete, lfilter, ss2tf
@@ -10,6 +11,7 @@ import tvsysid as tv
 RATE = 1000
 
 
+@lru_cache(maxsize=16)
 def simulated(duration=150.0, perturbation="noise", profile="sine", snr_db=10.0, seed=1):
     """Recording of a simulated joint at 1 kHz."""
     kinds = {"noise": tv.simulate.FilteredNoise(), "prbs": tv.simulate.PRBS()}

@@ -362,8 +362,8 @@ def inspect(
         bool,
         typer.Option(
             "--diagnose",
-            help="Also read and cut the recording as `tvsysid identify` does, and say what is wrong with it. Takes the "
-            "options below; --angle, --torque, --rate and --period are needed.",
+            help="Also read and cut the recording as `tvsysid identify` does, and say what is wrong with it, before it "
+            "is decimated. Takes the options below; --angle, --torque, --rate and --period are needed.",
         ),
     ] = False,
     angle: Annotated[str | None, ANGLE] = None,
@@ -427,7 +427,10 @@ def inspect(
     if angle is None or torque is None or rate is None or period is None:
         return
     with _shown_warnings():
-        recording = _recording(file, angle, torque, rate, decimate, columns, torque_sign, angle_unit, start)
+        recording = _recording(file, angle, torque, rate, None, columns, torque_sign, angle_unit, start)
+        if decimate is not None:
+            preprocess.decimate(recording, decimate)  # only to say if it cannot be done
+        # Decimation would hide that a signal is clipped; what needs a low rate lowers it by itself.
         ensemble = preprocess.subtract_mean(preprocess.segment(recording, period, context))
     diagnosis = diagnosis_of(ensemble)
     page = picture.with_name(f"{file.name}.diagnosis.html")

@@ -197,7 +197,7 @@ KINDS: dict[str, Kind] = {
         "s",
         0.25,
         "above",
-        "the torque has nothing to answer there: noise, and stiffness that is too low or too high",
+        "the torque seems to move by itself there, which adds noise and mostly lowers the stiffness",
         "exclude the realizations concerned",
     ),
     "lost-torque": Kind(

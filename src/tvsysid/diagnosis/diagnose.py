@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -12,7 +13,7 @@ from tvsysid.diagnosis import excitation, losses, repetition, scales, structure
 from tvsysid.diagnosis.catalogue import KINDS
 from tvsysid.diagnosis.check import Check
 from tvsysid.diagnosis.curves import Curves, curves
-from tvsysid.diagnosis.evidence import WHITENING, Evidence
+from tvsysid.diagnosis.evidence import SHORTEST, Evidence, known_samples
 from tvsysid.errors import InputError
 from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.numerics.moments import window_moments
@@ -21,8 +22,8 @@ from tvsysid.signals import Ensemble
 if TYPE_CHECKING:
     import pandas as pd
 
-SHORTEST = 3 * WHITENING
-"""Samples of a realization whose derivatives must be known."""
+LARGEST = 1e60
+"""Value beyond which squares of derivatives are no numbers."""
 MOST_POWER = 0.95
 """Share of the angle's power that lies within its bandwidth."""
 LAGS = 0.12
@@ -160,11 +161,16 @@ def diagnose(ensemble: Ensemble) -> Diagnosis:
         raise InputError(
             "diagnose: expected at least two realizations to compare, got one; cut the recording with a shorter period"
         )
+    largest = max(float(np.abs(values).max()) for values in (ensemble.angle, ensemble.torque))
+    if largest > LARGEST:
+        raise InputError(
+            f"diagnose: expected angles in rad and torques in N·m, got values up to {largest:.2g}; is the file damaged?"
+        )
     evidence = Evidence.of(ensemble)
-    known = min(evidence.ensemble.samples, evidence.angle.shape[1] - 2 * HALF_WIDTH)
+    known = known_samples(evidence.ensemble.samples, evidence.ensemble.context)
     if known < SHORTEST:
         raise InputError(
-            f"diagnose: derivatives are known at {max(known, 0)} samples of a realization at {evidence.rate:g} Hz, it "
+            f"diagnose: derivatives are known at {known} samples of a realization at {evidence.rate:g} Hz, it "
             f"takes {SHORTEST}; give longer realizations, or {HALF_WIDTH / evidence.rate:g} s of context"
         )
     # A delay would look like much else: the rest is judged without it.
@@ -229,4 +235,5 @@ def _condition(evidence: Evidence) -> float:
     """Condition number of the mean correlation matrix of lagged angles, which impulse-response methods invert."""
     lags = min(round(LAGS * evidence.rate), (evidence.angle.shape[1] - 1) // 2)
     spread = np.linalg.eigvalsh(window_moments(evidence.angle, evidence.angle, lags, lags).mean(axis=0))
-    return float(spread[-1] / max(spread[0], np.finfo(float).tiny))
+    # What rounding leaves of the smallest eigenvalue tells nothing.
+    return float(1 / max(spread[0] / spread[-1], np.finfo(float).eps)) if spread[-1] > 0 else math.inf

@@ -24,6 +24,8 @@ LOWEST_RATE = 100.0
 """Rate in Hz that the checks need; what is above is taken down to it or little more."""
 LEAST_REALIZATIONS = 8
 """Fewer give no spread over realizations to judge by."""
+SHORTEST = 30
+"""Samples of a realization whose derivatives must be known."""
 CHANCE = 1e-5
 """Probability below which no check takes what it sees for chance."""
 WHITENING = 10
@@ -85,7 +87,7 @@ class Evidence:
     @cached_property
     def explained(self) -> float:
         """Share of the torque's variance that the model explains."""
-        return 1.0 - float(np.sum(self.residual**2) / np.sum(self.fit.torque**2))
+        return 1.0 - left_by(self.fit, self.residual)
 
     @cached_property
     def _whitener(self) -> Array:
@@ -166,12 +168,21 @@ class Evidence:
         return np.stack([windows[:, start - lag] for lag in lags]), slice(start - first, count)
 
 
+def known_samples(samples: int, context: int) -> int:
+    """Samples of a realization at which derivatives are known."""
+    return max(0, min(samples, samples + 2 * (context - HALF_WIDTH)))
+
+
 def lowered(ensemble: Ensemble) -> Ensemble:
     """Ensemble at the lowest rate of at least 100 Hz at which realization and context are whole numbers of samples."""
-    common = math.gcd(ensemble.samples, ensemble.context)
-    factors = [n for n in range(1, int(ensemble.sampling_rate / LOWEST_RATE) + 1) if common % n == 0]
-    width = ensemble.angle.shape[1]
-    if not factors or factors[-1] == 1 or width < 8 * factors[-1]:
+    samples, context = ensemble.samples, ensemble.context
+    width = samples + 2 * context
+    factors = [
+        factor
+        for factor in range(2, int(ensemble.sampling_rate / LOWEST_RATE) + 1)
+        if math.gcd(samples, context) % factor == 0 and known_samples(samples // factor, context // factor) >= SHORTEST
+    ]
+    if not factors:
         return ensemble
     # Every realization is filtered by itself, as a trial is.
     starts = tuple(range(0, ensemble.angle.size, width))
@@ -265,6 +276,12 @@ def _prediction(signal: Array, order: int) -> Array:
     rows = sliding_window_view(signal, order + 1, axis=1).reshape(-1, order + 1)
     gram = rows.T @ rows
     return solved(gram[:order, :order], gram[:order, order])
+
+
+def left_by(fit: SecondOrder, residual: Array) -> float:
+    """Share of the torque's variance that a fit leaves; all of it where there is none."""
+    total = float(np.sum(fit.torque**2))
+    return float(np.sum(residual**2)) / total if total > 0 else 1.0
 
 
 def refitted(evidence: Evidence, shift: float) -> SecondOrder:

@@ -51,21 +51,20 @@ def clipped(evidence: Evidence, which: str) -> Check:
     values = (ensemble.angle if which == "angle" else ensemble.torque)[:, ensemble.core]
     if len(values) < 2 * ALIKE:
         return unjudged(name, f"it takes {2 * ALIKE} realizations")
-    deviations = values - values.mean(axis=0)
-    size = float(np.std(deviations))
+    size = float(np.std(values - values.mean(axis=0)))
     ordered = np.sort(values, axis=0)
     top = ordered[-1] - ordered[-ALIKE] <= SAME * size
     bottom = ordered[ALIKE - 1] - ordered[0] <= SAME * size
     tied = top | bottom
+    if not tied.any():
+        return judged(name, 0.0, f"no {which} stays at a limit")
     share = 100 * float(tied.mean())
     middle = len(ordered) // 2
     inside = ordered[min(middle + ALIKE, len(ordered)) - 1] - ordered[middle] <= SAME * size
-    if share and inside.mean() > 0.5 * tied.mean():
+    if inside.mean() > max(0.5 * tied.mean(), 0.01 * KINDS[name].limit):
         return unjudged(name, f"the same values of {which} come again and again, not only the extremes")
-    if float(np.mean(np.abs(deviations) < 0.5 * size)) < TWO_LEVELS:
-        return unjudged(name, f"the {which} switches between two levels, as a PRBS does")
-    if not tied.any():
-        return judged(name, 0.0, f"no {which} stays at a limit")
+    if which == "angle" and float(np.mean(np.abs(values - values.mean(axis=0)) < 0.5 * size)) < TWO_LEVELS:
+        return unjudged(name, "the angle switches between two levels, as a PRBS does")
     sides = "highest" if not bottom.any() else "lowest" if not top.any() else "highest and lowest"
     what = f"at {share:.1f} % of the times at least {ALIKE} realizations have the same {sides} {which}"
     return judged(name, share, what)

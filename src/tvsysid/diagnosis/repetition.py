@@ -27,6 +27,8 @@ SHIFT_STEP, SHORTEST_SHIFT = 0.02, 0.05
 """In s."""
 BETTER = 0.2
 """Share of a realization's residual that a shift must take away."""
+MOST = 0.5
+"""Share of the realizations beyond which it is not misalignment."""
 ALIKE = 0.7
 """Correlation between the behaviour of odd and even realizations from which on it has a shape of its own."""
 DEEP = 0.1
@@ -146,7 +148,8 @@ def misaligned(evidence: Evidence) -> tuple[Check, NDArray[np.bool_]]:
     if count:
         farthest = np.flatnonzero(out)[np.argmax(np.abs(seconds[out]))]
         what += f", such as realization {farthest} by {seconds[farthest]:+.2g} s"
-    return judged(name, 100 * count / len(out), what, certain=count > 1), out
+    # One may fit better elsewhere by chance; if most do, it is not their place that is wrong.
+    return judged(name, 100 * count / len(out), what, certain=1 < count < MOST * len(out)), out
 
 
 def _has_a_shape(evidence: Evidence) -> bool:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tvsysid.diagnosis.check import Check, judged, unjudged
-from tvsysid.diagnosis.evidence import CHANCE, Evidence, chance, refitted
+from tvsysid.diagnosis.evidence import CHANCE, Evidence, chance, left_by, refitted
 from tvsysid.diagnosis.excitation import ANSWERED, NO_ANSWER
-from tvsysid.diagnosis.fit import SecondOrder
+
+Array = NDArray[np.float64]
 
 SURE = 5.0
 """Standard errors from which on a value's sign is sure."""
@@ -86,9 +88,7 @@ def delay(evidence: Evidence) -> tuple[Check, int]:
     if reach < 2:
         return unjudged(name, "the realizations have no context to shift them by"), 0
     shifts = np.arange(-reach, reach + 1)
-    fits = [refitted(evidence, int(shift)) for shift in shifts]
-    squares = [np.sum((fit.torque - fit.parts.sum(axis=0)) ** 2, axis=1) for fit in fits]
-    left = np.array([_left(fit) for fit in fits])
+    squares, left = _left(evidence, shifts)
     best = int(np.argmin(left))
     if 1 - left[best] < ANSWERED:
         return unjudged(name, NO_ANSWER), 0
@@ -96,7 +96,7 @@ def delay(evidence: Evidence) -> tuple[Check, int]:
     clear = left[reach] > CLEARER * left[best]
     certain = bool(clear) and chance(squares[reach] - squares[best]) < CHANCE
     finer = np.clip(shifts[best] + FINER, -reach, reach)
-    samples = float(finer[np.argmin([_left(refitted(evidence, float(shift))) for shift in finer])])
+    samples = float(finer[np.argmin(_left(evidence, finer)[1])])
     late = 1000 * samples / evidence.rate
     edge = "at least " if abs(shifts[best]) == reach else ""
     what = f"the torque fits best if it is {edge}{abs(late):.3g} ms {'late' if late > 0 else 'early'}"
@@ -105,6 +105,12 @@ def delay(evidence: Evidence) -> tuple[Check, int]:
     return check, int(shifts[best]) if check.found else 0
 
 
-def _left(fit: SecondOrder) -> float:
-    """Share of the torque's variance that a fit leaves."""
-    return float(np.sum((fit.torque - fit.parts.sum(axis=0)) ** 2) / np.sum(fit.torque**2))
+def _left(evidence: Evidence, shifts: Array | NDArray[np.int64]) -> tuple[list[Array], Array]:
+    """Sum of squares that a fit leaves of each realization, and its share of the torque's variance, for each shift."""
+    squares, shares = [], []
+    for shift in shifts:
+        fit = refitted(evidence, float(shift))
+        residual = fit.torque - fit.parts.sum(axis=0)
+        squares.append(np.sum(residual**2, axis=1))
+        shares.append(left_by(fit, residual))
+    return squares, np.array(shares)

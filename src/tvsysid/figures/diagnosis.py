@@ -154,7 +154,7 @@ def _halves(axes: Axes, curves: Curves) -> None:
     ):
         axes.plot(curves.time, values, color=colour, linestyle=style, linewidth=1.3, label=label)
     low, high = float(curves.stiffness_halves.min()), float(curves.stiffness_halves.max())
-    room = 0.25 * max(high - low, 0.2 * max(abs(low), abs(high)))
+    room = 0.25 * max(high - low, 0.2 * max(abs(low), abs(high))) or 1.0
     axes.set_ylim(min(0.0, low - room), max(0.0, high + 2 * room))
     axes.margins(x=0)
     axes.set_title("stiffness in both halves of the experiment", fontsize=9)

@@ -72,6 +72,8 @@ def test_measures_are_those_of_the_joint(diagnosis):
     assert measures["mean stiffness"][0] == pytest.approx(100, rel=0.03)
     assert measures["inertia"] == (pytest.approx(0.02, rel=0.03), "kg·m²")
     assert measures["natural frequency"][0] == pytest.approx(np.sqrt(100 / 0.02) / (2 * np.pi), rel=0.03)
+    assert measures["coherence within the bandwidth"][0] > 0.85
+    assert 6 < measures["bandwidth of the angle"][0] < 12  # a second-order low-pass at 5 Hz
     assert measures["angle RMS"][0] == pytest.approx(np.radians(0.5), rel=0.05)
     assert measures["signal-to-noise ratio"][0] == pytest.approx(11.2, abs=0.5)  # 10 dB up to 500 Hz
 

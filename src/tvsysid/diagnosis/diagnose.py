@@ -201,15 +201,16 @@ def diagnose(ensemble: Ensemble) -> Diagnosis:
         structure.slow_answer(timely),
     ]
     checks = {check.name: check for check in found}
+    seen = curves(evidence)
     return Diagnosis(
         tuple(checks[name] for name in KINDS),
-        _measures(timely),
-        curves(evidence),
+        _measures(timely, seen),
+        seen,
         f"{len(ensemble)} realizations of {ensemble.duration:g} s at {ensemble.sampling_rate:g} Hz",
     )
 
 
-def _measures(evidence: Evidence) -> dict[str, tuple[float, str]]:
+def _measures(evidence: Evidence, seen: Curves) -> dict[str, tuple[float, str]]:
     """Figures that are good to know, whatever was found."""
     values, _ = evidence.mean_impedance
     explained = evidence.explained
@@ -217,14 +218,17 @@ def _measures(evidence: Evidence) -> dict[str, tuple[float, str]]:
     power = np.mean(np.abs(np.fft.rfft(angle, axis=1)) ** 2, axis=0)[1:]
     within = int(np.searchsorted(np.cumsum(power), MOST_POWER * power.sum()))
     frequency = np.sqrt(values[0] / values[2]) / (2 * np.pi) if values[0] * values[2] > 0 else np.nan
+    bandwidth = (within + 1) / evidence.ensemble.duration
+    inside = seen.coherence[:, (seen.coherence_frequency > 0) & (seen.coherence_frequency <= bandwidth)]
     measures = {
         "mean stiffness": (values[0], "N·m/rad"),
         "mean viscosity": (values[1], "N·m·s/rad"),
         "inertia": (values[2], "kg·m²"),
         "natural frequency": (frequency, "Hz"),
         "angle RMS": (np.sqrt(np.mean(angle**2)), "rad"),
-        "bandwidth of the angle": ((within + 1) / evidence.ensemble.duration, "Hz"),
+        "bandwidth of the angle": (bandwidth, "Hz"),
         "condition of lagged angles": (_condition(evidence), "1"),
+        "coherence within the bandwidth": (np.median(inside) if inside.size else np.nan, "1"),
         "explained torque": (100 * explained, "%"),
         "signal-to-noise ratio": (10 * np.log10(max(explained, 1e-9) / max(1 - explained, 1e-9)), "dB"),
     }

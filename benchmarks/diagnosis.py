@@ -69,6 +69,8 @@ def survey(console: Console, title: str, ensembles) -> int:  # type: ignore[no-u
         for check in diagnosis.checks:
             if check.judged:
                 values[check.name].append(abs(check.value) if check.name in TWO_SIDED else check.value)
+    if not seconds:
+        return 0
     table = Table(title=f"{title}: {false} of {len(seconds)} with a finding", title_justify="left")
     for heading in ("check", "judged", "nearest", "threshold", "unit"):
         table.add_column(heading, justify="left" if heading in ("check", "unit") else "right")

@@ -171,7 +171,7 @@ KINDS: dict[str, Kind] = {
         10,
         "above",
         "each realization holds another part of the behaviour, so that the time variation averages out",
-        "cut with the period that is named here",
+        "cut with the period that is named here, if the behaviour has one, or sort it by what it depends on",
     ),
     "clipped-angle": Kind(
         "The angle is clipped",

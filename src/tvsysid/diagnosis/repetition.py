@@ -171,12 +171,20 @@ def unlike(evidence: Evidence, misaligned_ones: NDArray[np.bool_]) -> Check:
     if evidence.explained < ANSWERED:
         return unjudged(name, NO_ANSWER)
     grams, moments = _own_fits(evidence)
-    answers = 1 + moments.sum(axis=1) / np.maximum(grams.sum(axis=(1, 2)), np.finfo(float).tiny)
+    whole = np.maximum(grams.sum(axis=(1, 2)), np.finfo(float).tiny)
+    answers = 1 + moments.sum(axis=1) / whole
     stiffness, noise = relative_stiffness(evidence), relative_noise(evidence)
+    power = float(np.mean(evidence.white_residual**2))
+    own = np.linalg.pinv(grams, hermitian=True)[:, 0, 0]
     out = np.zeros(len(noise), dtype=bool)
-    for values, least in ((stiffness, OTHER_STIFFNESS), (answers, OTHER_ANSWER)):
+    for values, least, error in (
+        (stiffness, OTHER_STIFFNESS, np.sqrt(power * own)),
+        (answers, OTHER_ANSWER, np.sqrt(power / whole)),
+    ):
         distance = np.abs(values - np.median(values))
-        out |= (distance > FAR_OUT * 1.4826 * np.median(distance)) & (distance > least)
+        usual = 1.4826 * float(np.median(distance))
+        # A realization that hardly moved tells little of its stiffness, whatever comes out.
+        out |= (distance > FAR_OUT * np.maximum(usual, error)) & (distance > least)
     out |= noise > OTHER_NOISE
     out &= ~misaligned_ones
     what = f"{int(out.sum())} of {len(out)} realizations lie far out"

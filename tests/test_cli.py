@@ -195,6 +195,22 @@ def test_inspect_lists_and_draws(tvsysid, tmp_path):
     assert "torque" in (tmp_path / "deep" / "joint.svg").read_text()
 
 
+def test_inspect_diagnoses(tvsysid, tmp_path):
+    tvsysid("simulate", "joint.mat", "--duration", 100)
+    code, out, err = tvsysid("inspect", "joint.mat", "--diagnose", *IDENTIFY)
+    assert (code, err) == (0, "")
+    assert "joint.mat: 48 realizations of 2 s at 1000 Hz: nothing is wrong of 24 things that were looked for" in out
+    assert "wrote tvsysid-inspect/joint.mat.diagnosis.html" in out
+    page = (tmp_path / "tvsysid-inspect" / "joint.mat.diagnosis.html").read_text()
+    assert "tvsysid inspect joint.mat --diagnose --angle angle" in page
+    code, out, err = tvsysid("inspect", "joint.mat", "--diagnose", *IDENTIFY, "--torque-sign", "-1", "--period", "1.9")
+    assert (code, err) == (0, "")
+    assert "reversed-torque (-" in out
+    assert "do:   read the file with torque_sign=-1 (--torque-sign -1)" in out
+    assert "wrong-period (" in out
+    assert "stiffness varies by" in out
+
+
 def test_inspect_of_a_file_with_many_channels_and_none(tvsysid):
     np.savez("many.npz", note=np.array("[red]hello"), **{f"c{number}": np.ones((3, 2)) for number in range(14)})
     code, out, err = tvsysid("inspect", "many.npz")
@@ -320,6 +336,12 @@ def test_version(tvsysid):
         (("identify", "joint.mat", *IDENTIFY, "--rate", "0"), "positive number of hertz"),
         (("identify", "joint.mat", *IDENTIFY, "--out", "joint.mat"), "joint.mat"),
         (("inspect", "nowhere.mat"), "nowhere.mat: no such file"),
+        (
+            ("inspect", "joint.mat", "--diagnose", *IDENTIFY[:4]),
+            "--rate, --period missing; give them as to tvsysid identify",
+        ),
+        (("inspect", "joint.mat", *IDENTIFY), "--angle: add --diagnose to have it used"),
+        (("inspect", "joint.mat", "--diagnose", *IDENTIFY, "--decimate", "300"), "not a whole multiple of 300 Hz"),
         (("inspect", "joint.mat", "--plot", "joint.doc"), "unknown ending '.doc'; give one of .png, .pdf, .svg"),
         (("simulate", "joint.docx"), "unknown ending '.docx'"),
         (("simulate", "other.mat", "--duration", "-1"), "duration must be positive"),

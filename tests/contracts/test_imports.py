@@ -18,7 +18,7 @@ LEVELS = [
     ["models"],
     ["recordings", "preprocess", "simulate", "methods", "metrics"],
     ["execution", "verdicts"],
-    ["benchmark", "experiment"],
+    ["benchmark", "experiment", "diagnosis"],
     ["figures"],
     ["report"],
     ["cli"],

@@ -3,6 +3,7 @@
 from tvsysid.figures.amount import error_against_amount
 from tvsysid.figures.channels import recorded_channels
 from tvsysid.figures.comparison import method_comparison
+from tvsysid.figures.diagnosis import diagnosis_illustration, diagnosis_panels
 from tvsysid.figures.excerpts import recorded_signals
 from tvsysid.figures.experiment import experiment_figures, representative
 from tvsysid.figures.identification import identified_stiffness
@@ -17,6 +18,8 @@ from tvsysid.figures.tuning import tuning_curves
 
 __all__ = [
     "Illustration",
+    "diagnosis_illustration",
+    "diagnosis_panels",
     "drawn",
     "error_against_amount",
     "error_against_truth",

@@ -6,6 +6,7 @@ from . import preprocess as preprocess
 from . import recordings as recordings
 from . import report as report
 from . import simulate as simulate
+from . import uncertainty as uncertainty
 from .errors import DoubtfulWarning as DoubtfulWarning
 from .errors import InputError as InputError
 from .methods import BasisIRF as BasisIRF

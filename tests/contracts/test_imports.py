@@ -17,6 +17,7 @@ LEVELS = [
     ["signals", "impedance"],
     ["models"],
     ["recordings", "preprocess", "simulate", "methods", "metrics"],
+    ["uncertainty"],
     ["benchmark"],
     ["figures"],
     ["report"],

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
-from tvsysid.impedance import Impedance, second_order_fit
+from tvsysid.impedance import agreement, derivative_filters, second_order_fit
 from tvsysid.methods.base import (
     EXCITED_ABOVE,
     Method,
@@ -22,10 +23,14 @@ from tvsysid.methods.base import (
     padded,
     whole_samples,
 )
-from tvsysid.models import Diagnostics, FrequencyResponseModel
-from tvsysid.numerics.spectra import power_share, short_time_spectra
+from tvsysid.methods.residuals import LONGEST_COLOUR, Colour, colour
+from tvsysid.models import Diagnostics, FrequencyResponseModel, Spread
+from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
+from tvsysid.numerics.moments import convolve_lags
+from tvsysid.numerics.spectra import ShortTimeSpectra, hann, power_share, short_time_spectra
 from tvsysid.signals import Ensemble
 
+Array = NDArray[np.float64]
 Stiffness = Literal["dc", "fit"]
 
 FEWEST = 10
@@ -34,8 +39,6 @@ OVERSAMPLED = 1e-6
 """Share of the angle's power in the upper half of the band below which it counts as sampled too fast."""
 EXCITED = 1e-6
 """Share of the strongest frequency's input power from which on a frequency counts as excited."""
-FIT_BAND = 20.0
-"""Highest frequency in Hz of the second-order fit."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +92,8 @@ class EnsembleSpectral(Method):
         missing = missing_edge(before, ensemble), missing_edge(after, ensemble)
         first = ensemble.context + missing[0] - before
         last = ensemble.context + ensemble.samples - missing[1] + after
-        spectra = short_time_spectra(ensemble.angle[:, first:last], ensemble.torque[:, first:last], length)
+        angle, torque = ensemble.angle[:, first:last], ensemble.torque[:, first:last]
+        spectra = short_time_spectra(angle, torque, length)
         excited = (spectra.uu > EXCITED * spectra.uu.max(axis=1, keepdims=True)).astype(np.float64)
         # A frequency without any input has no response; the smallest number keeps it finite.
         input_power = np.maximum(spectra.uu, np.finfo(float).tiny)
@@ -97,25 +101,29 @@ class EnsembleSpectral(Method):
         powers = input_power * np.maximum(spectra.yy, np.finfo(float).tiny)
         coherence = np.clip(np.abs(spectra.yu) ** 2 / powers, 0.0, 1.0)
         frequencies = np.asarray(np.fft.rfftfreq(length, 1 / ensemble.sampling_rate), dtype=np.float64)
-        unknown = np.full(len(response), np.nan)
-        impedance = Impedance(response[:, 0].real, unknown, unknown)
-        if self.stiffness == "fit":
-            band = frequencies <= FIT_BAND
-            noise = np.maximum(spectra.yy * (1 - coherence), 1e-9 * spectra.yy.max())
-            impedance = second_order_fit(frequencies[band], response[:, band], (spectra.uu / noise)[:, band])
+        fit = _segment_fit(ensemble, hann(length) ** 2, missing, (first, last))
+        impedance, variance, freedom = fit.impedance, fit.variance, fit.freedom
+        if self.stiffness == "dc":
+            impedance, variance, freedom = impedance.copy(), variance.copy(), freedom.copy()
+            impedance[:, 0] = response[:, 0].real
+            variance[:, 0] = _variance_at_rest(angle, torque, hann(length), impedance[:, 0])
+            freedom[:, 0] = max(len(ensemble) - 1, 1)
+        stiffness, viscosity, inertia = padded(impedance, *missing).T
+        details = {"second_order_agreement": _agreement(spectra, coherence, fit.explained, length, len(ensemble))}
         return FrequencyResponseModel(
             method=repr(self),
             sampling_rate=ensemble.sampling_rate,
             time=ensemble.time,
-            stiffness=padded(impedance.stiffness, *missing),
-            viscosity=padded(impedance.viscosity, *missing),
-            inertia=padded(impedance.inertia, *missing),
+            stiffness=stiffness,
+            viscosity=viscosity,
+            inertia=inertia,
             frequency_response=padded(response, *missing),
             frequencies=frequencies,
             coherence=padded(coherence, *missing),
             excited=padded(excited, *missing) > 0,
             segment=length,
-            diagnostics=Diagnostics(float(length)),
+            diagnostics=Diagnostics(float(length), details=details),
+            spread=Spread(padded(np.sqrt(variance), *missing).T, padded(freedom, *missing).T),
         )
 
     def _doubts(self, ensemble: Ensemble) -> Iterator[str]:
@@ -133,3 +141,111 @@ class EnsembleSpectral(Method):
 
     def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
         return 1 / self.window, EXCITED_ABOVE
+
+
+class _Fit(NamedTuple):
+    """Second-order fit: ``impedance``, ``variance`` and ``freedom`` (time, 3), power ``explained`` (time,)."""
+
+    impedance: Array
+    variance: Array
+    freedom: Array
+    explained: Array
+
+
+def _segment_fit(ensemble: Ensemble, power: Array, missing: tuple[int, int], reach: tuple[int, int]) -> _Fit:
+    r"""Stiffness, viscosity and inertia from the segments' cross-spectra with angle, velocity and acceleration.
+
+    With :math:`u^{(m)}` the angle's derivatives, taken before the window, the segments obey
+    :math:`S_{y u^{(m)}}(f) = k S_{u u^{(m)}}(f) + b S_{\dot u u^{(m)}}(f) + I S_{\ddot u u^{(m)}}(f)` at every
+    frequency, without leakage. Least squares sum over frequency; by Parseval's theorem that is a sum over samples
+    with the squared window as weights.
+
+    Parameters
+    ----------
+    ensemble
+        Realizations.
+    power
+        Squared window, shape (sample,).
+    missing
+        Times at either end of a realization without segment.
+    reach
+        First sample of the first segment, and the one after the last segment's last, context counted.
+    """
+    first, last = max(0, reach[0] - HALF_WIDTH), min(ensemble.angle.shape[1], reach[1] + HALF_WIDTH)
+    signals = differentiate(ensemble.angle[:, first:last], ensemble.sampling_rate)
+    torque = ensemble.torque[:, first + HALF_WIDTH : last - HALF_WIDTH]
+    # Where the derivatives lack samples, segments are cut short.
+    edges = first + HALF_WIDTH - reach[0], reach[1] - (last - HALF_WIDTH)
+    length, count = len(power), len(ensemble)
+    times = reach[1] - reach[0] - length + 1
+    sums, fourth = np.empty((times, 4, 4)), np.empty((times, 4, 4))
+    for a, left in enumerate((*signals, torque)):
+        for b, right in enumerate((*signals, torque)[: a + 1]):
+            segments = sliding_window_view(np.pad(np.einsum("rt,rt->t", left, right), edges), length)
+            sums[:, a, b] = sums[:, b, a] = segments @ power
+            fourth[:, a, b] = fourth[:, b, a] = segments @ power**2
+
+    impedance, inverse = second_order_fit(sums[:, :3, :3], sums[:, :3, 3])
+    explained = np.einsum("tm,tm->t", impedance, sums[:, :3, 3])
+    weight = count * sliding_window_view(np.pad(np.ones(torque.shape[1]), edges), length) @ power
+    fitted = np.einsum("tmk,tkm->t", inverse, fourth[:, :3, :3])
+    left_over = np.maximum(sums[:, 3, 3] - explained, 0.0)
+    noise = np.where(weight > fitted, left_over / np.where(weight > fitted, weight - fitted, 1.0), np.nan)
+    white = noise[:, None] * np.diagonal(inverse @ fourth[:, :3, :3] @ inverse, axis1=1, axis2=2)
+
+    # What the fit leaves at the segments' centres, as far as the derivatives are known there.
+    centre = length // 2
+    begin, end = max(0, edges[0] - centre), min(times, torque.shape[1] + edges[0] - centre)
+    known = slice(begin + centre - edges[0], end + centre - edges[0])
+    remainder = torque[:, known] - np.einsum("tm,mrt->rt", impedance[begin:end], signals[:, :, known])
+    filters = derivative_filters(HALF_WIDTH, ensemble.sampling_rate)
+    hue = colour(ensemble, remainder, _taken(power, count, ensemble.sampling_rate), filters)
+    overlap = _overlap(power, len(hue.noise))
+    factors = Colour(hue.noise * overlap / overlap[0], hue.angle).factors(filters)
+    freedom = np.full(white.shape, count * power.sum() ** 2 / overlap[0] - 3)
+    return _Fit(impedance, factors * white, freedom, explained / count)
+
+
+def _overlap(power: Array, lags: int) -> Array:
+    """Sum over a segment of the products of weights that lie so many samples apart, shape (lag,)."""
+    products = np.correlate(power, power, mode="full")[len(power) - 1 :][:lags]
+    return np.pad(products, (0, lags - len(products)))
+
+
+def _taken(power: Array, count: int, sampling_rate: float) -> Array:
+    """Share of the noise's autocovariance that fits of three regressors to weighted segments take, at each lag."""
+    lags = round(LONGEST_COLOUR * sampling_rate) + 1
+    centre = len(power) // 2
+    own = np.pad(power[centre:], (0, max(0, lags - len(power) + centre)))[:lags]
+    total = float(power.sum())
+    return 3 / count * (2 * own / total - _overlap(power, lags) / total**2)
+
+
+def _variance_at_rest(angle: Array, torque: Array, window: Array, stiffness: Array) -> Array:
+    r"""Variance of the 0-Hz response: a regression over realizations of one windowed sum on another.
+
+    .. math:: \mathrm{var} = \frac{\sum_r U_r^2 E_r^2 / (1 - h_r)}{(\sum_r U_r^2)^2}, \qquad
+              E_r = Y_r - k U_r, \quad h_r = \frac{U_r^2}{\sum_s U_s^2}
+
+    which needs no equal variances: leakage makes the error larger in segments in which the angle moves (White 1980;
+    MacKinnon & White 1985).
+    """
+    weights = np.broadcast_to(window[::-1], (angle.shape[1] - len(window) + 1, len(window)))
+    sums, answers = convolve_lags(angle, weights), convolve_lags(torque, weights)
+    squares = sums**2
+    total = np.maximum(squares.sum(axis=0), np.finfo(float).tiny)
+    left = answers - stiffness * sums
+    with np.errstate(divide="ignore", invalid="ignore"):
+        spread = np.sum(squares * left**2 / (1 - squares / total), axis=0) / total**2
+    return np.where(np.isfinite(spread), spread, np.nan)
+
+
+def _agreement(spectra: ShortTimeSpectra, coherence: Array, explained: Array, length: int, count: int) -> float:
+    """Share of what the frequency response explains that the second-order fit explains too."""
+    sides = np.full(spectra.yy.shape[1], 2.0)  # all frequencies but the first and the Nyquist one count twice
+    sides[0] = 1.0
+    if length % 2 == 0:
+        sides[-1] = 1.0
+    response = (spectra.yy * coherence) @ sides
+    noise = (spectra.yy * (1 - coherence)) @ sides / max(count - 1, 1)
+    return agreement(response, explained, noise if count > 1 else np.full(len(noise), np.nan))

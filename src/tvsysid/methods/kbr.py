@@ -11,10 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import rfft
 from scipy.linalg import lapack
+from scipy.signal import firwin
 
 from tvsysid.errors import InputError
+from tvsysid.impedance import derivative_filters
 from tvsysid.methods.base import EXCITED_ABOVE, Method, check_positive, missing_edge, padded
-from tvsysid.models import Diagnostics, SecondOrderModel
+from tvsysid.methods.residuals import colour, residual
+from tvsysid.models import Diagnostics, SecondOrderModel, Spread
+from tvsysid.numerics.bands import arc_length
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.kernels import TOLERANCE, DecayFeatures, harmonic_features, harmonic_variances
 from tvsysid.numerics.spectra import half_cosine_spectrum
@@ -188,6 +192,7 @@ class KernelRegression(Method):
             labels=labels,
             kernel=kernel,
             phase=_common_phase(ensemble, period),
+            spread=_spread(ensemble, self.band, impedance, features, fit, missing),
             diagnostics=Diagnostics(
                 fit.effective, details={"noise_variance": fit.noise_variance, "iterations": fit.iterations}
             ),
@@ -504,6 +509,46 @@ def _stacked(runs: list[_Run], kernel: Kernel) -> Iterator[_Run]:
             part = group[first : first + STACK]
             signals, torque = zip(*((run.signals, run.torque) for run in part), strict=True)
             yield part[0]._replace(signals=np.concatenate(signals, axis=1), torque=np.concatenate(torque))
+
+
+def _spread(
+    ensemble: Ensemble,
+    band: tuple[float, float],
+    impedance: Array,
+    features: Array,
+    fit: _Fit,
+    missing: int,
+) -> Spread:
+    """Random error of the impedance (time, 3) from the posterior, corrected for the noise's colour.
+
+    The posterior takes the noise as white, as strong as it is in the mean over the band that was fitted.
+    """
+    filters = derivative_filters(HALF_WIDTH, ensemble.sampling_rate)
+    edge = missing_edge(HALF_WIDTH, ensemble)
+    inner = slice(edge, len(impedance) - edge)
+    left = residual(ensemble, impedance[inner] @ filters, HALF_WIDTH)
+    filters = _in_band(filters, band, ensemble.sampling_rate)
+    share = min(fit.effective / left.size, 0.9)
+    white = float(np.mean(left**2)) / (1 - share) / fit.noise_variance
+    factors = white * colour(ensemble, left, share, filters).factors(filters)
+    columns = features.shape[1]
+    parts = [slice(first, first + columns) for first in range(0, 3 * columns, columns)]
+    covariances = [fit.covariance[part, part] * DEGREES**2 for part in parts]
+    variances = [np.einsum("tj,jk,tk->t", features, one, features, optimize=True) for one in covariances]
+    deviation = np.sqrt(np.maximum(factors[:, None] * np.stack(variances), 0.0))
+    deviation[:, :missing] = deviation[:, len(impedance) - missing :] = np.nan
+    arcs = [arc_length(features, one) for one in covariances]
+    return Spread(deviation, np.full(deviation.shape, np.inf), (arcs[0], arcs[1], arcs[2]))
+
+
+def _in_band(filters: Array, band: tuple[float, float], rate: float) -> Array:
+    """Filters followed by one that passes the band."""
+    low, high = band
+    edges = [edge for edge in (low, high) if 0 < edge < rate / 2]
+    if not edges:
+        return filters
+    passing = firwin(2 * HALF_WIDTH + 1, edges, fs=rate, pass_zero=low == 0)
+    return np.stack([np.convolve(row, passing) for row in filters])
 
 
 def _clocks(ensemble: Ensemble) -> Array:

@@ -8,7 +8,13 @@ from typing import ClassVar
 
 from tvsysid.errors import InputError
 from tvsysid.methods.base import EXCITED_ABOVE, Method, check_positive, fitting_lags, whole_samples
-from tvsysid.methods.correlations import impulse_response_model, rank_diagnostics, solve_windows
+from tvsysid.methods.correlations import (
+    coloured_variances,
+    impulse_response_model,
+    solve_windows,
+    window_diagnostics,
+    window_spread,
+)
 from tvsysid.models import ImpulseResponseModel
 from tvsysid.numerics.pseudoinverse import truncated
 from tvsysid.signals import Ensemble
@@ -61,9 +67,16 @@ class ShortDataSegments(Method):
                 f"ShortDataSegments: a window of {self.window:g} s ({2 * half + 1} samples) is longer than a "
                 f"realization of {ensemble.samples} samples; give a shorter one"
             )
-        solution = solve_windows(ensemble, lags, half, truncated)
-        diagnostics = rank_diagnostics(ensemble, solution, lags)
-        return impulse_response_model(repr(self), ensemble, solution.weights, lags, diagnostics)
+        windows = solve_windows(ensemble, lags, half, lambda _, *correlations: truncated(*correlations))
+        return impulse_response_model(
+            repr(self),
+            ensemble,
+            windows.weights,
+            windows.impedance,
+            lags,
+            window_diagnostics(ensemble, windows, lags),
+            window_spread(ensemble, lags, windows, coloured_variances(ensemble, lags, half, windows)),
+        )
 
     def _doubts(self, ensemble: Ensemble) -> Iterator[str]:
         unknowns = 2 * whole_samples(self.max_lag, ensemble) + 1

@@ -1,4 +1,4 @@
-"""How sure an estimate is, without assumptions on the noise: identify again from realizations drawn with replacement."""
+"""How sure an estimate is, without assumptions on the noise: identification of realizations drawn with replacement."""
 
 from __future__ import annotations
 

@@ -10,6 +10,7 @@ from typing import ClassVar, Literal, NamedTuple
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
+from scipy.linalg import toeplitz
 
 from tvsysid.errors import InputError
 from tvsysid.impedance import agreement, derivative_filters, second_order_fit
@@ -27,7 +28,8 @@ from tvsysid.methods.residuals import LONGEST_COLOUR, Colour, colour
 from tvsysid.models import Diagnostics, FrequencyResponseModel, Spread
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.moments import convolve_lags
-from tvsysid.numerics.spectra import ShortTimeSpectra, hann, power_share, short_time_spectra
+from tvsysid.numerics.noise import cross_covariance
+from tvsysid.numerics.spectra import hann, power_share, short_time_spectra
 from tvsysid.signals import Ensemble
 
 Array = NDArray[np.float64]
@@ -109,7 +111,7 @@ class EnsembleSpectral(Method):
             variance[:, 0] = _variance_at_rest(angle, torque, hann(length), impedance[:, 0])
             freedom[:, 0] = max(len(ensemble) - 1, 1)
         stiffness, viscosity, inertia = padded(impedance, *missing).T
-        details = {"second_order_agreement": _agreement(spectra, coherence, fit.explained, length, len(ensemble))}
+        details = {"second_order_agreement": fit.agreement}
         return FrequencyResponseModel(
             method=repr(self),
             sampling_rate=ensemble.sampling_rate,
@@ -144,12 +146,12 @@ class EnsembleSpectral(Method):
 
 
 class _Fit(NamedTuple):
-    """Second-order fit: ``impedance``, ``variance`` and ``freedom`` (time, 3), power ``explained`` (time,)."""
+    """Second-order fit: ``impedance``, ``variance`` and ``freedom`` (time, 3); its ``agreement`` in per cent."""
 
     impedance: Array
     variance: Array
     freedom: Array
-    explained: Array
+    agreement: float
 
 
 def _segment_fit(ensemble: Ensemble, power: Array, missing: tuple[int, int], reach: tuple[int, int]) -> _Fit:
@@ -178,12 +180,14 @@ def _segment_fit(ensemble: Ensemble, power: Array, missing: tuple[int, int], rea
     edges = first + HALF_WIDTH - reach[0], reach[1] - (last - HALF_WIDTH)
     length, count = len(power), len(ensemble)
     times = reach[1] - reach[0] - length + 1
+    both = np.concatenate([signals, torque[None]])
+    pairs = [(a, b) for a in range(4) for b in range(a + 1)]
+    products = np.array([np.einsum("rt,rt->t", both[a], both[b]) for a, b in pairs])
+    segments = sliding_window_view(np.pad(products, ((0, 0), edges)), length, axis=1)
     sums, fourth = np.empty((times, 4, 4)), np.empty((times, 4, 4))
-    for a, left in enumerate((*signals, torque)):
-        for b, right in enumerate((*signals, torque)[: a + 1]):
-            segments = sliding_window_view(np.pad(np.einsum("rt,rt->t", left, right), edges), length)
-            sums[:, a, b] = sums[:, b, a] = segments @ power
-            fourth[:, a, b] = fourth[:, b, a] = segments @ power**2
+    for total, weights in ((sums, power), (fourth, power**2)):
+        for (a, b), values in zip(pairs, segments @ weights, strict=True):
+            total[:, a, b] = total[:, b, a] = values
 
     impedance, inverse = second_order_fit(sums[:, :3, :3], sums[:, :3, 3])
     explained = np.einsum("tm,tm->t", impedance, sums[:, :3, 3])
@@ -197,13 +201,15 @@ def _segment_fit(ensemble: Ensemble, power: Array, missing: tuple[int, int], rea
     centre = length // 2
     begin, end = max(0, edges[0] - centre), min(times, torque.shape[1] + edges[0] - centre)
     known = slice(begin + centre - edges[0], end + centre - edges[0])
-    remainder = torque[:, known] - np.einsum("tm,mrt->rt", impedance[begin:end], signals[:, :, known])
+    fit = np.einsum("tm,mrt->rt", impedance[begin:end], signals[:, :, known])
+    remainder = torque[:, known] - fit
     filters = derivative_filters(HALF_WIDTH, ensemble.sampling_rate)
     hue = colour(ensemble, remainder, _taken(power, count, ensemble.sampling_rate), filters)
     overlap = _overlap(power, len(hue.noise))
     factors = Colour(hue.noise * overlap / overlap[0], hue.angle).factors(filters)
     freedom = np.full(white.shape, count * power.sum() ** 2 / overlap[0] - 3)
-    return _Fit(impedance, factors * white, freedom, explained / count)
+    shared = _agreement(fit, remainder, signals[0, :, known], hue.angle, min(centre, (len(hue.angle) - 1) // 2))
+    return _Fit(impedance, factors * white, freedom, shared)
 
 
 def _overlap(power: Array, lags: int) -> Array:
@@ -240,12 +246,18 @@ def _variance_at_rest(angle: Array, torque: Array, window: Array, stiffness: Arr
     return np.where(np.isfinite(spread), spread, np.nan)
 
 
-def _agreement(spectra: ShortTimeSpectra, coherence: Array, explained: Array, length: int, count: int) -> float:
-    """Share of what the frequency response explains that the second-order fit explains too."""
-    sides = np.full(spectra.yy.shape[1], 2.0)  # all frequencies but the first and the Nyquist one count twice
-    sides[0] = 1.0
-    if length % 2 == 0:
-        sides[-1] = 1.0
-    response = (spectra.yy * coherence) @ sides
-    noise = (spectra.yy * (1 - coherence)) @ sides / max(count - 1, 1)
-    return agreement(response, explained, noise if count > 1 else np.full(len(noise), np.nan))
+def _agreement(fit: Array, remainder: Array, angle: Array, autocovariance: Array, lags: int) -> float:
+    """Share of the torque that angles explain which the fit explains; the rest answers to lagged angles.
+
+    The response itself would not do for a comparison, because leakage takes more from it than dynamics of higher order.
+    """
+    cross = cross_covariance(angle, remainder, lags)
+    moments = toeplitz(autocovariance[: 2 * lags + 1])
+    answer = float(cross @ np.linalg.pinv(moments, rcond=ROUNDING, hermitian=True) @ cross)
+    chance = len(cross) * float(np.mean(remainder**2)) / remainder.size
+    fitted = float(np.mean(fit**2))
+    return agreement(*(np.array([value]) for value in (fitted + answer, fitted, chance)))
+
+
+ROUNDING = 1e-9
+"""Share of the largest eigenvalue below which directions of lagged angles are rounding."""

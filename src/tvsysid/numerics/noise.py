@@ -9,6 +9,9 @@ from scipy.linalg import toeplitz
 
 Array = NDArray[np.float64]
 
+ROUNDING = 1e-12
+"""Share of a regressor's power that is rounding."""
+
 
 def autocovariance(x: Array, lags: int) -> Array:
     r"""Mean product of samples that lie so many samples apart.
@@ -39,6 +42,36 @@ def autocovariance(x: Array, lags: int) -> Array:
     products = irfft(power, size)[: lags + 1]
     pairs = len(x) * np.maximum(count - np.arange(lags + 1), 1)
     return np.asarray(np.where(np.arange(lags + 1) < count, products / pairs, 0.0))
+
+
+def cross_covariance(x: Array, y: Array, lags: int) -> Array:
+    r"""Mean product of a sample and one of another signal that lies so many samples later.
+
+    .. math:: c(d) = \frac{1}{R (N - |d|)} \sum_r \sum_i x_r(i)\, y_r(i + d), \qquad -n \le d \le n
+
+    Parameters
+    ----------
+    x, y
+        Shape (realization, time); no mean is subtracted.
+    lags
+        n.
+
+    Returns
+    -------
+    Array
+        Shape (2 n + 1,), from lag -n on.
+
+    Examples
+    --------
+    >>> cross_covariance(np.array([[1.0, 0.0, 0.0]]), np.array([[0.0, 2.0, 0.0]]), 1).round(9) + 0.0
+    array([0., 0., 1.])
+    """
+    count = x.shape[1]
+    size = next_fast_len(count + lags, real=True)
+    product = np.einsum("rf,rf->f", rfft(x, size, axis=1).conj(), rfft(y, size, axis=1))
+    offsets = np.arange(-lags, lags + 1)
+    pairs = len(x) * np.maximum(count - np.abs(offsets), 1)
+    return np.asarray(np.where(np.abs(offsets) < count, irfft(product, size)[offsets] / pairs, 0.0))
 
 
 def regressor_correlation(filters: Array, angle: Array, lags: int) -> Array:
@@ -111,4 +144,5 @@ def _scaled(filters: Array, angle: Array) -> tuple[Array, Array]:
     moments = toeplitz(angle[: filters.shape[1]])
     power = np.einsum("mj,jk,mk->m", filters, moments, filters)
     scaled = filters / np.sqrt(np.where(power > 0, power, 1.0))[:, None]
-    return scaled, np.linalg.pinv(scaled @ moments @ scaled.T, hermitian=True)
+    # Regressors that are alike to rounding share what they explain.
+    return scaled, np.linalg.inv(scaled @ moments @ scaled.T + ROUNDING * np.eye(len(filters)))

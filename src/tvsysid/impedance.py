@@ -43,47 +43,50 @@ class Readout(NamedTuple):
     """What stiffness, viscosity and inertia are of the correlations at each time.
 
     ``matrix`` (time, 3, lag): times the correlations of input and output it gives the three; ``fitted`` (time,): the
-    output's power that the second-order fit explains.
+    output's power that the second-order fit explains; ``beyond`` (time,): what lagged inputs explain of the rest.
     """
 
     matrix: Array
     fitted: Array
+    beyond: Array
 
 
 def second_order_readout(phi_uu: Array, phi_uy: Array, inverse: Array, sampling_rate: float) -> Readout:
     r"""Stiffness as the area under an impulse response, viscosity and inertia from a second-order fit to it.
 
-    The weights :math:`w = \Phi^+ \varphi` have a covariance in proportion to :math:`\Phi^+`. The fit, weighted by
+    Weights :math:`w = \Phi^{-1} \varphi` have a covariance in proportion to :math:`\Phi^{-1}`. The fit, weighted by
     its inverse, minimises
 
-    .. math:: (w - D^T p)^T\, \Phi_k\, (w - D^T p), \qquad \Phi_k = \Phi \Phi^+ \Phi
+    .. math:: (w - D^T p)^T\, \Phi\, (w - D^T p), \qquad p = (D \Phi D^T)^{-1} D\, \varphi
 
     over :math:`p = (k, b, I)`, where the rows of D are the filters that give angle, velocity and acceleration from
-    lagged angles (:mod:`tvsysid.numerics.differentiation`): the fit lies in the band in which the input has power, and
-    in those directions of it that the truncated pseudo-inverse keeps.
+    lagged angles (:mod:`tvsysid.numerics.differentiation`). So it lies in the band in which the input has power, and
+    needs no truncation: three numbers are determined where an impulse response is not.
 
     Parameters
     ----------
     phi_uu, phi_uy
         Correlations as of :func:`tvsysid.numerics.moments.lagged_moments`, shapes (time, lag, lag) and (time, lag).
     inverse
-        Pseudo-inverse :math:`\Phi^+`, shape (time, lag, lag).
+        Pseudo-inverse of ``phi_uu``, truncated or not, shape (time, lag, lag), by which the area follows.
     sampling_rate
         In Hz.
 
     Returns
     -------
     Readout
-        NaN where fewer than three directions are kept.
+        NaN where the input does not tell the three apart.
     """
     derivative = derivative_filters(phi_uu.shape[1] // 2, sampling_rate)
-    moments = phi_uu @ derivative.T
-    solved = inverse @ moments
-    precision = moments.transpose(0, 2, 1) @ solved
-    fit = _inverses(precision) @ solved.transpose(0, 2, 1)
-    cross = (phi_uy[:, None, :] @ solved)[:, 0]
-    fitted = np.einsum("tm,tml,tl->t", cross, fit, phi_uy)
-    return Readout(np.concatenate([inverse.sum(axis=2)[:, None], fit[:, 1:]], axis=1), fitted)
+    filtered = phi_uu @ derivative.T
+    inverted = _inverses(derivative @ filtered)
+    fit = inverted @ derivative
+    cross = phi_uy @ derivative.T
+    found = (inverted @ cross[..., None])[..., 0]
+    left = phi_uy - (filtered @ found[..., None])[..., 0]
+    beyond = np.einsum("tl,tlk,tk->t", left, inverse, left, optimize=True)
+    matrix = np.concatenate([inverse.sum(axis=2)[:, None], fit[:, 1:]], axis=1)
+    return Readout(matrix, np.einsum("tm,tm->t", found, cross), beyond)
 
 
 class MomentFit(NamedTuple):
@@ -120,31 +123,30 @@ def derivative_filters(lags: int, sampling_rate: float) -> Array:
     return np.asarray(derivative_weights(lags) * sampling_rate ** np.arange(3.0)[:, None])
 
 
-def agreement(explained: Array, fitted: Array, chance: Array) -> float:
-    r"""Share of what a method's response explains of the output that a second-order fit to it explains too.
+def agreement(fitted: Array, beyond: Array, chance: Array) -> float:
+    r"""Share of the output that answers to the input which a second-order fit explains.
 
-    .. math:: 100\,\% \left(1 - \frac{\sum_t (e(t) - f(t) - c(t))}{\sum_t e(t)}\right)
+    .. math:: 100\,\% \left(1 - \frac{\sum_t (e(t) - c(t))}{\sum_t (f(t) + e(t))}\right)
 
-    no more than 100 %. On a joint that is of second order the response explains more than the fit by chance only.
+    no more than 100 %. On a joint that is of second order lagged inputs explain more than the fit by chance only.
 
     Parameters
     ----------
-    explained, fitted
-        Power of the output that response and fit explain, shape (time,).
+    fitted, beyond
+        Power of the output that the fit explains, f, and that lagged inputs explain of the rest, e, shape (time,).
     chance
-        By how much noise alone makes the first exceed the second, shape (time,).
+        What noise alone makes of the second, c, shape (time,).
 
     Returns
     -------
     float
         In per cent; NaN where nothing can be said.
     """
-    known = np.isfinite(explained) & np.isfinite(fitted) & np.isfinite(chance)
-    total = float(explained[known].sum())
+    known = np.isfinite(fitted) & np.isfinite(beyond) & np.isfinite(chance)
+    total = float(np.sum((fitted + beyond)[known]))
     if total <= 0:
         return float("nan")
-    beyond = float(np.sum((explained - fitted - chance)[known]))
-    return 100 * min(1.0, 1 - beyond / total)
+    return 100 * min(1.0, 1 - float(np.sum((beyond - chance)[known])) / total)
 
 
 def _inverses(matrices: Array) -> Array:

@@ -33,11 +33,14 @@ class Bootstrap:
     ----------
     model
         Identified from the ensemble as it is.
+    realizations
+        How many were drawn from.
     stiffness, viscosity, inertia
         Of each draw, in N·m/rad, N·m·s/rad and kg·m², shape (draw, time); NaN where not identified.
     """
 
     model: Model
+    realizations: int
     stiffness: Array
     viscosity: Array
     inertia: Array
@@ -60,7 +63,7 @@ class Bootstrap:
         return f"Bootstrap({len(self)} draws of {self.model.method}: stiffness {size})"
 
     def stiffness_band(self, level: float = 0.95) -> tuple[Array, Array]:
-        """Band about the stiffness at each time by itself: the estimate and the draws' standard deviation.
+        """Band about the stiffness at each time by itself.
 
         Parameters
         ----------
@@ -89,7 +92,10 @@ class Bootstrap:
 
     def _band(self, quantity: int, level: float) -> tuple[Array, Array]:
         name = QUANTITIES[quantity]
-        width = critical_value(level, np.array(math.inf)) * _deviation(getattr(self, name))
+        freedom = self.realizations - 1
+        # A draw's own variance is that of so many realizations over so many, not over one less.
+        multiple = critical_value(level, np.array(float(freedom))) * math.sqrt(self.realizations / freedom)
+        width = multiple * _deviation(getattr(self, name))
         estimate = getattr(self.model, name)
         return estimate - width, estimate + width
 
@@ -97,15 +103,18 @@ class Bootstrap:
 def bootstrap(method: Any, ensemble: Ensemble, count: int, seed: int, progress: Progress | None = None) -> Bootstrap:
     r"""Identify again and again from realizations drawn with replacement.
 
-    .. math:: \hat k(t) \pm z_{(1 + level) / 2}\, s(t), \qquad
+    .. math:: \hat k(t) \pm t_{R - 1}\, \sqrt{\frac{R}{R - 1}}\, s(t), \qquad
               s^2(t) = \frac{1}{B - 1} \sum_b \left(k_b(t) - \bar k(t)\right)^2
+
+    with the quantile of Student's t for R - 1 degrees of freedom, which is exact for a mean of R realizations.
 
     Nothing is assumed of the noise but that the realizations do not depend on each other: its colour, a strength that
     changes over time, and behaviour that differs between realizations are all counted. It serves for any method,
     one's own included. It does not tell a bias, and is of no use with a handful of realizations.
 
-    The band is built on the standard deviation because that needs some hundred draws where percentiles need a
-    thousand, and because percentiles move with the bias that a draw has against the whole.
+    The band is built on the standard deviation, about the estimate from all realizations, because that needs some
+    hundred draws where percentiles need a thousand, and covers better: bands of percentiles are too narrow with few
+    realizations, and move with the bias that a draw has against the whole (docs/uncertainty.md has figures).
 
     Parameters
     ----------
@@ -168,7 +177,7 @@ def bootstrap(method: Any, ensemble: Ensemble, count: int, seed: int, progress: 
         found[:, draw] = [getattr(own, name) for name in QUANTITIES]
         if progress is not None:
             progress(draw + 1, count)
-    return Bootstrap(model, *found)
+    return Bootstrap(model, len(ensemble), *found)
 
 
 def _deviation(values: Array) -> Array:

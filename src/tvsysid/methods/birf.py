@@ -127,8 +127,8 @@ class BasisIRF(Method):
         shared = np.einsum("ajbk,jk->ab", covariance, inner.T @ inner / len(inner))
         details = {
             "second_order_agreement": agreement(
-                np.einsum("ta,ab,tb->t", weights, mean_moments, weights),
                 np.einsum("ta,ab,tb->t", weights, mean_moments - beyond, weights),
+                np.einsum("ta,ab,tb->t", weights, beyond, weights),
                 np.full(len(weights), np.sum(beyond * shared)),
             )
         }

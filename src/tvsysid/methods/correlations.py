@@ -26,7 +26,7 @@ class Windows(NamedTuple):
     """Least squares in a window about each time.
 
     ``weights`` (time, lag) and ``rank`` (time,) of the solution; ``samples`` that it was found from, ``noise``
-    variance, the power of the torque that it ``explained`` and that a second-order fit to it ``fitted``, all (time,);
+    variance, the power of the torque that a second-order fit ``fitted`` and what it explains ``beyond``, all (time,);
     ``readout`` (time, 3, lag) by which stiffness, viscosity and inertia follow from the correlations, the ``impedance``
     itself and its ``white`` variances, were the noise white, both (time, 3).
     """
@@ -35,8 +35,8 @@ class Windows(NamedTuple):
     rank: Array
     samples: Array
     noise: Array
-    explained: Array
     fitted: Array
+    beyond: Array
     readout: Array
     impedance: Array
     white: Array
@@ -80,13 +80,12 @@ def solve_windows(ensemble: Ensemble, lags: int, half: int, solve: Solver) -> Wi
         count = samples * len(ensemble)
         variance = (square - mean**2) * count / np.maximum(count - 1, 1)
         weights, rank, inverse = solve(chunk, phi_uu, phi_uy, variance, count)
-        readout, fitted = second_order_readout(phi_uu, phi_uy, inverse, rate)
-        explained = np.einsum("tl,tl->t", weights, phi_uy)
-        left = np.maximum(square - explained, 0.0)
+        readout, fitted, beyond = second_order_readout(phi_uu, phi_uy, inverse, rate)
+        left = np.maximum(square - np.einsum("tl,tl->t", weights, phi_uy), 0.0)
         noise = np.where(count > rank, left * count / np.maximum(count - rank, 1), np.nan)
         impedance = (readout @ phi_uy[..., None])[..., 0]
         white = (noise / count)[:, None] * np.einsum("tmk,tmk->tm", readout @ phi_uu, readout)
-        parts.append((weights, rank, count, noise, explained, fitted, readout, impedance, white))
+        parts.append((weights, rank, count, noise, fitted, beyond, readout, impedance, white))
     return Windows(*(np.concatenate(values) for values in zip(*parts, strict=True)))
 
 
@@ -145,7 +144,7 @@ def window_diagnostics(ensemble: Ensemble, windows: Windows, lags: int) -> Diagn
     """Diagnostics of a solution that has a rank at each time whose lags lie within the context."""
     rank = padded(windows.rank.astype(float), missing_edge(lags, ensemble))
     chance = windows.noise * np.maximum(windows.rank - 3, 0) / windows.samples
-    details = {"second_order_agreement": agreement(windows.explained, windows.fitted, chance)}
+    details = {"second_order_agreement": agreement(windows.fitted, windows.beyond, chance)}
     return Diagnostics(float(windows.rank.mean()), rank, details=details)
 
 

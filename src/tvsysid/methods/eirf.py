@@ -86,7 +86,6 @@ class EnsembleIRF(Method):
                 "what the joint does; record more, or shorten max_lag"
             )
             spread = Spread.none(ensemble.samples, why)
-            windows = windows._replace(impedance=np.full_like(windows.impedance, np.nan))
         return impulse_response_model(
             repr(self),
             ensemble,

@@ -256,7 +256,7 @@ def _agreement(fit: Array, remainder: Array, angle: Array, autocovariance: Array
     answer = float(cross @ np.linalg.pinv(moments, rcond=ROUNDING, hermitian=True) @ cross)
     chance = len(cross) * float(np.mean(remainder**2)) / remainder.size
     fitted = float(np.mean(fit**2))
-    return agreement(*(np.array([value]) for value in (fitted + answer, fitted, chance)))
+    return agreement(*(np.array([value]) for value in (fitted, answer, chance)))
 
 
 ROUNDING = 1e-9

@@ -9,7 +9,7 @@ from scipy.linalg import toeplitz
 
 Array = NDArray[np.float64]
 
-ROUNDING = 1e-12
+ROUNDING = 1e-9
 """Share of a regressor's power that is rounding."""
 
 
@@ -135,8 +135,7 @@ def colour_factors(filters: Array, angle: Array, noise: Array) -> Array:
     passed = np.convolve(near, both, mode="valid")[lags - 1 :]
     scaled, inverse = _scaled(filters, angle)
     coloured = inverse @ (scaled @ toeplitz(passed) @ scaled.T) @ inverse
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(np.maximum(np.diag(coloured), 0.0) / np.diag(inverse))
+    return np.asarray(np.maximum(np.diag(coloured), 0.0) / np.diag(inverse))
 
 
 def _scaled(filters: Array, angle: Array) -> tuple[Array, Array]:
@@ -144,5 +143,6 @@ def _scaled(filters: Array, angle: Array) -> tuple[Array, Array]:
     moments = toeplitz(angle[: filters.shape[1]])
     power = np.einsum("mj,jk,mk->m", filters, moments, filters)
     scaled = filters / np.sqrt(np.where(power > 0, power, 1.0))[:, None]
+    values, vectors = np.linalg.eigh(scaled @ moments @ scaled.T)
     # Regressors that are alike to rounding share what they explain.
-    return scaled, np.linalg.inv(scaled @ moments @ scaled.T + ROUNDING * np.eye(len(filters)))
+    return scaled, (vectors / np.maximum(values, ROUNDING)) @ vectors.T

@@ -66,6 +66,14 @@ class BasisIRF(Method):
     is :math:`\sum_i \Phi(i) \otimes \Lambda(i)\Lambda(i)^T`, and velocity and acceleration are sums of lagged angles
     (:mod:`tvsysid.numerics.differentiation`). The regressor, with a row for each sample of each realization, is never
     built.
+
+    The bands are those of the posterior, which takes the noise as white, times a factor for its colour
+    (:func:`tvsysid.numerics.noise.colour_factors`; for ``"irf"``, too, that of the parametric model). They take noise
+    and angle as equally strong at all times, and do not count what the basis cannot follow; where ``"ard"`` prunes a
+    coefficient, they count it as known to be zero.
+
+    Viscosity and inertia of ``"irf"`` are those of a second-order fit to the impulse response, weighted by the
+    angle's mean correlations; the diagnostics' ``second_order_agreement`` says how well that explains it.
     """
 
     max_lag: float = 0.12

@@ -54,7 +54,13 @@ class EnsembleIRF(Method):
     code does: with the mean square instead, the ranks differ at a quarter of the samples. The two agree in what they
     mean where the mean torque was subtracted, as it should be.
 
-    Stiffness is the area under the impulse response (equation 20); viscosity and inertia are not identified yet.
+    Stiffness is the area under the impulse response (equation 20). Viscosity and inertia are those of a second-order
+    fit to it, weighted by its inverse covariance (:func:`tvsysid.impedance.second_order_readout`); the diagnostics'
+    ``second_order_agreement`` says how much of the torque that answers to the angle the fit explains.
+
+    The bands are those of least squares at each time by itself: realizations are seconds apart, so that noise of any
+    colour is white across them. They count neither the directions of the input that the truncation leaves out nor the
+    choice of the rank. With no more realizations than lags there is none.
     """
 
     max_lag: float = 0.12

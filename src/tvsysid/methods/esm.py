@@ -58,13 +58,28 @@ class EnsembleSpectral(Method):
         Duration of a segment in s, over which the joint is taken as constant.
     stiffness
         ``"dc"``: real part at 0 Hz, as in the paper. Leakage of the inertia's part from the neighbouring frequencies
-        biases it by some -2 to -3 N·m/rad. ``"fit"``: stiffness, viscosity and inertia from a second-order fit up to
-        20 Hz, weighted by what noise the coherence leaves.
+        biases it by some -2 to -3 N·m/rad, which no band of the random error covers. ``"fit"``: from the second-order
+        fit that viscosity and inertia always come from; it has no such bias, and 40 % (filtered noise) to 75 % (PRBS)
+        of the random error.
 
     Notes
     -----
     An even number of samples N is taken from t - N/2 to t + N/2 - 1, under a Hann window that peaks at t and vanishes
     at its first sample, so that the estimate is centred on t.
+
+    The second-order fit does not start from H, from which the window takes inertia and viscosity (fitted to H, they
+    come out 0.017 to 0.018 kg·m² and 1.8 to 1.9 N·m·s/rad where 0.02 and 2.2 are true). It takes the cross-spectra of
+    the same segments with the velocity and the acceleration, which are differentiated before they are windowed:
+
+    .. math:: S_{y u^{(m)}}(f) = k\, S_{u u^{(m)}}(f) + b\, S_{\dot u u^{(m)}}(f) + I\, S_{\ddot u u^{(m)}}(f), \qquad
+              m = 0, 1, 2
+
+    which holds at every frequency without leakage, and solves them by least squares over all frequencies. The
+    diagnostics' ``second_order_agreement`` says how much of the torque that answers to the angle the fit explains.
+    Where the derivatives lack samples (12 to either side), segments are cut short.
+
+    The bands of the fit count the noise's colour within a segment; that of 0 Hz rests on the realizations alone, and
+    needs no assumption on colour or strength. They do not count what the window smooths.
     """
 
     window: float = 0.30

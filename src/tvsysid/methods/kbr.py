@@ -94,6 +94,10 @@ class KernelRegression(Method):
 
     The noise variance is estimated from the residual, with the effective number of parameters taken off, and the fit
     repeated until it stands.
+
+    The bands are those of the posterior, which takes the noise as white within the band, times a factor for its colour
+    (:func:`tvsysid.numerics.noise.colour_factors`). The posterior counts what the prior smooths away only as far as the
+    behaviour is as smooth as the kernel says: about a switch, the truth lies outside.
     """
 
     period: float | None = None

@@ -42,7 +42,11 @@ class ShortDataSegments(Method):
     -----
     The window holds N + 1 samples, centred. It is cut short where a realization's context ends, and the number
     of samples actually averaged is counted. Stiffness is the area under the impulse response (equation 20); viscosity
-    and inertia are not identified yet.
+    and inertia are those of a second-order fit to it, as in :class:`EnsembleIRF`.
+
+    The bands count that the noise of neighbouring samples in a window is correlated, by the autocorrelation of the
+    residual, which is taken to be the same at all times; the noise's strength may change. They do not count what the
+    window smooths: about a switch, the truth lies outside.
     """
 
     max_lag: float = 0.12

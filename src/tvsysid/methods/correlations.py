@@ -144,6 +144,8 @@ def window_diagnostics(ensemble: Ensemble, windows: Windows, lags: int) -> Diagn
     """Diagnostics of a solution that has a rank at each time whose lags lie within the context."""
     rank = padded(windows.rank.astype(float), missing_edge(lags, ensemble))
     chance = windows.noise * np.maximum(windows.rank - 3, 0) / windows.samples
+    # With few samples for so many lags the noise, and so chance, comes out too small.
+    chance[windows.samples < 2 * (2 * lags + 1)] = np.nan
     details = {"second_order_agreement": agreement(windows.fitted, windows.beyond, chance)}
     return Diagnostics(float(windows.rank.mean()), rank, details=details)
 

@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import toeplitz
+from scipy.signal import lfilter
 
 from tvsysid.numerics import noise
 from tvsysid.numerics.differentiation import derivative_weights
@@ -13,12 +14,9 @@ FILTERS = derivative_weights(4)
 
 def coloured(random, shape, decay=DECAY):
     """First-order autoregressive noise of unit variance, started in its stationary state."""
-    white = random.normal(size=shape)
-    out = np.empty(shape)
-    out[:, 0] = white[:, 0]
-    for i in range(1, shape[1]):
-        out[:, i] = decay * out[:, i - 1] + np.sqrt(1 - decay**2) * white[:, i]
-    return out
+    white = np.sqrt(1 - decay**2) * random.normal(size=shape)
+    white[:, 0] /= np.sqrt(1 - decay**2)
+    return lfilter([1.0], [1.0, -decay], white, axis=1)
 
 
 @pytest.mark.parametrize("lags", [0, 3, 30])
@@ -65,11 +63,11 @@ def test_factors_are_those_of_the_dense_sandwich(random):
 def test_the_variance_of_a_fit_is_foretold(random):
     angle = coloured(random, (4, 400), 0.9)
     regressors = angle.ravel()
-    errors = [float(coloured(random, (4, 400)).ravel() @ regressors / (regressors @ regressors)) for _ in range(600)]
+    errors = [float(coloured(random, (4, 400)).ravel() @ regressors / (regressors @ regressors)) for _ in range(1500)]
     correlation = DECAY ** np.arange(30)
     factor = noise.colour_factors(np.ones((1, 1)), noise.autocovariance(angle, 40), correlation)[0]
     assert factor > 2
-    assert np.var(errors) * (regressors @ regressors) == pytest.approx(factor, rel=0.15)
+    assert np.var(errors) * (regressors @ regressors) == pytest.approx(factor, rel=0.1)
 
 
 @given(st.floats(0.1, 10.0), st.floats(0.01, 100.0))
@@ -94,3 +92,11 @@ def test_regressor_correlation_is_what_a_fit_takes_from_the_residual(random):
     hat = regressors @ np.linalg.pinv(regressors)
     lowered = [np.trace(hat, d) / (count - d) for d in range(6)]
     np.testing.assert_allclose(2 / count * correlation, lowered, atol=0.15 / count)
+
+
+@pytest.mark.parametrize("band", [(0.0, 0.5), (0.0, 0.2), (0.1, 0.15)])
+def test_power_in_a_band_is_the_mean_of_the_spectrum(band):
+    frequencies = band[0] + (np.arange(20_000) + 0.5) / 20_000 * (band[1] - band[0])
+    spectrum = (1 - 0.6**2) / (1 - 1.2 * np.cos(2 * np.pi * frequencies) + 0.6**2)
+    assert noise.power_in_band(0.6 ** np.arange(60), *band) == pytest.approx(spectrum.mean(), rel=1e-6)
+    assert noise.power_in_band(np.eye(9)[0], *band) == 1.0

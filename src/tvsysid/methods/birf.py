@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
-from tvsysid.impedance import agreement, derivative_filters
+from tvsysid.impedance import agreement, derivative_filters, second_order_fit
 from tvsysid.methods.base import (
     EXCITED_ABOVE,
     Method,
@@ -129,7 +129,7 @@ class BasisIRF(Method):
         mean_moments = moments_over_time / len(inner)
         derivative = derivative_filters(lags, ensemble.sampling_rate)
         projected = derivative @ mean_moments
-        fit = np.linalg.solve(projected @ derivative.T, projected)
+        fit = second_order_fit((projected @ derivative.T)[None], np.zeros((1, 3))).inverse[0] @ projected
         impedance = weights @ fit.T
         beyond = mean_moments - projected.T @ fit
         shared = np.einsum("ajbk,jk->ab", covariance, inner.T @ inner / len(inner))
@@ -143,8 +143,7 @@ class BasisIRF(Method):
         readout = np.stack([np.ones(unknowns), fit[1], fit[2]])
         spreads = np.einsum("ma,ajbk,mb->mjk", readout, covariance, readout, optimize=True)
         left = residual(ensemble, weights, lags)
-        shape = (inner, inner, inner)
-        spread = _spread(ensemble, shape, tuple(spreads), left, posterior.effective, missing)
+        spread = _spread(ensemble, (inner,) * 3, tuple(spreads), left, posterior.effective, missing)
         diagnostics = _diagnostics(posterior, details)
         return impulse_response_model(repr(self), ensemble, weights, impedance, lags, diagnostics, spread)
 

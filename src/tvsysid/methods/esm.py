@@ -219,11 +219,11 @@ def _segment_fit(ensemble: Ensemble, power: Array, missing: tuple[int, int], rea
     fit = np.einsum("tm,mrt->rt", impedance[begin:end], signals[:, :, known])
     remainder = torque[:, known] - fit
     filters = derivative_filters(HALF_WIDTH, ensemble.sampling_rate)
-    hue = colour(ensemble, remainder, _taken(power, count, ensemble.sampling_rate), filters)
-    overlap = _overlap(power, len(hue.noise))
-    factors = Colour(hue.noise * overlap / overlap[0], hue.angle).factors(filters)
+    tint = colour(ensemble, remainder, _taken(power, count, ensemble.sampling_rate), filters)
+    overlap = _overlap(power, len(tint.noise))
+    factors = Colour(tint.noise * overlap / overlap[0], tint.angle).factors(filters)
     freedom = np.full(white.shape, count * power.sum() ** 2 / overlap[0] - 3)
-    shared = _agreement(fit, remainder, signals[0, :, known], hue.angle, min(centre, (len(hue.angle) - 1) // 2))
+    shared = _agreement(fit, remainder, signals[0, :, known], tint.angle, min(centre, (len(tint.angle) - 1) // 2))
     return _Fit(impedance, factors * white, freedom, shared)
 
 

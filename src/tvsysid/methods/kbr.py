@@ -21,6 +21,7 @@ from tvsysid.models import Diagnostics, SecondOrderModel, Spread
 from tvsysid.numerics.bands import arc_length
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.kernels import TOLERANCE, DecayFeatures, harmonic_features, harmonic_variances
+from tvsysid.numerics.noise import power_in_band
 from tvsysid.numerics.spectra import half_cosine_spectrum
 from tvsysid.signals import Ensemble
 
@@ -532,9 +533,9 @@ def _spread(
     inner = slice(edge, len(impedance) - edge)
     left = residual(ensemble, impedance[inner] @ filters, HALF_WIDTH)
     filters = _in_band(filters, band, ensemble.sampling_rate)
-    share = min(fit.effective / left.size, 0.9)
-    white = float(np.mean(left**2)) / (1 - share) / fit.noise_variance
-    factors = white * colour(ensemble, left, share, filters).factors(filters)
+    tint = colour(ensemble, left, fit.effective / left.size, filters)
+    edges = (min(frequency / ensemble.sampling_rate, 0.5) for frequency in band)
+    factors = tint.factors(filters) / max(power_in_band(tint.noise, *edges), LEAST_POWER)
     columns = features.shape[1]
     parts = [slice(first, first + columns) for first in range(0, 3 * columns, columns)]
     covariances = [fit.covariance[part, part] * DEGREES**2 for part in parts]
@@ -543,6 +544,10 @@ def _spread(
     deviation[:, :missing] = deviation[:, len(impedance) - missing :] = np.nan
     arcs = [arc_length(features, one) for one in covariances]
     return Spread(deviation, np.full(deviation.shape, np.inf), (arcs[0], arcs[1], arcs[2]))
+
+
+LEAST_POWER = 1e-3
+"""Share of white noise's power in the band below which the noise's correlation is too coarse to tell."""
 
 
 def _in_band(filters: Array, band: tuple[float, float], rate: float) -> Array:

@@ -105,6 +105,28 @@ def regressor_correlation(filters: Array, angle: Array, lags: int) -> Array:
     return np.asarray(np.correlate(near, diagonals, mode="valid") / len(filters))
 
 
+def power_in_band(correlation: Array, low: float, high: float) -> float:
+    r"""Mean spectral density over a band, as a multiple of that of white noise of the same variance.
+
+    .. math:: 1 + 2 \sum_{d > 0} \rho(d)\, \frac{1}{f_2 - f_1} \int_{f_1}^{f_2} \cos(2 \pi f d)\, df
+
+    Parameters
+    ----------
+    correlation
+        Autocorrelation :math:`\rho` from lag 0 on, 1 at lag 0.
+    low, high
+        Edges :math:`f_1, f_2` in cycles per sample, 0 to 0.5.
+
+    Examples
+    --------
+    >>> power_in_band(np.array([1.0, 0.4]), 0.0, 0.25)
+    1.5092958178940652
+    """
+    lags = np.arange(1, len(correlation))
+    mean = (np.sin(2 * np.pi * high * lags) - np.sin(2 * np.pi * low * lags)) / (2 * np.pi * lags * (high - low))
+    return 1 + 2 * float(correlation[1:] @ mean)
+
+
 def colour_factors(filters: Array, angle: Array, noise: Array) -> Array:
     r"""Variances of a least-squares fit under coloured noise, as multiples of those under white noise.
 

@@ -8,6 +8,7 @@ from . import preprocess as preprocess
 from . import recordings as recordings
 from . import report as report
 from . import simulate as simulate
+from . import uncertainty as uncertainty
 from .diagnosis import diagnose as diagnose
 from .errors import DoubtfulWarning as DoubtfulWarning
 from .errors import InputError as InputError

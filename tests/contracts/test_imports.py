@@ -17,7 +17,7 @@ LEVELS = [
     ["signals", "impedance"],
     ["models"],
     ["recordings", "preprocess", "simulate", "methods", "metrics"],
-    ["execution", "verdicts"],
+    ["uncertainty", "execution", "verdicts"],
     ["benchmark", "experiment", "diagnosis"],
     ["figures"],
     ["report"],

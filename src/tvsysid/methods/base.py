@@ -184,6 +184,12 @@ def _doubts_of_all(ensemble: Ensemble, model: Model, low: float, high: float) ->
             f"stiffness is negative at {100 * np.mean(known < 0):.0f} % of the samples: "
             "is the torque's sign reversed? (torque_sign=-1 when reading)"
         )
+    shared = model.diagnostics.details.get("second_order_agreement", math.nan)
+    if shared < AGREES:
+        yield (
+            f"inertia, viscosity and stiffness explain only {shared:.0f} % of the torque that answers to the angle: "
+            "the joint is not of second order, and viscosity and inertia mean little; look at the response itself"
+        )
     if _has_mean_torque(ensemble):
         mean = float(np.sqrt(np.mean(ensemble.torque.mean(axis=0) ** 2)))
         yield (
@@ -212,6 +218,8 @@ def _doubts_of_all(ensemble: Ensemble, model: Model, low: float, high: float) ->
         )
 
 
+AGREES = 95.0
+"""Second-order agreement in per cent below which a joint counts as not of second order; simulated ones reach 99."""
 MEAN_TORQUE_LIMIT = 6.0
 """Squared mean over its squared standard error, averaged over time; 1 is expected of a torque without mean."""
 MEAN_TORQUE_CHANCE = 1e-6

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
+from tvsysid.impedance import agreement, derivative_filters, second_order_fit
 from tvsysid.methods.base import (
     EXCITED_ABOVE,
     Method,
@@ -22,10 +23,12 @@ from tvsysid.methods.base import (
 )
 from tvsysid.methods.correlations import impulse_response_model
 from tvsysid.methods.evidence import Evidence
-from tvsysid.models import Diagnostics, ImpulseResponseModel, Model, SecondOrderModel
+from tvsysid.methods.residuals import colour, residual
+from tvsysid.models import Diagnostics, ImpulseResponseModel, Model, SecondOrderModel, Spread
+from tvsysid.numerics.bands import arc_length
 from tvsysid.numerics.bases import Basis, CubicBSplines, FourierSeries, HaarWavelets, evaluate
 from tvsysid.numerics.bayes import PRIORS, Posterior
-from tvsysid.numerics.differentiation import HALF_WIDTH, derivative_weights
+from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.numerics.moments import lagged_moments, time_chunks
 from tvsysid.signals import Ensemble
 
@@ -76,6 +79,14 @@ class BasisIRF(Method):
     is :math:`\sum_i \Phi(i) \otimes \Lambda(i)\Lambda(i)^T`, and velocity and acceleration are sums of lagged angles
     (:mod:`tvsysid.numerics.differentiation`). The regressor, with a row for each sample of each realization, is never
     built.
+
+    The bands are those of the posterior, which takes the noise as white, times a factor for its colour
+    (:func:`tvsysid.numerics.noise.colour_factors`; for ``"irf"``, too, that of the parametric model). They take noise
+    and angle as equally strong at all times, and do not count what the basis cannot follow; where ``"ard"`` prunes a
+    coefficient, they count it as known to be zero.
+
+    Viscosity and inertia of ``"irf"`` are those of a second-order fit to the impulse response, weighted by the
+    angle's mean correlations; the diagnostics' ``second_order_agreement`` says how well that explains it.
     """
 
     max_lag: float = 0.12
@@ -149,24 +160,47 @@ class BasisIRF(Method):
         missing = missing_edge(lags, ensemble)
         inner = functions[missing : len(functions) - missing]
         unknowns, count = 2 * lags + 1, inner.shape[1]
-        gram, cross, square, power = np.zeros((unknowns**2, count**2)), np.zeros((unknowns, count)), 0.0, 0.0
+        gram, cross, square = np.zeros((unknowns**2, count**2)), np.zeros((unknowns, count)), 0.0
+        moments_over_time = np.zeros((unknowns, unknowns))
         for chunk, phi_uu, phi_uy, squares in _moments(ensemble, lags):
             at = inner[chunk]
             gram += phi_uu.reshape(len(at), -1).T @ (at[:, :, None] * at[:, None, :]).reshape(len(at), -1)
             cross += phi_uy.T @ at
             square += float(squares.sum())
-            power += float(np.trace(phi_uu.sum(axis=0)))
+            moments_over_time += phi_uu.sum(axis=0)
         gram = gram.reshape(unknowns, unknowns, count, count).transpose(0, 2, 1, 3).reshape(unknowns * count, -1)
-        power /= unknowns * len(inner)  # to unit RMS, so that one prior has no unit
+        # To unit RMS, so that one prior has no unit.
+        power = float(np.trace(moments_over_time)) / (unknowns * len(inner))
         posterior = self._solve(gram / power, cross.ravel() / np.sqrt(power), square, ensemble, missing)
         weights = inner @ posterior.mean.reshape(unknowns, count).T / np.sqrt(power)
-        return impulse_response_model(repr(self), ensemble, weights, lags, _diagnostics(posterior))
+        covariance = posterior.covariance.reshape(unknowns, count, unknowns, count) / power
+        # A second-order fit, weighted by the angle's mean correlations.
+        mean_moments = moments_over_time / len(inner)
+        derivative = derivative_filters(lags, ensemble.sampling_rate)
+        projected = derivative @ mean_moments
+        fit = second_order_fit((projected @ derivative.T)[None], np.zeros((1, 3))).inverse[0] @ projected
+        impedance = weights @ fit.T
+        beyond = mean_moments - projected.T @ fit
+        shared = np.einsum("ajbk,jk->ab", covariance, inner.T @ inner / len(inner))
+        details = {
+            "second_order_agreement": agreement(
+                np.einsum("ta,ab,tb->t", weights, mean_moments - beyond, weights),
+                np.einsum("ta,ab,tb->t", weights, beyond, weights),
+                np.full(len(weights), np.sum(beyond * shared)),
+            )
+        }
+        readout = np.stack([np.ones(unknowns), fit[1], fit[2]])
+        spreads = np.einsum("ma,ajbk,mb->mjk", readout, covariance, readout, optimize=True)
+        left = residual(ensemble, weights, lags)
+        spread = _spread(ensemble, (inner,) * 3, tuple(spreads), left, posterior.effective, missing)
+        diagnostics = _diagnostics(posterior, details)
+        return impulse_response_model(repr(self), ensemble, weights, impedance, lags, diagnostics, spread)
 
     def _parametric(self, ensemble: Ensemble, functions: Array) -> SecondOrderModel:
         check_window("BasisIRF: the derivatives of the angle", 2 * HALF_WIDTH + 1, ensemble)
         missing = missing_edge(HALF_WIDTH, ensemble)
         # Angle, velocity and acceleration are sums of lagged angles, so their moments follow.
-        derivative = derivative_weights() * ensemble.sampling_rate ** np.arange(3.0)[:, None]
+        derivative = derivative_filters(HALF_WIDTH, ensemble.sampling_rate)
         parts = [
             (derivative @ phi_uu @ derivative.T, phi_uy @ derivative.T, squares)
             for _, phi_uu, phi_uy, squares in _moments(ensemble, HALF_WIDTH)
@@ -187,23 +221,25 @@ class BasisIRF(Method):
         right = np.concatenate([expansion.T @ cross[:, a] for a, expansion in enumerate(expansions)])
         posterior = self._solve(gram, right, square, ensemble, missing)
         unit = 1 / np.repeat(rms, (count, count, 1))
-        coefficients = posterior.mean * unit
-
-        def over_time(values: Array) -> Array:
-            return padded(values[missing : len(values) - missing], missing)
-
+        coefficients, covariance = posterior.mean * unit, posterior.covariance * np.outer(unit, unit)
+        places = np.split(np.arange(len(coefficients)), (count, 2 * count))
+        impedance = np.stack([e @ coefficients[at] for e, at in zip(expansions, places, strict=True)])
+        left = residual(ensemble, impedance.T @ derivative, HALF_WIDTH)
+        spreads = tuple(covariance[np.ix_(at, at)] for at in places)
+        stiffness, viscosity, inertia = (padded(values, missing) for values in impedance)
         names = [f"{name} {j}" for name in ("stiffness", "viscosity") for j in range(count)]
         return SecondOrderModel(
             method=repr(self),
             sampling_rate=ensemble.sampling_rate,
             time=ensemble.time,
-            stiffness=over_time(functions @ coefficients[:count]),
-            viscosity=over_time(functions @ coefficients[count : 2 * count]),
-            inertia=over_time(np.full(ensemble.samples, coefficients[-1])),
+            stiffness=stiffness,
+            viscosity=viscosity,
+            inertia=inertia,
             coefficients=coefficients,
-            covariance=posterior.covariance * np.outer(unit, unit),
+            covariance=covariance,
             labels=(*names, "inertia"),
             diagnostics=_diagnostics(posterior),
+            spread=_spread(ensemble, expansions, spreads, left, posterior.effective, missing),
         )
 
     def _solve(self, gram: Array, cross: Array, square: float, ensemble: Ensemble, missing: int) -> Posterior:
@@ -229,7 +265,31 @@ def _moments(ensemble: Ensemble, lags: int) -> Iterator[tuple[slice, Array, Arra
         yield chunk, phi_uu, phi_uy, square
 
 
-def _diagnostics(posterior: Posterior) -> Diagnostics:
+def _spread(
+    ensemble: Ensemble,
+    expansions: tuple[Array, ...],
+    covariances: tuple[Array, ...],
+    left: Array,
+    effective: float,
+    missing: int,
+) -> Spread:
+    """Random error of stiffness, viscosity and inertia from the posterior, corrected for the noise's colour.
+
+    ``expansions`` (time, function) and their coefficients' ``covariances`` are those of the three; ``left`` is the
+    residual.
+    """
+    filters = derivative_filters(HALF_WIDTH, ensemble.sampling_rate)
+    factors = colour(ensemble, left, effective / left.size, filters).factors(filters)
+    variances = [
+        factor * np.einsum("tj,jk,tk->t", expansion, covariance, expansion)
+        for factor, expansion, covariance in zip(factors, expansions, covariances, strict=True)
+    ]
+    deviation = np.stack([padded(np.sqrt(np.maximum(variance, 0.0)), missing) for variance in variances])
+    arcs = [arc_length(*pair) for pair in zip(expansions, covariances, strict=True)]
+    return Spread(deviation, np.full(deviation.shape, left.size - effective), (arcs[0], arcs[1], arcs[2]))
+
+
+def _diagnostics(posterior: Posterior, details: dict[str, float] | None = None) -> Diagnostics:
     return Diagnostics(
         posterior.effective,
         details={
@@ -237,5 +297,6 @@ def _diagnostics(posterior: Posterior) -> Diagnostics:
             "log_evidence": posterior.log_evidence,
             "iterations": posterior.iterations,
             "converged": float(posterior.converged),
+            **(details or {}),
         },
     )

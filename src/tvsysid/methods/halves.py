@@ -98,7 +98,7 @@ def reference_stiffness(ensemble: Ensemble, max_lag: float) -> Array:
     lags = max(1, whole_samples(max_lag, ensemble))
     samples = DETERMINED * (2 * lags + 1) / len(ensemble)
     half = min(math.ceil(max(0.0, (samples - 1) / 2)), (ensemble.samples - 1) // 2)
-    solution = solve_windows(ensemble, lags, half, truncated)
+    solution = solve_windows(ensemble, lags, half, lambda at, *correlations: truncated(*correlations))
     stiffness = static_stiffness(solution.weights * ensemble.sampling_rate, 1 / ensemble.sampling_rate)
     return padded(stiffness, missing_edge(lags, ensemble))
 

@@ -13,11 +13,15 @@ from numpy.typing import NDArray
 from scipy.fft import rfft
 from scipy.linalg import blas
 from scipy.optimize import minimize
+from scipy.signal import firwin
 
 from tvsysid.errors import InputError
+from tvsysid.impedance import derivative_filters
 from tvsysid.methods.base import EXCITED_ABOVE, Method, check_positive, missing_edge, padded
 from tvsysid.methods.evidence import Evidence
-from tvsysid.models import Diagnostics, SecondOrderModel
+from tvsysid.methods.residuals import colour, residual
+from tvsysid.models import Diagnostics, SecondOrderModel, Spread
+from tvsysid.numerics.bands import arc_length
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.gaussian import Fit, Statistics, fit, log_evidence, of_columns, without_nuisance
 from tvsysid.numerics.kernels import (
@@ -27,6 +31,7 @@ from tvsysid.numerics.kernels import (
     harmonic_variances,
     log_harmonic_variances,
 )
+from tvsysid.numerics.noise import power_in_band
 from tvsysid.numerics.spectra import half_cosine_spectrum
 from tvsysid.signals import Ensemble
 
@@ -126,6 +131,10 @@ class KernelRegression(Method):
     coefficients, which take some 10 s.
 
     The noise variance is estimated from the residual, with the effective number of parameters taken off.
+
+    The bands are those of the posterior, which takes the noise as white within the band, times a factor for its colour
+    (:func:`tvsysid.numerics.noise.colour_factors`). The posterior counts what the prior smooths away only as far as the
+    behaviour is as smooth as the kernel says: about a switch, the truth lies outside.
     """
 
     period: float | None = None
@@ -196,6 +205,7 @@ class KernelRegression(Method):
         impedance = np.zeros((ensemble.samples, 3))
         for realization in distinct:
             impedance += kernel.combined(*_times(ensemble, realization, clocks), coefficients) / len(distinct)
+        features = np.mean([kernel(*_times(ensemble, r, clocks)) for r in distinct], axis=0)
         inner = padded(impedance[missing : len(impedance) - missing], missing)
         labels = tuple(f"{name} {j}" for name in ("stiffness", "viscosity", "inertia") for j in range(kernel.columns))
         return KernelModel(
@@ -210,6 +220,7 @@ class KernelRegression(Method):
             labels=labels,
             kernel=kernel,
             phase=_common_phase(ensemble, period),
+            spread=_spread(ensemble, self.band, impedance, features, covariance, fit, missing),
             diagnostics=Diagnostics(
                 fit.effective, details={"noise_variance": fit.noise_variance, "iterations": fit.iterations}
             ),
@@ -756,6 +767,51 @@ class _Likelihood(NamedTuple):
 def _inverse(precision: Array) -> Array:
     """1 / precision, and 0 where there is none."""
     return np.where(precision > 0, 1 / np.where(precision > 0, precision, 1.0), 0.0)
+
+
+def _spread(
+    ensemble: Ensemble,
+    band: tuple[float, float],
+    impedance: Array,
+    features: Array,
+    covariance: Array,
+    fit: Fit,
+    missing: int,
+) -> Spread:
+    """Random error of the impedance (time, 3) from the posterior, corrected for the noise's colour.
+
+    The posterior takes the noise as white, as strong as it is in the mean over the band that was fitted.
+    """
+    filters = derivative_filters(HALF_WIDTH, ensemble.sampling_rate)
+    edge = missing_edge(HALF_WIDTH, ensemble)
+    inner = slice(edge, len(impedance) - edge)
+    left = residual(ensemble, impedance[inner] @ filters, HALF_WIDTH)
+    filters = _in_band(filters, band, ensemble.sampling_rate)
+    tint = colour(ensemble, left, fit.effective / left.size, filters)
+    edges = (min(frequency / ensemble.sampling_rate, 0.5) for frequency in band)
+    factors = tint.factors(filters) / max(power_in_band(tint.noise, *edges), LEAST_POWER)
+    columns = features.shape[1]
+    parts = [slice(first, first + columns) for first in range(0, 3 * columns, columns)]
+    covariances = [covariance[part, part] for part in parts]
+    variances = [np.einsum("tj,jk,tk->t", features, one, features, optimize=True) for one in covariances]
+    deviation = np.sqrt(np.maximum(factors[:, None] * np.stack(variances), 0.0))
+    deviation[:, :missing] = deviation[:, len(impedance) - missing :] = np.nan
+    arcs = [arc_length(features, one) for one in covariances]
+    return Spread(deviation, np.full(deviation.shape, np.inf), (arcs[0], arcs[1], arcs[2]))
+
+
+LEAST_POWER = 1e-3
+"""Share of white noise's power in the band below which the noise's correlation is too coarse to tell."""
+
+
+def _in_band(filters: Array, band: tuple[float, float], rate: float) -> Array:
+    """Filters followed by one that passes the band."""
+    low, high = band
+    edges = [edge for edge in (low, high) if 0 < edge < rate / 2]
+    if not edges:
+        return filters
+    passing = firwin(2 * HALF_WIDTH + 1, edges, fs=rate, pass_zero=low == 0)
+    return np.stack([np.convolve(row, passing) for row in filters])
 
 
 def _clocks(ensemble: Ensemble) -> Array:

@@ -49,4 +49,4 @@ def test_bins_cover_all_samples_and_hold_enough(samples, realizations, rate):
     assert set(np.diff(bins)) <= {0, 1}
     length = np.bincount(bins).min()
     assert length >= max(1, min(round(0.05 * rate), samples))
-    assert length * realizations >= 200 or length >= samples // 10
+    assert length * realizations >= 100 or length >= samples // 10

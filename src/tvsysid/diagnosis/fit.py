@@ -12,7 +12,7 @@ from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 
 Array = NDArray[np.float64]
 
-ROWS = 200
+ROWS = 100
 """Samples of all realizations together that a bin should have at least."""
 SHORTEST_BIN = 0.05
 """In s."""

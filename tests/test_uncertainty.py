@@ -56,7 +56,7 @@ def test_draws_repeat_and_only_grow():
 
 def test_it_agrees_with_the_closed_form():
     found = tv.uncertainty.bootstrap(tv.BasisIRF(), ensemble_of(150.0), 60, seed=2)
-    closed = found.model.spread.deviation
+    closed = found.model.random_error.deviation
     for quantity, draws in enumerate((found.stiffness, found.viscosity)):
         ratio = np.sqrt(np.mean(draws.var(axis=0, ddof=1)) / np.mean(closed[quantity] ** 2))
         assert ratio == pytest.approx(1.0, abs=0.25)

@@ -12,8 +12,9 @@ from __future__ import annotations
 
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -81,6 +82,10 @@ class Diagnostics:
         if self.rank is not None:
             self.rank.flags.writeable = False
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # A read-only mapping, unlike a dict, cannot be pickled.
+        return type(self), (self.parameters, self.rank, self.warnings, self.seconds, dict(self.details))
+
 
 @dataclass(frozen=True, eq=False)
 class Spread:
@@ -133,7 +138,8 @@ class Model(ABC):
     diagnostics
         How the identification went.
     spread
-        Its random error, from which the bands follow; None where the method tells nothing of it.
+        Its random error, from which the bands follow, or what works it out when a band is first asked for; None where
+        the method tells nothing of it.
 
     Notes
     -----
@@ -150,7 +156,7 @@ class Model(ABC):
     viscosity: Array
     inertia: Array
     diagnostics: Diagnostics
-    spread: Spread | None = None
+    spread: Spread | Callable[[], Spread] | None = None
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -159,6 +165,15 @@ class Model(ABC):
                 value = value.view()
                 value.flags.writeable = False
                 object.__setattr__(self, item.name, value)
+
+    @cached_property
+    def random_error(self) -> Spread | None:
+        """Standard deviations of stiffness, viscosity and inertia, and how well they are known; None if unknown."""
+        return self.spread() if callable(self.spread) else self.spread
+
+    def __getstate__(self) -> dict[str, Any]:
+        # What works out the random error holds the data; a model that travels takes the result instead.
+        return self.__dict__ | {"spread": self.random_error}
 
     def predict(self, ensemble: Ensemble) -> Array:
         """Torque that the model gives for the ensemble's angle.
@@ -231,7 +246,7 @@ class Model(ABC):
         given = self._given_band(f"{'simultaneous_' * simultaneous}{QUANTITIES[quantity]}_band", level)
         if given is not None:
             return given
-        spread = self.spread or Spread.none(len(self.time), "the method tells nothing of its random error")
+        spread = self.random_error or Spread.none(len(self.time), "the method tells nothing of its random error")
         deviation = spread.deviation[quantity]
         if spread.absent:
             warnings.warn(f"{QUANTITIES[quantity]}_band: {spread.absent}", DoubtfulWarning, stacklevel=3)
@@ -275,8 +290,8 @@ class Model(ABC):
         import xarray as xr  # noqa: PLC0415  # heavy
 
         variables: Labelled = {name: (("time",), getattr(self, name)) for name in QUANTITIES}
-        if self.spread is not None:
-            for name, deviation in zip(QUANTITIES, self.spread.deviation, strict=True):
+        if self.random_error is not None:
+            for name, deviation in zip(QUANTITIES, self.random_error.deviation, strict=True):
                 variables[f"{name}_deviation"] = (("time",), deviation)
         coordinates: Labelled = {"time": (("time",), self.time)}
         if self.diagnostics.rank is not None:

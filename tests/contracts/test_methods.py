@@ -1,6 +1,7 @@
 """What every method must do, whatever its kind."""
 
 import dataclasses
+import pickle
 import warnings
 
 import numpy as np
@@ -142,7 +143,7 @@ def test_every_method_answers_bands(method):
     assert (whole[0] < pointwise[0]).all()
     assert (whole[1] > pointwise[1]).all()
     dataset = model.to_xarray()
-    np.testing.assert_array_equal(dataset.stiffness_deviation.values, model.spread.deviation[0])
+    np.testing.assert_array_equal(dataset.stiffness_deviation.values, model.random_error.deviation[0])
     assert dataset.inertia_deviation.attrs["units"] == "kg m2"
 
 
@@ -212,7 +213,7 @@ def test_scaling_the_torque_scales_the_impedance(method, factor):
     for name in ("stiffness", "viscosity", "inertia"):
         expected = getattr(model, name) * factor
         np.testing.assert_allclose(getattr(other, name), expected, rtol=1e-4, atol=1e-4 * factor * 0.02)
-    np.testing.assert_allclose(other.spread.deviation, model.spread.deviation * factor, rtol=1e-3)
+    np.testing.assert_allclose(other.random_error.deviation, model.random_error.deviation * factor, rtol=1e-3)
 
 
 @parametrize()
@@ -330,3 +331,13 @@ def test_a_callable_basis_serves():
     method = tv.BasisIRF(basis=lambda time: np.stack([np.ones_like(time), np.sin(2 * np.pi * time)], axis=1))
     model = method.identify(ensemble_of(150.0, "sine", "noise", 20.0))
     assert np.abs(model.stiffness - tv.simulate.SineWave()(model.time)).max() < 5
+
+
+@parametrize()
+def test_a_model_that_travels_takes_its_bands_along_and_not_the_data(method):
+    model = method.identify(enough_for(method))
+    travelled = pickle.loads(pickle.dumps(model))
+    for one, other in zip(model.stiffness_band(), travelled.stiffness_band(), strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert not callable(travelled.spread)
+    assert travelled.diagnostics.details.keys() == model.diagnostics.details.keys()

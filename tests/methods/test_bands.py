@@ -55,7 +55,7 @@ def test_ensemble_response_has_the_variance_of_least_squares(solver):
         assert (upper - lower)[time] / 2 == pytest.approx(stats.t.ppf(0.95, freedom) * area, rel=1e-5)
         signals = differentiate(ensemble.angle, 100.0, 4)[:, :, ensemble.context + time - 4].T
         fit = np.sqrt(variance * np.diag(np.linalg.inv(signals.T @ signals)))
-        np.testing.assert_allclose(model.spread.deviation[1:, time], fit[1:], rtol=1e-5)
+        np.testing.assert_allclose(model.random_error.deviation[1:, time], fit[1:], rtol=1e-5)
 
 
 @pytest.mark.parametrize("context", [0.5, 0.14, 0.0])
@@ -75,7 +75,7 @@ def test_short_segments_have_the_variance_of_the_dense_sandwich(context):
         samples = np.stack([lagged(ensemble, i, lags) for i in window], axis=1)  # realization, window, lag
         influence = np.einsum("ml,rwl->mrw", readout, samples) / (len(ensemble) * len(window))
         variance = windows.noise[time - missing] * np.einsum("mrw,wv,mrv->m", influence, noise, influence)
-        np.testing.assert_allclose(model.spread.deviation[:, time] ** 2, variance, rtol=1e-6)
+        np.testing.assert_allclose(model.random_error.deviation[:, time] ** 2, variance, rtol=1e-6)
 
 
 def correlations_of(*moments):
@@ -97,7 +97,7 @@ def test_regression_without_prior_has_the_variance_of_least_squares_times_the_co
     left = output - design @ np.linalg.lstsq(design, output, rcond=None)[0]
     covariance = np.linalg.inv(design.T @ design) * (left @ left) / (len(left) - 21)
     white = np.einsum("tj,jk,tk->t", functions, covariance[:10, :10], functions)
-    factor = model.spread.deviation[0] ** 2 / white
+    factor = model.random_error.deviation[0] ** 2 / white
     assert np.ptp(factor) < 1e-6 * factor.mean()
     # Sandwich with the residual's own products, realization by realization.
     scores = (design * left[:, None]).reshape(len(ensemble), 200, 21)
@@ -107,7 +107,7 @@ def test_regression_without_prior_has_the_variance_of_least_squares_times_the_co
     )
     bread = np.linalg.inv(design.T @ design)
     sandwich = np.einsum("tj,jk,tk->t", functions, (bread @ middle @ bread)[:10, :10], functions)
-    assert np.mean(model.spread.deviation[0] ** 2) == pytest.approx(np.mean(sandwich), rel=0.2)
+    assert np.mean(model.random_error.deviation[0] ** 2) == pytest.approx(np.mean(sandwich), rel=0.2)
     assert factor.mean() > 1.2  # the noise is stronger where stiffness shows than on the average
 
 
@@ -120,7 +120,7 @@ def test_response_at_rest_has_the_variance_of_a_regression_with_unequal_errors()
         slope = inputs @ outputs / (inputs @ inputs)
         errors, leverage = outputs - slope * inputs, inputs**2 / (inputs @ inputs)
         variance = np.sum(inputs**2 * errors**2 / (1 - leverage)) / (inputs @ inputs) ** 2
-        assert model.spread.deviation[0, time] ** 2 == pytest.approx(variance, rel=1e-9)
+        assert model.random_error.deviation[0, time] ** 2 == pytest.approx(variance, rel=1e-9)
         width = stats.t.ppf(0.975, 19) * np.sqrt(variance)
         assert model.stiffness_band()[1][time] - model.stiffness[time] == pytest.approx(width, rel=1e-9)
 
@@ -147,7 +147,7 @@ def repeated(name, duration, perturbation):
             ensemble = ensemble_of(duration, "sine", perturbation, seed=300 + seed)
             model = DEFAULTS[name].identify(ensemble)
             estimates.append([model.stiffness, model.viscosity, model.inertia])
-            deviations.append(model.spread.deviation)
+            deviations.append(model.random_error.deviation)
             bands.append(model.stiffness_band())
     return np.array(estimates), np.array(deviations), np.array(bands)
 
@@ -193,7 +193,7 @@ def test_white_noise_needs_no_correction(random):
         model.covariance[:10, :10],
         evaluate(tv.CubicBSplines(10), 200),
     )
-    np.testing.assert_allclose(model.spread.deviation[0] ** 2, variance, rtol=0.15)
+    np.testing.assert_allclose(model.random_error.deviation[0] ** 2, variance, rtol=0.15)
 
 
 def test_a_model_of_other_people_may_bring_its_band():

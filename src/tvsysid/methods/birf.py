@@ -224,8 +224,12 @@ class BasisIRF(Method):
         coefficients, covariance = posterior.mean * unit, posterior.covariance * np.outer(unit, unit)
         places = np.split(np.arange(len(coefficients)), (count, 2 * count))
         impedance = np.stack([e @ coefficients[at] for e, at in zip(expansions, places, strict=True)])
-        left = residual(ensemble, impedance.T @ derivative, HALF_WIDTH)
-        spreads = tuple(covariance[np.ix_(at, at)] for at in places)
+
+        def spread() -> Spread:
+            left = residual(ensemble, impedance.T @ derivative, HALF_WIDTH)
+            spreads = tuple(covariance[np.ix_(at, at)] for at in places)
+            return _spread(ensemble, expansions, spreads, left, posterior.effective, missing)
+
         stiffness, viscosity, inertia = (padded(values, missing) for values in impedance)
         names = [f"{name} {j}" for name in ("stiffness", "viscosity") for j in range(count)]
         return SecondOrderModel(
@@ -239,7 +243,7 @@ class BasisIRF(Method):
             covariance=covariance,
             labels=(*names, "inertia"),
             diagnostics=_diagnostics(posterior),
-            spread=_spread(ensemble, expansions, spreads, left, posterior.effective, missing),
+            spread=spread,
         )
 
     def _solve(self, gram: Array, cross: Array, square: float, ensemble: Ensemble, missing: int) -> Posterior:

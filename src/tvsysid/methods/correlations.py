@@ -157,7 +157,7 @@ def impulse_response_model(
     impedance: Array,
     lags: int,
     diagnostics: Diagnostics,
-    spread: Spread,
+    spread: Spread | Callable[[], Spread],
 ) -> ImpulseResponseModel:
     """Model from weights (time, lag) at the times whose lags lie within the context; NaN at the others.
 

@@ -205,7 +205,11 @@ class KernelRegression(Method):
         impedance = np.zeros((ensemble.samples, 3))
         for realization in distinct:
             impedance += kernel.combined(*_times(ensemble, realization, clocks), coefficients) / len(distinct)
-        features = np.mean([kernel(*_times(ensemble, r, clocks)) for r in distinct], axis=0)
+
+        def spread() -> Spread:
+            features = np.mean([kernel(*_times(ensemble, r, clocks)) for r in distinct], axis=0)
+            return _spread(ensemble, self.band, impedance, features, covariance, fit, missing)
+
         inner = padded(impedance[missing : len(impedance) - missing], missing)
         labels = tuple(f"{name} {j}" for name in ("stiffness", "viscosity", "inertia") for j in range(kernel.columns))
         return KernelModel(
@@ -220,7 +224,7 @@ class KernelRegression(Method):
             labels=labels,
             kernel=kernel,
             phase=_common_phase(ensemble, period),
-            spread=_spread(ensemble, self.band, impedance, features, covariance, fit, missing),
+            spread=spread,
             diagnostics=Diagnostics(
                 fit.effective, details={"noise_variance": fit.noise_variance, "iterations": fit.iterations}
             ),

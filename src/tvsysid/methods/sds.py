@@ -86,7 +86,7 @@ class ShortDataSegments(Method):
             windows.impedance,
             lags,
             window_diagnostics(ensemble, windows, lags),
-            window_spread(ensemble, lags, windows, coloured_variances(ensemble, lags, half, windows)),
+            lambda: window_spread(ensemble, lags, windows, coloured_variances(ensemble, lags, half, windows)),
         )
 
     def _doubts(self, ensemble: Ensemble) -> Iterator[str]:

@@ -3,6 +3,7 @@
 from tvsysid.figures.amount import error_against_amount
 from tvsysid.figures.channels import recorded_channels
 from tvsysid.figures.comparison import method_comparison
+from tvsysid.figures.coverage import coverage_over_time
 from tvsysid.figures.diagnosis import diagnosis_illustration, diagnosis_panels
 from tvsysid.figures.excerpts import recorded_signals
 from tvsysid.figures.experiment import experiment_figures, representative
@@ -18,6 +19,7 @@ from tvsysid.figures.tuning import tuning_curves
 
 __all__ = [
     "Illustration",
+    "coverage_over_time",
     "diagnosis_illustration",
     "diagnosis_panels",
     "drawn",

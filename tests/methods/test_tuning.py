@@ -8,7 +8,7 @@ import pytest
 from benchmarks import plain
 
 import tvsysid as tv
-from tvsysid.methods import halves, kbr
+from tvsysid.methods import birf, halves, kbr
 from tvsysid.numerics.differentiation import differentiate
 
 METHODS = [tv.EnsembleIRF(), tv.ShortDataSegments(), tv.BasisIRF(), tv.EnsembleSpectral(), tv.KernelRegression()]
@@ -284,3 +284,27 @@ def test_a_method_that_tunes_itself_keeps_the_contract():
 def test_wrong_ways_to_ask_for_tuning_are_refused(create, message):
     with pytest.raises(tv.InputError, match=message):
         create()
+
+
+# Basis: what samples are worth.
+
+
+@pytest.mark.parametrize(("alike", "share"), [(1, 1.0), (10, 0.1)])
+def test_samples_of_noise_that_lasts_are_worth_less(random, alike, share):
+    noise = np.repeat(random.normal(size=(60, 400 // alike)), alike, axis=1)
+    ensemble = tv.Ensemble(np.ones_like(noise) + 1e-9 * random.normal(size=noise.shape), noise, 100.0)
+
+    class Silent:
+        def predict(self, other):
+            return np.zeros_like(other.torque)
+
+    assert birf._independent_share(ensemble, Silent()) == pytest.approx(share, rel=0.15)
+
+
+def test_a_basis_is_chosen_by_its_function_not_by_its_size(ensemble_of):
+    # With noise that lasts, the torque of a person, evidence of as many independent samples asks for every wiggle.
+    ensemble = ensemble_of(80.0, "sine", "noise", 40.0)
+    random = np.random.default_rng(8)
+    steps = np.repeat(random.normal(size=(len(ensemble), 15)), 20, axis=1)
+    disturbed = dataclasses.replace(ensemble, torque=ensemble.torque + 0.3 * steps)
+    assert tv.BasisIRF().tuned(disturbed).basis == tv.FourierSeries(1)

@@ -129,8 +129,8 @@ def _coverage(results: xr.Dataset, summary: pd.DataFrame, rows: pd.DataFrame) ->
     figure = coverage_over_time(results, list(rows.index), f"{title}, {first.duration_s:g} s")
     text = [
         "Share of trials in which the 95 % band of each method holds the true stiffness, over one realization, "
-        "averaged over 0.05 s. A band covers the random error; what a method smooths is a bias, which no band of the random "
-        "error covers"
+        "averaged over 0.05 s. A band covers the random error; what a method smooths is a bias, which no band of the "
+        "random error covers"
     ]
     square = " and is why bands miss the truth about a switch." if first.profile == "square" else "."
     text[0] += square

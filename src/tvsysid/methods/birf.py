@@ -45,6 +45,8 @@ BASES: tuple[Basis, ...] = (
 """Bases of which a tuned one is the best."""
 MOST = 500
 """Coefficients of the largest model that is tried."""
+PIECE = 0.5
+"""Duration in s over which noise may be alike."""
 CLEARLY = 3.0
 """Log evidence by which a basis must be better than the one given to be chosen: 20 to 1."""
 
@@ -113,12 +115,18 @@ class BasisIRF(Method):
             )
 
     def _identify(self, ensemble: Ensemble) -> Model:
+        return self._from_share(ensemble, 1.0)
+
+    def _from_share(self, ensemble: Ensemble, share: float) -> Model:
+        """Model identified as if only a share of the samples were there; all of them are, but weigh less."""
         functions = evaluate(self.basis, ensemble.samples)
-        return self._parametric(ensemble, functions) if self.model == "parametric" else self._irf(ensemble, functions)
+        identify = self._parametric if self.model == "parametric" else self._irf
+        return identify(ensemble, functions, share)
 
     def _evidence(self, ensemble: Ensemble, seed: int) -> Evidence:
         """Evidence of bases, less the number of precisions that were fitted to the data.
 
+        Noise that is not white makes samples worth less than as many independent ones, and is told by the residual.
         ``seed`` is not needed: nothing is drawn at random.
         """
         if self.prior == "none":
@@ -126,13 +134,14 @@ class BasisIRF(Method):
                 "BasisIRF: least squares has no evidence to choose a basis by; set prior to 'ard' or 'ridge'"
             )
         per_function = 2 if self.model == "parametric" else 2 * fitting_lags("BasisIRF", self.max_lag, ensemble) + 1
+        share = _independent_share(ensemble, self._identify(ensemble))
         tried: list[Basis] = []
         values, counts = [], []
         for basis in (self.basis, *(basis for basis in BASES if basis != self.basis)):
             functions = evaluate(basis, ensemble.samples).shape[1]
             if tried and per_function * functions > MOST:
                 continue
-            model = replace(self, basis=basis)._identify(ensemble)
+            model = replace(self, basis=basis)._from_share(ensemble, share)
             # Each precision that was fitted raises the evidence, even of a function that is not there.
             fitted = per_function * functions if self.prior == "ard" else 1
             tried.append(basis)
@@ -155,7 +164,7 @@ class BasisIRF(Method):
     def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
         return 1 / (2 * self.max_lag), EXCITED_ABOVE
 
-    def _irf(self, ensemble: Ensemble, functions: Array) -> ImpulseResponseModel:
+    def _irf(self, ensemble: Ensemble, functions: Array, share: float) -> ImpulseResponseModel:
         lags = fitting_lags("BasisIRF", self.max_lag, ensemble)
         missing = missing_edge(lags, ensemble)
         inner = functions[missing : len(functions) - missing]
@@ -171,7 +180,7 @@ class BasisIRF(Method):
         gram = gram.reshape(unknowns, unknowns, count, count).transpose(0, 2, 1, 3).reshape(unknowns * count, -1)
         # To unit RMS, so that one prior has no unit.
         power = float(np.trace(moments_over_time)) / (unknowns * len(inner))
-        posterior = self._solve(gram / power, cross.ravel() / np.sqrt(power), square, ensemble, missing)
+        posterior = self._solve(gram / power, cross.ravel() / np.sqrt(power), square, ensemble, missing, share)
         weights = inner @ posterior.mean.reshape(unknowns, count).T / np.sqrt(power)
         covariance = posterior.covariance.reshape(unknowns, count, unknowns, count) / power
         # A second-order fit, weighted by the angle's mean correlations.
@@ -196,7 +205,7 @@ class BasisIRF(Method):
         diagnostics = _diagnostics(posterior, details)
         return impulse_response_model(repr(self), ensemble, weights, impedance, lags, diagnostics, spread)
 
-    def _parametric(self, ensemble: Ensemble, functions: Array) -> SecondOrderModel:
+    def _parametric(self, ensemble: Ensemble, functions: Array, share: float) -> SecondOrderModel:
         check_window("BasisIRF: the derivatives of the angle", 2 * HALF_WIDTH + 1, ensemble)
         missing = missing_edge(HALF_WIDTH, ensemble)
         # Angle, velocity and acceleration are sums of lagged angles, so their moments follow.
@@ -219,7 +228,7 @@ class BasisIRF(Method):
             ]
         )
         right = np.concatenate([expansion.T @ cross[:, a] for a, expansion in enumerate(expansions)])
-        posterior = self._solve(gram, right, square, ensemble, missing)
+        posterior = self._solve(gram, right, square, ensemble, missing, share)
         unit = 1 / np.repeat(rms, (count, count, 1))
         coefficients, covariance = posterior.mean * unit, posterior.covariance * np.outer(unit, unit)
         places = np.split(np.arange(len(coefficients)), (count, 2 * count))
@@ -246,11 +255,27 @@ class BasisIRF(Method):
             spread=spread,
         )
 
-    def _solve(self, gram: Array, cross: Array, square: float, ensemble: Ensemble, missing: int) -> Posterior:
+    def _solve(
+        self, gram: Array, cross: Array, square: float, ensemble: Ensemble, missing: int, share: float
+    ) -> Posterior:
         """Coefficients from moments that were averaged over realizations and summed over time."""
-        count = len(ensemble)
-        samples = count * (ensemble.samples - 2 * missing)
+        count = len(ensemble) * share
+        samples = round(count * (ensemble.samples - 2 * missing))
         return PRIORS[self.prior](gram * count, cross * count, square * count, samples)
+
+
+def _independent_share(ensemble: Ensemble, model: Model) -> float:
+    """How many independent samples one sample is worth for stiffness, at most 1.
+
+    The variance of the angle times the residual, over that of its sums over pieces of a realization: what an estimate
+    of stiffness from a piece takes from the noise.
+    """
+    product = ensemble.angle[:, ensemble.core] * (ensemble.torque[:, ensemble.core] - model.predict(ensemble))
+    length = min(max(2, round(PIECE * ensemble.sampling_rate)), ensemble.samples)
+    pieces = product[:, : ensemble.samples // length * length].reshape(-1, length)
+    pieces = pieces[np.isfinite(pieces).all(axis=1)]
+    sums = float(np.mean(pieces.sum(axis=1) ** 2)) if len(pieces) else 0.0
+    return min(1.0, length * float(np.mean(pieces**2)) / sums) if sums > 0 else 1.0
 
 
 def _kind(basis: Basis) -> str:

@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 
 DEALS = 6
 """How often the realizations are dealt into halves."""
-BEYOND = 2.0
+BEYOND = 1.0
 """Standard deviations over deals by which settings must be better than those given to be chosen."""
 FEWEST = 8
 """Realizations below which halves say nothing."""

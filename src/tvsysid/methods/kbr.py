@@ -764,7 +764,7 @@ class _Likelihood(NamedTuple):
             value, slope = self(place)
             return -value, -slope
 
-        found = minimize(descent, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": 1e-6})
+        found = minimize(descent, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": 1e-9})
         return _Tried(decay, found.x, -float(found.fun))
 
 

@@ -6,7 +6,7 @@ import pytest
 from tests import faults
 from tests.faults import cut, simulated
 from tests.report.conftest import HOSTILE
-from tests.report.test_page import Elements
+from tests.report.elements import Elements
 
 import tvsysid as tv
 from tvsysid.diagnosis import KINDS

@@ -37,7 +37,8 @@ def coverage_over_time(results: xr.Dataset, scenarios: Sequence[str], title: str
     Returns
     -------
     matplotlib.figure.Figure
-        Averaged over 0.05 s; no line for a method without bands.
+        Averaged over 0.05 s; no line for a method without bands, none at times at which a trial has no band, and no
+        trials in it that have none at all.
     """
     from matplotlib.figure import Figure  # noqa: PLC0415  # heavy
     from matplotlib.lines import Line2D  # noqa: PLC0415  # heavy
@@ -47,17 +48,16 @@ def coverage_over_time(results: xr.Dataset, scenarios: Sequence[str], title: str
     grid = figure.subplots(2, columns, sharex=True, squeeze=False, height_ratios=(3, 1))
     methods = [str(method) for method in results.method_key.values]
     looks, time = lines(methods), results.time.values
+    drawn: dict[str, Line2D] = {}
     for column, scenario in enumerate(scenarios):
         cell = results.sel(scenario=scenario)
         above, below = grid[:, column]
         for method in methods:
             covered = cell.covered.sel(method_key=method).values
-            covered = covered[np.isfinite(covered).any(axis=1)]
-            if not len(covered):
-                continue
-            share, known = _averaged(100 * covered.mean(axis=0), time)
-            colour, style = looks[method]
-            above.plot(known, share, color=colour, linestyle=style, linewidth=1.4)
+            share = _averaged(100 * covered[np.isfinite(covered).any(axis=1)], time)
+            if np.isfinite(share).any():
+                colour, style = looks[method]
+                (drawn[method],) = above.plot(time, share, color=colour, linestyle=style, linewidth=1.4, label=method)
         above.axhline(NOMINAL, color=TRUTH, linestyle=":", linewidth=1.2)
         above.set_ylim(-2, 102)
         above.set_title(told(str(cell.perturbation.item())), fontsize=9)
@@ -69,19 +69,16 @@ def coverage_over_time(results: xr.Dataset, scenarios: Sequence[str], title: str
         axes.tick_params(labelsize=8)
     grid[0, 0].set_ylabel("trials whose 95 % band\nholds the truth (%)", fontsize=8)
     grid[1, 0].set_ylabel("true stiffness\n(N·m/rad)", fontsize=8)
-    handles = [
-        Line2D([], [], color=colour, linestyle=style, linewidth=1.6, label=method)
-        for method, (colour, style) in looks.items()
-    ]
+    handles = [drawn[method] for method in methods if method in drawn]
     legend_below(figure, [*handles, Line2D([], [], color=TRUTH, linestyle=":", label="nominal")])
     figure.suptitle(title, fontsize=11)
     return figure
 
 
-def _averaged(share: Array, time: Array) -> tuple[Array, Array]:
-    """Moving average of what is known, and its times."""
-    known = np.isfinite(share)
-    width = max(1, round(SMOOTHED / (time[1] - time[0])))
-    kernel = np.ones(width)
-    total = np.convolve(share[known], kernel, mode="same")
-    return total / np.convolve(np.ones(np.count_nonzero(known)), kernel, mode="same"), time[known]
+def _averaged(covered: Array, time: Array) -> Array:
+    """Moving average over time of the mean over trials, shape (time,); NaN where a trial has none."""
+    known = np.isfinite(covered).all(axis=0) & (len(covered) > 0)
+    total = np.where(known, covered, 0.0).sum(axis=0) / max(1, len(covered))
+    kernel = np.ones(max(1, round(SMOOTHED / (time[1] - time[0]))))
+    count = np.convolve(known, kernel, mode="same")
+    return np.where(known, np.convolve(total, kernel, mode="same") / np.maximum(1, count), np.nan)

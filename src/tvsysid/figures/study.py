@@ -67,8 +67,8 @@ def study_figures(
             shown[f"amount-{profile}{ending}"] = _amount(at_snr, f"{_name(profile)}: errors against the amount of data")
         if at_duration.snr_db[at_duration.snr_db < float("inf")].nunique() > 1:
             shown[f"amount-{profile}{ending}-snr"] = _amount(at_duration, f"{_name(profile)}: errors against noise")
-        if np.isfinite(results.covered.sel(scenario=list(rows.index)).values).any():
-            at = rows[(rows.duration_s == duration) & (rows.snr_db == snr)]
+        at = rows[(rows.duration_s == duration) & (rows.snr_db == snr)]
+        if np.isfinite(results.covered.sel(scenario=list(at.index)).values).any():
             shown[f"coverage-{profile}{ending}"] = _coverage(results, summary, at)
     if responses is not None:
         shown["impulse-responses"] = _responses(responses)
@@ -125,19 +125,19 @@ def _figures(summary: pd.DataFrame, labels: Sequence[str], scenarios: Sequence[d
 
 def _coverage(results: xr.Dataset, summary: pd.DataFrame, rows: pd.DataFrame) -> Illustration:
     first: Any = rows.iloc[0]
-    title = f"{_name(first.profile)}: how often the bands hold the truth"
-    figure = coverage_over_time(results, list(rows.index), f"{title}, {first.duration_s:g} s")
+    covarying = ", viscosity varies with stiffness" if first.viscosity == "covarying" else ""
+    title = f"{_name(first.profile)}: how often the bands hold the truth, {first.duration_s:g} s{covarying}"
+    figure = coverage_over_time(results, list(rows.index), title)
+    missed = ": about a switch bands miss the truth." if first.profile == "square" else "."
     text = [
         "Share of trials in which the 95 % band of each method holds the true stiffness, over one realization, "
-        "averaged over 0.05 s. A band covers the random error; what a method smooths is a bias, which no band of the "
-        "random error covers"
+        f"averaged over 0.05 s. A band covers the random error, not the bias of what a method smooths{missed}"
     ]
-    square = " and is why bands miss the truth about a switch." if first.profile == "square" else "."
-    text[0] += square
     for label, row in rows.iterrows():
         mine = summary[(summary.scenario == label) & (summary.metric == "coverage")].dropna(subset=["value"])
         shares = ", ".join(f"{method} {value:.0f} %" for method, value in zip(mine.method, mine.value, strict=True))
-        text.append(f"{told(str(row.perturbation))}: {shares} over all times.")
+        if shares:
+            text.append(f"With {told(str(row.perturbation))}: {shares} over all times.")
     return Illustration(figure, title, " ".join(text))
 
 

@@ -26,10 +26,16 @@ def tvsysid(monkeypatch, capsys, tmp_path):
     return command
 
 
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Without the figures of a study, which take most of the time; test_benchmark has them."""
+    monkeypatch.setattr("tvsysid.figures.study_figures", lambda results, summary, responses=None: {})
+
+
 IDENTIFY = ("--angle", "angle", "--torque", "torque", "--rate", 1000, "--decimate", 100, "--period", 2)
 
 
-def test_benchmark(tvsysid, tmp_path):
+def test_benchmark(tvsysid, tmp_path, request):
     code, out, err = tvsysid(
         "benchmark", "--trials", 2, "--duration", 60, "--method", "sds", "--method", "esm:window=0.4", "--workers", 1
     )
@@ -49,12 +55,14 @@ def test_benchmark(tvsysid, tmp_path):
     for ending in ("png", "pdf", "svg"):
         for perturbation in ("noise", "prbs"):
             assert (folder / "figures" / f"comparison-square-{perturbation}.{ending}").stat().st_size > 5000
+        assert (folder / "figures" / f"coverage-square.{ending}").stat().st_size > 5000
     page = (folder / "report.html").read_text()
     assert "esm:window=0.4" in page
     assert "tvsysid benchmark --trials 2 --duration 60 --method sds --method esm:window=0.4 --workers 1" in page
     before = (folder / "summary.csv").read_text()
     for name in ("summary.csv", "report.html"):
         (folder / name).unlink()
+    request.getfixturevalue("undrawn")
     code, out, err = tvsysid("report", folder)
     assert (code, err) == (0, "")
     assert (folder / "summary.csv").read_text() == before
@@ -69,6 +77,7 @@ def test_a_dry_run_runs_nothing(tvsysid, tmp_path):
     assert not any(tmp_path.iterdir())
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_study_from_a_file_with_options_in_its_place(tvsysid, tmp_path):
     (tmp_path / "study.toml").write_text('duration_s = 40\nperturbation = "prbs"\nmethods = "birf"\ntrials = 9\n')
     code, _, _ = tvsysid("benchmark", "study.toml", "--trials", 2, "--workers", 1, "--out", "out")
@@ -100,6 +109,7 @@ def test_identify_by_an_own_method(tvsysid, tmp_path, monkeypatch):
     assert "method plainly:Faulty: ZeroDivisionError: division by zero (plainly.py, line 12)" in err
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_an_own_method_that_fails_is_told_and_the_others_are_kept(tvsysid, tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "faulty.py").write_text(
@@ -116,6 +126,7 @@ def test_an_own_method_that_fails_is_told_and_the_others_are_kept(tvsysid, tmp_p
     assert np.isfinite(table["sds", "bias_error"])
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_same_seed_gives_the_same_table(tvsysid, tmp_path):
     def values(folder, *words):
         options = ("--trials", 2, "--duration", 40, "--method", "birf", "--perturbation", "prbs", "--workers", 1)
@@ -127,6 +138,7 @@ def test_the_same_seed_gives_the_same_table(tvsysid, tmp_path):
     assert not np.array_equal(values("one"), values("three", "--seed", 7))
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_doubts_in_a_benchmark_are_told(tvsysid):
     code, _, err = tvsysid("benchmark", "--trials", 2, "--duration", 40, "--method", "eirf", "--workers", 1)
     assert code == 0

@@ -86,7 +86,8 @@ def score(results: xr.Dataset) -> xr.Dataset:
         ``..._stiff`` over times of less and more than the mean stiffness. ``coverage`` is the share of times and trials
         at which the 95 % band of the stiffness holds the truth, over the times at which all trials have a band;
         ``coverage_at_switch`` and ``coverage_away`` (square wave) are that within 0.05 s of a switch and 0.3 s and more
-        from one. ``left_out`` counts times without an estimate; ``failed`` counts trials; ``seconds`` is the mean time an identification took.
+        from one. ``left_out`` counts times without an estimate; ``failed`` counts trials; ``seconds`` is the mean time
+        an identification took.
 
     References
     ----------

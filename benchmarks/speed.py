@@ -6,6 +6,9 @@ Each method identifies 600 s of simulated data on one thread, and is compared in
 - the one matrix product that it cannot do without;
 - itself on ten times the data, in time and in peak memory.
 
+What a band costs is measured at 150 s: identification with its band against identification without what only the band,
+viscosity and inertia need.
+
 The simulation before it is compared with its random numbers and filters alone. ``--quick`` repeats less, and
 leaves out the longest of the plain versions.
 """
@@ -18,11 +21,13 @@ import sys
 import tracemalloc
 import warnings
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from time import perf_counter
+from time import perf_counter, process_time
 from typing import Any
+from unittest import mock
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +41,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # when run as a script
 from benchmarks import plain
 
 import tvsysid as tv
+from tvsysid.impedance import Readout
+from tvsysid.methods.esm import _Fit
 from tvsysid.numerics.bases import evaluate
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 
@@ -46,6 +53,7 @@ RATE = 100.0
 RAW_RATE = 1000.0
 PERIOD = 2.0
 DURATION = 600.0
+BAND_DURATION = 150.0
 TENFOLD = 6000.0
 LAGS = 12
 HALF = 5
@@ -77,6 +85,7 @@ def main() -> None:
     console = Console(width=None if sys.stdout.isatty() else 120)
     with threadpool_limits(1):
         console.print(methods_table(quick))
+        console.print(bands_table(quick))
         console.print(stages_table(quick))
 
 
@@ -137,6 +146,66 @@ def measured(case: Case, ensemble: tv.Ensemble, tenfold: tv.Ensemble | None, qui
         peak = peak_bytes(lambda: case.method.identify(larger)) / peak_bytes(identify)
         cells[5:] = [f"{slower / fast:.1f}", f"{peak:.1f}"]
     return cells
+
+
+def bands_table(quick: bool) -> Table:
+    """Identification with the band of stiffness against identification alone, in turns."""
+    table = Table(
+        title=f"Band of stiffness, {BAND_DURATION:g} s",
+        caption="alone: without random error and second-order fit. Medians of processor times in ms, and of ratios.",
+    )
+    table.add_column("method")
+    for heading in ("alone", "with band", "with/alone"):
+        table.add_column(heading, justify="right")
+    ensemble = simulated(BAND_DURATION)
+    methods = {
+        "eirf": tv.EnsembleIRF(),
+        "sds": tv.ShortDataSegments(),
+        "birf": tv.BasisIRF(),
+        "birf, no prior": tv.BasisIRF(prior="none"),
+        "esm": tv.EnsembleSpectral(),
+        "kbr": tv.KernelRegression(),
+    }
+    for name, method in methods.items():
+        alone, banded = [], []
+        for _ in range(20 if quick else 100):
+            with ExitStack() as stack:
+                for target, replacement in BAND_WORK.items():
+                    stack.enter_context(mock.patch(f"tvsysid.methods.{target}", replacement))
+                alone.append(seconds(lambda m=method: m.identify(ensemble)))
+            banded.append(seconds(lambda m=method: m.identify(ensemble).stiffness_band()))
+        ratio = statistics.median(both / one for one, both in zip(alone, banded, strict=True))
+        times = (f"{1e3 * statistics.median(values):.2f}" for values in (alone, banded))
+        table.add_row(name, *times, f"{ratio:.2f}")
+    return table
+
+
+def no_readout(phi_uu: Array, *_: Any) -> Readout:
+    nothing = np.zeros(len(phi_uu))
+    return Readout(np.zeros((len(phi_uu), 3, phi_uu.shape[1])), nothing, nothing)
+
+
+def no_fit(ensemble: tv.Ensemble, *_: Any) -> _Fit:
+    nothing = np.zeros((ensemble.samples, 3))
+    return _Fit(nothing, nothing, nothing, 100.0)
+
+
+BAND_WORK: dict[str, Call] = {
+    "birf._spread": lambda *_: None,
+    "kbr._spread": lambda *_: None,
+    "sds.coloured_variances": lambda _, __, ___, windows: windows.white,
+    "correlations.second_order_readout": no_readout,
+    "esm._segment_fit": no_fit,
+    "esm._variance_at_rest": lambda *_: 0.0,
+}
+"""What an estimate of stiffness alone does not need, and what takes its place."""
+
+
+def seconds(call: Call) -> float:
+    """Processor time of a call, which others on the machine disturb less than the time that passes."""
+    started = process_time()
+    call()
+    return process_time() - started
 
 
 def stages_table(quick: bool) -> Table:

@@ -54,12 +54,13 @@ def results_of(scenarios=(*SQUARE, *SINE), methods=tuple(METHODS), trials=6, vis
         {
             "stiffness": ((*cell, "time"), stiffness),
             "time_varying_vaf": ((*cell, "time"), varying),
+            "covered": ((*cell, "time"), (np.abs(stiffness - truth[:, None, None]) < 12).astype(float)),
             "vaf": ((*cell, "statistic"), statistics),
             "bandpassed_vaf": ((*cell, "statistic"), statistics - 1.5),
             "parameters": (cell, np.full(sizes, 25.0)),
             "checksums": (("scenario", "trial", "variable"), np.ones((*sizes[:2], 1), dtype=np.uint64)),
             "seconds": (cell, seconds),
-            "stage_seconds": (("scenario", "trial", "stage"), np.full((*sizes[:2], 3), 0.05)),
+            "stage_seconds": (("scenario", "trial", "stage"), np.full((*sizes[:2], 4), 0.05)),
             "doubts": (cell, np.full(sizes, "", dtype=object)),
             "failure": (cell, np.full(sizes, "", dtype=object)),
             "true_stiffness": (("scenario", "time"), truth),
@@ -75,7 +76,7 @@ def results_of(scenarios=(*SQUARE, *SINE), methods=tuple(METHODS), trials=6, vis
             "trial": np.arange(trials),
             "time": TIME,
             "statistic": ["mean", "sd", "lowest"],
-            "stage": ["simulation", "preprocessing", "scoring"],
+            "stage": ["simulation", "preprocessing", "bands", "scoring"],
         },
         attrs={
             "study": json.dumps(study),
@@ -88,7 +89,7 @@ def results_of(scenarios=(*SQUARE, *SINE), methods=tuple(METHODS), trials=6, vis
 def fail(results, method, trial, reason):
     """Results in which a method failed in a trial of every scenario."""
     place = {"method_key": list(results.method_key.values).index(method), "trial": trial}
-    for name in ("stiffness", "time_varying_vaf", "vaf", "bandpassed_vaf", "parameters", "seconds"):
+    for name in ("stiffness", "time_varying_vaf", "covered", "vaf", "bandpassed_vaf", "parameters", "seconds"):
         results[name][place] = np.nan
     results["failure"][place] = reason
     return results
@@ -137,6 +138,7 @@ def _metrics(cell, left):
         yield name, values.mean() if count else nan, values.std(ddof=1) / count**0.5 if count > 1 else nan, "%"
     yield "lowest_vaf", float(cell.vaf.sel(statistic="lowest").min()), nan, "%"
     yield "lowest_time_varying_vaf", float(cell.time_varying_vaf.mean("trial").min()), nan, "%"
+    yield "coverage", 100 * float(cell.covered.mean()), nan, "%"
     yield "left_out", 0.0, nan, "samples"
     yield "failed", float((cell.failure != "").sum()), nan, "trials"
     yield "seconds", float(cell.seconds.mean()), nan, "s"

@@ -26,10 +26,16 @@ def tvsysid(monkeypatch, capsys, tmp_path):
     return command
 
 
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Without the figures of a study, which take most of the time; test_benchmark has them."""
+    monkeypatch.setattr("tvsysid.figures.study_figures", lambda results, summary, responses=None: {})
+
+
 IDENTIFY = ("--angle", "angle", "--torque", "torque", "--rate", 1000, "--decimate", 100, "--period", 2)
 
 
-def test_benchmark(tvsysid, tmp_path):
+def test_benchmark(tvsysid, tmp_path, request):
     code, out, err = tvsysid(
         "benchmark", "--trials", 2, "--duration", 60, "--method", "sds", "--method", "esm:window=0.4", "--workers", 1
     )
@@ -49,12 +55,14 @@ def test_benchmark(tvsysid, tmp_path):
     for ending in ("png", "pdf", "svg"):
         for perturbation in ("noise", "prbs"):
             assert (folder / "figures" / f"comparison-square-{perturbation}.{ending}").stat().st_size > 5000
+        assert (folder / "figures" / f"coverage-square.{ending}").stat().st_size > 5000
     page = (folder / "report.html").read_text()
     assert "esm:window=0.4" in page
     assert "tvsysid benchmark --trials 2 --duration 60 --method sds --method esm:window=0.4 --workers 1" in page
     before = (folder / "summary.csv").read_text()
     for name in ("summary.csv", "report.html"):
         (folder / name).unlink()
+    request.getfixturevalue("undrawn")
     code, out, err = tvsysid("report", folder)
     assert (code, err) == (0, "")
     assert (folder / "summary.csv").read_text() == before
@@ -69,6 +77,7 @@ def test_a_dry_run_runs_nothing(tvsysid, tmp_path):
     assert not any(tmp_path.iterdir())
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_study_from_a_file_with_options_in_its_place(tvsysid, tmp_path):
     (tmp_path / "study.toml").write_text('duration_s = 40\nperturbation = "prbs"\nmethods = "birf"\ntrials = 9\n')
     code, _, _ = tvsysid("benchmark", "study.toml", "--trials", 2, "--workers", 1, "--out", "out")
@@ -100,6 +109,7 @@ def test_identify_by_an_own_method(tvsysid, tmp_path, monkeypatch):
     assert "method plainly:Faulty: ZeroDivisionError: division by zero (plainly.py, line 12)" in err
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_an_own_method_that_fails_is_told_and_the_others_are_kept(tvsysid, tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "faulty.py").write_text(
@@ -116,6 +126,7 @@ def test_an_own_method_that_fails_is_told_and_the_others_are_kept(tvsysid, tmp_p
     assert np.isfinite(table["sds", "bias_error"])
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_same_seed_gives_the_same_table(tvsysid, tmp_path):
     def values(folder, *words):
         options = ("--trials", 2, "--duration", 40, "--method", "birf", "--perturbation", "prbs", "--workers", 1)
@@ -127,6 +138,7 @@ def test_the_same_seed_gives_the_same_table(tvsysid, tmp_path):
     assert not np.array_equal(values("one"), values("three", "--seed", 7))
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_doubts_in_a_benchmark_are_told(tvsysid):
     code, _, err = tvsysid("benchmark", "--trials", 2, "--duration", 40, "--method", "eirf", "--workers", 1)
     assert code == 0
@@ -193,6 +205,22 @@ def test_inspect_lists_and_draws(tvsysid, tmp_path):
     assert (tmp_path / "tvsysid-inspect" / "joint.mat.png").stat().st_size > 5000
     assert tvsysid("inspect", "joint.mat", "--plot", "deep/joint.svg")[0] == 0
     assert "torque" in (tmp_path / "deep" / "joint.svg").read_text()
+
+
+def test_inspect_diagnoses(tvsysid, tmp_path):
+    tvsysid("simulate", "joint.mat", "--duration", 100)
+    code, out, err = tvsysid("inspect", "joint.mat", "--diagnose", *IDENTIFY)
+    assert (code, err) == (0, "")
+    assert "joint.mat: 48 realizations of 2 s at 1000 Hz: nothing is wrong of 24 things that were looked for" in out
+    assert "wrote tvsysid-inspect/joint.mat.diagnosis.html" in out
+    page = (tmp_path / "tvsysid-inspect" / "joint.mat.diagnosis.html").read_text()
+    assert "tvsysid inspect joint.mat --diagnose --angle angle" in page
+    code, out, err = tvsysid("inspect", "joint.mat", "--diagnose", *IDENTIFY, "--torque-sign", "-1", "--period", "1.9")
+    assert (code, err) == (0, "")
+    assert "reversed-torque (-" in out
+    assert "do:   read the file with torque_sign=-1 (--torque-sign -1)" in out
+    assert "wrong-period (" in out
+    assert "stiffness varies by" in out
 
 
 def test_inspect_of_a_file_with_many_channels_and_none(tvsysid):
@@ -320,6 +348,12 @@ def test_version(tvsysid):
         (("identify", "joint.mat", *IDENTIFY, "--rate", "0"), "positive number of hertz"),
         (("identify", "joint.mat", *IDENTIFY, "--out", "joint.mat"), "joint.mat"),
         (("inspect", "nowhere.mat"), "nowhere.mat: no such file"),
+        (
+            ("inspect", "joint.mat", "--diagnose", *IDENTIFY[:4]),
+            "--rate, --period missing; give them as to tvsysid identify",
+        ),
+        (("inspect", "joint.mat", *IDENTIFY), "--angle: add --diagnose to have it used"),
+        (("inspect", "joint.mat", "--diagnose", *IDENTIFY, "--decimate", "300"), "not a whole multiple of 300 Hz"),
         (("inspect", "joint.mat", "--plot", "joint.doc"), "unknown ending '.doc'; give one of .png, .pdf, .svg"),
         (("simulate", "joint.docx"), "unknown ending '.docx'"),
         (("simulate", "other.mat", "--duration", "-1"), "duration must be positive"),
@@ -348,3 +382,22 @@ def test_errors_are_one_line(tvsysid, words, message):
     assert err.startswith("tvsysid: ")
     assert err.count("\n") == 1
     assert "Traceback" not in err
+
+
+def test_identify_with_settings_from_the_data(tvsysid, tmp_path):
+    tvsysid("simulate", "joint.mat", "--duration", 40)
+    methods = ("--method", "birf", "--method", "kbr")
+    code, out, err = tvsysid("identify", "joint.mat", *IDENTIFY, *methods, "--tune")
+    assert (code, err) == (0, "")
+    assert "birf: Evidence(basis=HaarWavelets(functions=4): log evidence less precisions fitted better by" in out
+    folder = tmp_path / "tvsysid-identify"
+    table = pd.read_csv(folder / "tuning.csv")
+    assert list(table.columns) == ["method", "settings", "criterion", "value", "unit", "standard_error", "chosen"]
+    for _, rows in table.groupby("method"):
+        assert rows.value[rows.chosen].item() == rows.value.max()
+    assert (folder / "tuning.png").stat().st_size > 5000
+    with xr.open_datatree(folder / "models.nc", engine="h5netcdf") as tree:
+        assert tree["birf"].attrs["method"].startswith("BasisIRF(max_lag=0.12, basis=HaarWavelets(functions=4)")
+    code, _, err = tvsysid("identify", "joint.mat", *IDENTIFY, "--method", "birf:tuned=true", "--tune")
+    assert code == 2
+    assert "leave out --tune, and write key:tuned=true" in err

@@ -1,6 +1,8 @@
 """What the README says is so."""
 
 import re
+import shlex
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +10,7 @@ import pytest
 from scipy.io import savemat
 
 import tvsysid as tv
+from tvsysid import cli
 
 README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
 
@@ -38,6 +41,23 @@ def test_python_example_runs(tmp_path, monkeypatch):
     names = {}
     exec(code, names)
     assert np.isfinite(names["model"].stiffness).all()
+
+
+def test_a_recording_is_diagnosed_as_told(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    recording = tv.simulate.joint(
+        60, stiffness=tv.simulate.SineWave(), perturbation=tv.simulate.PRBS(), snr_db=20, seed=0
+    ).recording
+    savemat("ankle.mat", {"pos": recording.angle, "tq": recording.torque})
+    (command,) = (text for text in blocks("Identify your own recording") if "--diagnose" in text)
+    monkeypatch.setattr(sys, "argv", shlex.split(command))
+    with pytest.raises(SystemExit) as stopped:
+        cli.main()
+    assert stopped.value.code == 0
+    assert (tmp_path / "tvsysid-inspect" / "ankle.mat.diagnosis.html").exists()
+    count = len(tv.diagnosis.KINDS)
+    assert f"looks for {count} things" in README
+    assert f"nothing is wrong of {count} things" in " ".join(capsys.readouterr().out.split())
 
 
 def test_methods_are_those_of_the_package():

@@ -1,4 +1,5 @@
 from . import benchmark as benchmark
+from . import diagnosis as diagnosis
 from . import experiment as experiment
 from . import figures as figures
 from . import methods as methods
@@ -7,6 +8,8 @@ from . import preprocess as preprocess
 from . import recordings as recordings
 from . import report as report
 from . import simulate as simulate
+from . import uncertainty as uncertainty
+from .diagnosis import diagnose as diagnose
 from .errors import DoubtfulWarning as DoubtfulWarning
 from .errors import InputError as InputError
 from .methods import BasisIRF as BasisIRF

@@ -26,8 +26,10 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from tvsysid.benchmark import Check
+    from tvsysid.diagnosis import Diagnosis
+    from tvsysid.methods import Evidence, Method
     from tvsysid.models import Model
-    from tvsysid.signals import Ensemble
+    from tvsysid.signals import Ensemble, Recording
 
 app = typer.Typer(
     name="tvsysid",
@@ -112,6 +114,30 @@ MethodOption = Annotated[
         help="Method, with settings if need be, as in `sds:window=0.2`; one of your own as `module:Class`, the module "
         "being in the current folder or installed. Repeat it for more. See `tvsysid methods`.",
     ),
+]
+
+
+# What tells how a file is read; `identify` and `inspect --diagnose` share it.
+ANGLE = typer.Option(metavar="NAME", help="Variable or column that holds the angle.")
+TORQUE = typer.Option(metavar="NAME", help="Variable or column that holds the torque, in N·m.")
+RATE = typer.Option(metavar="HZ", help="Sampling rate of the file.")
+PERIOD = typer.Option(metavar="S", help="Duration of one realization of the behaviour.")
+DecimateOption = Annotated[
+    float | None,
+    typer.Option(metavar="HZ", help="Low-pass and decimate to this rate first; 100 Hz is usual, and much faster."),
+]
+ColumnsOption = Annotated[
+    Columns, typer.Option(help="Whether the columns of a matrix follow each other in time or are trials of their own.")
+]
+TorqueSignOption = Annotated[
+    int, typer.Option(metavar="1|-1", help="-1 if the file's torque assists where it should resist.")
+]
+AngleUnitOption = Annotated[AngleUnit, typer.Option(help="Unit of the angle in the file.")]
+StartOption = Annotated[
+    float, typer.Option(metavar="S", help="Time of the first sample; realizations begin at multiples of the period.")
+]
+ContextOption = Annotated[
+    float, typer.Option(metavar="S", help="Record kept beside each realization, for lags and windows at its edges.")
 ]
 
 
@@ -354,31 +380,18 @@ def identify(
     file: Annotated[
         Path, typer.Argument(metavar="FILE", help="MAT, CSV, TSV, NPZ, HDF5, NetCDF, Parquet or C3D file.")
     ],
-    angle: Annotated[str, typer.Option(metavar="NAME", help="Variable or column that holds the angle.")],
-    torque: Annotated[str, typer.Option(metavar="NAME", help="Variable or column that holds the torque, in N·m.")],
-    rate: Annotated[float, typer.Option(metavar="HZ", help="Sampling rate of the file.")],
-    period: Annotated[float, typer.Option(metavar="S", help="Duration of one realization of the behaviour.")],
-    decimate: Annotated[
-        float | None,
-        typer.Option(metavar="HZ", help="Low-pass and decimate to this rate first; 100 Hz is usual, and much faster."),
-    ] = None,
-    columns: Annotated[
-        Columns,
-        typer.Option(help="Whether the columns of a matrix follow each other in time or are trials of their own."),
-    ] = Columns.contiguous,
-    torque_sign: Annotated[
-        int, typer.Option(metavar="1|-1", help="-1 if the file's torque assists where it should resist.")
-    ] = 1,
-    angle_unit: Annotated[AngleUnit, typer.Option(help="Unit of the angle in the file.")] = AngleUnit.rad,
-    start: Annotated[
-        float,
-        typer.Option(metavar="S", help="Time of the first sample; realizations begin at multiples of the period."),
-    ] = 0.0,
-    context: Annotated[
-        float,
-        typer.Option(metavar="S", help="Record kept beside each realization, for lags and windows at its edges."),
-    ] = 0.5,
+    angle: Annotated[str, ANGLE],
+    torque: Annotated[str, TORQUE],
+    rate: Annotated[float, RATE],
+    period: Annotated[float, PERIOD],
+    decimate: DecimateOption = None,
+    columns: ColumnsOption = Columns.contiguous,
+    torque_sign: TorqueSignOption = 1,
+    angle_unit: AngleUnitOption = AngleUnit.rad,
+    start: StartOption = 0.0,
+    context: ContextOption = 0.5,
     method: MethodOption = DEFAULT_METHODS,
+    tune: Annotated[bool, typer.Option("--tune", help="Choose each method's settings from the data.")] = False,
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results.")] = Path("tvsysid-identify"),
 ) -> None:
     """Identify stiffness over time from a recording.
@@ -396,7 +409,9 @@ def identify(
 
     - `models.nc`: all that was identified, a group for each method (NetCDF; `xarray.open_datatree` reads it);
 
-    - `stiffness.png` and `.pdf`: stiffness and time-varying VAF over time.
+    - `stiffness.png` and `.pdf`: stiffness and time-varying VAF over time;
+
+    - with `--tune`, `tuning.csv`, `.png` and `.pdf`: the settings that were tried, and how each did.
 
     Example: `tvsysid identify ankle.mat --angle pos --torque tq --rate 1000 --decimate 100 --period 2 --torque-sign -1`
     """
@@ -406,23 +421,12 @@ def identify(
     from tvsysid.figures import identified_stiffness, save
     from tvsysid.methods import parse
     from tvsysid.metrics import time_varying_vaf, vaf
-    from tvsysid.recordings import read_recording, whole_file, write_models
+    from tvsysid.recordings import whole_file, write_models
 
     chosen = {label: parse(label) for label in dict.fromkeys(method)}
     _check_folder(out)
     with _shown_warnings():
-        recording = read_recording(
-            file,
-            angle=angle,
-            torque=torque,
-            sampling_rate=rate,
-            angle_unit=angle_unit.value,
-            torque_sign=-1 if torque_sign == -1 else 1 if torque_sign == 1 else torque_sign,  # type: ignore[arg-type]
-            columns=columns.value,
-            start=start,
-        )
-        if decimate is not None:
-            recording = preprocess.decimate(recording, decimate)
+        recording = _recording(file, angle, torque, rate, decimate, columns, torque_sign, angle_unit, start)
         if recording.sampling_rate > SLOW_RATE:
             errors.print(
                 f"[yellow]note:[/] identifying at {recording.sampling_rate:g} Hz may take minutes; "
@@ -433,11 +437,15 @@ def identify(
         ensemble = preprocess.subtract_mean(preprocess.segment(recording, period, context))
         output.print(f"{file.name}: {ensemble!r}", highlight=False)
         models: dict[str, Model] = {}
+        evidence: dict[str, Evidence] = {}
         # Small matrices: BLAS threads would only wait for each other.
         with _progress("identifying") as advance, threadpool_limits(1):
             for number, (label, item) in enumerate(chosen.items()):
                 advance(number, len(chosen))
-                models[label] = _identified(label, item, ensemble)
+                best = item
+                if tune:
+                    best, evidence[label] = _tuned(label, item, ensemble)
+                models[label] = _identified(label, best, ensemble)
     measured = ensemble.torque[:, ensemble.core]
     predictions = {label: model.predict(ensemble) for label, model in models.items()}
     over_time = {label: time_varying_vaf(measured, predicted) for label, predicted in predictions.items()}
@@ -449,7 +457,10 @@ def identify(
     for ending in ("png", "pdf"):
         save(figure, out / f"stiffness.{ending}")
     output.print(_identification_table(models, shares, ensemble))
-    _say_written(out, ["stiffness.csv", "models.nc", "stiffness.png", "stiffness.pdf"])
+    written = ["stiffness.csv", "models.nc", "stiffness.png", "stiffness.pdf"]
+    if evidence:
+        written += _write_tuning(evidence, out)
+    _say_written(out, written)
 
 
 @app.command()
@@ -466,6 +477,24 @@ def inspect(
         Path | None,
         typer.Option(metavar="FILE.png", help="Picture to write, .png, .pdf or .svg. [tvsysid-inspect/FILE.png]"),
     ] = None,
+    diagnose: Annotated[
+        bool,
+        typer.Option(
+            "--diagnose",
+            help="Also read and cut the recording as `tvsysid identify` does, and say what is wrong with it, before it "
+            "is decimated. Takes the options below; --angle, --torque, --rate and --period are needed.",
+        ),
+    ] = False,
+    angle: Annotated[str | None, ANGLE] = None,
+    torque: Annotated[str | None, TORQUE] = None,
+    rate: Annotated[float | None, RATE] = None,
+    period: Annotated[float | None, PERIOD] = None,
+    decimate: DecimateOption = None,
+    columns: ColumnsOption = Columns.contiguous,
+    torque_sign: TorqueSignOption = 1,
+    angle_unit: AngleUnitOption = AngleUnit.rad,
+    start: StartOption = 0.0,
+    context: ContextOption = 0.5,
 ) -> None:
     """Show which channels a file holds.
 
@@ -473,32 +502,60 @@ def inspect(
     that are signals, against time where the rate is stated and against samples where it is not. The names are what
     `--angle` and `--torque` of `tvsysid identify` take.
 
+    With `--diagnose`, looks for what would spoil the result: units, signs, delays, lost or clipped signals, drift,
+    misaligned realizations, a wrong period, feedback, reflexes; says what each does and what to do, and writes a page
+    with pictures, `FILE.diagnosis.html`, beside the picture.
+
     Example: `tvsysid inspect ankle.mat`
 
     Example: `tvsysid inspect ankle.mat --plot ankle.pdf`
+
+    Example: `tvsysid inspect ankle.mat --diagnose --angle pos --torque tq --rate 1000 --decimate 100 --period 2`
     """
+    from tvsysid import preprocess
+    from tvsysid.diagnosis import diagnose as diagnosis_of
     from tvsysid.figures import recorded_channels, save
     from tvsysid.recordings import describe_file
+    from tvsysid.report import write_diagnosis
 
     picture = plot or Path("tvsysid-inspect") / f"{file.name}.png"
     if picture.suffix.lower() not in (".png", ".pdf", ".svg"):
         raise InputError(f"{picture}: unknown ending {picture.suffix!r}; give one of .png, .pdf, .svg")
+    needed = {"--angle": angle, "--torque": torque, "--rate": rate, "--period": period}
+    missing = [name for name, value in needed.items() if value is None]
+    if diagnose and missing:
+        raise InputError(f"--diagnose: {', '.join(missing)} missing; give them as to tvsysid identify")
+    if not diagnose and len(missing) < len(needed):
+        raise InputError(f"{next(name for name in needed if name not in missing)}: add --diagnose to have it used")
     channels = describe_file(file)
     table = Table(title=escape(file.name), title_justify="left")
     table.add_column("channel", overflow="fold")
     for heading in ("shape", "type", "unit", "rate (Hz)"):
         table.add_column(heading, overflow="fold", justify="right" if heading in ("shape", "rate (Hz)") else "left")
     for name, channel in channels.items():
-        rate = "-" if channel.sampling_rate is None else f"{channel.sampling_rate:g}"
+        stated = "-" if channel.sampling_rate is None else f"{channel.sampling_rate:g}"
         shape = " x ".join(map(str, channel.shape)) or "one value"
-        table.add_row(escape(name), shape, escape(channel.dtype), escape(channel.unit) or "-", rate)
+        table.add_row(escape(name), shape, escape(channel.dtype), escape(channel.unit) or "-", stated)
     output.print(table)
     drawn = _outlines(channels)
-    if not drawn:
+    if drawn:
+        save(recorded_channels(drawn, file.name), picture)
+        output.print(f"wrote {picture}", highlight=False, soft_wrap=True)
+    else:
         output.print("no signals to draw", highlight=False)
+    if angle is None or torque is None or rate is None or period is None:
         return
-    save(recorded_channels(drawn, file.name), picture)
-    output.print(f"wrote {picture}", highlight=False, soft_wrap=True)
+    with _shown_warnings():
+        recording = _recording(file, angle, torque, rate, None, columns, torque_sign, angle_unit, start)
+        if decimate is not None:
+            preprocess.decimate(recording, decimate)  # only to say if it cannot be done
+        # Decimation would hide that a signal is clipped; what needs a low rate lowers it by itself.
+        ensemble = preprocess.subtract_mean(preprocess.segment(recording, period, context))
+    diagnosis = diagnosis_of(ensemble)
+    page = picture.with_name(f"{file.name}.diagnosis.html")
+    write_diagnosis(page, {file.name: diagnosis}, _command_line())
+    _print_diagnosis(diagnosis, file.name)
+    output.print(f"wrote {page}", highlight=False, soft_wrap=True)
 
 
 @app.command()
@@ -1162,6 +1219,42 @@ def _identified(label: str, method: Any, ensemble: Ensemble) -> Model:
         raise InputError(f"method {label}: {told(error)}") from error
 
 
+def _tuned(label: str, method: Any, ensemble: Ensemble) -> tuple[Method, Evidence]:
+    """Method with settings chosen from the data, and what speaks for them."""
+    from tvsysid.methods import Method
+
+    if not isinstance(method, Method):
+        raise InputError(
+            f"--tune: settings of {label} cannot be chosen from data; leave out --tune, and write key:tuned=true for "
+            "those methods whose settings can"
+        )
+    tuned = method.tuned(ensemble)
+    assert tuned.evidence is not None
+    return tuned, tuned.evidence
+
+
+def _write_tuning(evidence: dict[str, Evidence], out: Path) -> list[str]:
+    """Print what was chosen, and write all that was tried; names of the files."""
+    import pandas as pd
+
+    from tvsysid.figures import save, tuning_curves
+    from tvsysid.recordings import whole_file
+
+    for label, item in evidence.items():
+        output.print(f"{label}: {item!r}", highlight=False, soft_wrap=True, markup=False)
+    tables = []
+    for label, item in evidence.items():
+        table = item.to_pandas()
+        table.insert(0, "method", label)
+        tables.append(table)
+    with whole_file(out / "tuning.csv") as file:
+        pd.concat(tables, ignore_index=True).to_csv(file, index=False, float_format="%.6g")
+    figure = tuning_curves(evidence)
+    for ending in ("png", "pdf"):
+        save(figure, out / f"tuning.{ending}")
+    return ["tuning.csv", "tuning.png", "tuning.pdf"]
+
+
 def _identification_table(models: dict[str, Model], shares: dict[str, Any], ensemble: Ensemble) -> Table:
     import numpy as np
 
@@ -1191,6 +1284,43 @@ def _identification_table(models: dict[str, Model], shares: dict[str, Any], ense
             f"{1000 * model.diagnostics.seconds:.0f}",
         )
     return table
+
+
+def _recording(
+    file: Path,
+    angle: str,
+    torque: str,
+    rate: float,
+    decimate: float | None,
+    columns: Columns,
+    torque_sign: int,
+    angle_unit: AngleUnit,
+    start: float,
+) -> Recording:
+    """Recording as the options say, decimated if they say so."""
+    from tvsysid import preprocess
+    from tvsysid.recordings import read_recording
+
+    recording = read_recording(
+        file,
+        angle=angle,
+        torque=torque,
+        sampling_rate=rate,
+        angle_unit=angle_unit.value,
+        torque_sign=-1 if torque_sign == -1 else 1 if torque_sign == 1 else torque_sign,  # type: ignore[arg-type]
+        columns=columns.value,
+        start=start,
+    )
+    return recording if decimate is None else preprocess.decimate(recording, decimate)
+
+
+def _print_diagnosis(diagnosis: Diagnosis, name: str) -> None:
+    from tvsysid.diagnosis import strength
+
+    output.print(escape(f"{name}: {diagnosis.ensemble}: {diagnosis.verdict}"), highlight=False, soft_wrap=True)
+    for check in diagnosis.findings:
+        lines = f"  seen: {check.what}\n  does: {check.effect}\n  do:   {check.remedy}"
+        output.print(f"[bold]{check.name}[/] ({strength(check)})\n{escape(lines)}", highlight=False, soft_wrap=True)
 
 
 def _outlines(channels: dict[str, Any]) -> dict[str, Any]:

@@ -7,6 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tvsysid.numerics.differentiation import derivative_weights
+
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
@@ -37,33 +39,125 @@ def static_stiffness(impulse_response: Array, sample_time: float) -> Array:
     return np.asarray(impulse_response.sum(axis=1) * sample_time)
 
 
-def second_order_fit(frequencies: Array, response: ComplexArray, weights: Array) -> Impedance:
-    r"""Weighted fit of :math:`k + j\omega b - \omega^2 I` to a frequency response at each time.
+class Readout(NamedTuple):
+    """What stiffness, viscosity and inertia are of the correlations at each time.
 
-    Real and imaginary parts separate: k and I follow from the real part, b from the imaginary one.
+    ``matrix`` (time, 3, lag): times the correlations of input and output it gives the three; ``fitted`` (time,): the
+    output's power that the second-order fit explains; ``beyond`` (time,): what lagged inputs explain of the rest.
+    """
+
+    matrix: Array
+    fitted: Array
+    beyond: Array
+
+
+def second_order_readout(phi_uu: Array, phi_uy: Array, inverse: Array, sampling_rate: float) -> Readout:
+    r"""Stiffness as the area under an impulse response, viscosity and inertia from a second-order fit to it.
+
+    Weights :math:`w = \Phi^{-1} \varphi` have a covariance in proportion to :math:`\Phi^{-1}`. The fit, weighted by
+    its inverse, minimises
+
+    .. math:: (w - D^T p)^T\, \Phi\, (w - D^T p), \qquad p = (D \Phi D^T)^{-1} D\, \varphi
+
+    over :math:`p = (k, b, I)`, where the rows of D are the filters that give angle, velocity and acceleration from
+    lagged angles (:mod:`tvsysid.numerics.differentiation`). So it lies in the band in which the input has power, and
+    needs no truncation: three numbers are determined where an impulse response is not.
 
     Parameters
     ----------
-    frequencies
-        In Hz, shape (frequency,).
-    response
-        In N·m/rad, shape (time, frequency).
-    weights
-        Reciprocal variances up to a factor, shape (time, frequency).
+    phi_uu, phi_uy
+        Correlations as of :func:`tvsysid.numerics.moments.lagged_moments`, shapes (time, lag, lag) and (time, lag).
+    inverse
+        Pseudo-inverse of ``phi_uu``, truncated or not, shape (time, lag, lag), by which the area follows.
+    sampling_rate
+        In Hz.
 
     Returns
     -------
-    Impedance
-        Shapes (time,); NaN where the weights do not determine the fit.
+    Readout
+        NaN where the input does not tell the three apart.
     """
-    square = (2 * np.pi * frequencies) ** 2
-    moments = [np.sum(weights * square**power, axis=1) for power in range(3)]
-    real = [np.sum(weights * response.real * square**power, axis=1) for power in range(2)]
-    imaginary = np.sum(weights * response.imag * np.sqrt(square), axis=1)
-    determinant = moments[0] * moments[2] - moments[1] ** 2
-    with np.errstate(divide="ignore", invalid="ignore"):
-        stiffness = (real[0] * moments[2] - real[1] * moments[1]) / determinant
-        inertia = (real[0] * moments[1] - real[1] * moments[0]) / determinant
-        viscosity = imaginary / moments[1]
-    fits = [np.where(np.isfinite(values), values, np.nan) for values in (stiffness, viscosity, inertia)]
-    return Impedance(*fits)
+    derivative = derivative_filters(phi_uu.shape[1] // 2, sampling_rate)
+    filtered = phi_uu @ derivative.T
+    inverted = _inverses(derivative @ filtered)
+    fit = inverted @ derivative
+    cross = phi_uy @ derivative.T
+    found = (inverted @ cross[..., None])[..., 0]
+    left = phi_uy - (filtered @ found[..., None])[..., 0]
+    beyond = np.einsum("tl,tlk,tk->t", left, inverse, left, optimize=True)
+    matrix = np.concatenate([inverse.sum(axis=2)[:, None], fit[:, 1:]], axis=1)
+    return Readout(matrix, np.einsum("tm,tm->t", found, cross), beyond)
+
+
+class MomentFit(NamedTuple):
+    """Least-squares ``impedance`` (time, 3) and the ``inverse`` of the regressors' moments (time, 3, 3)."""
+
+    impedance: Array
+    inverse: Array
+
+
+def second_order_fit(moments: Array, cross: Array) -> MomentFit:
+    r"""Stiffness, viscosity and inertia by least squares on angle, velocity and acceleration.
+
+    Parameters
+    ----------
+    moments
+        Second moments of angle, velocity and acceleration, shape (time, 3, 3).
+    cross
+        Their moments with the torque, shape (time, 3).
+
+    Returns
+    -------
+    MomentFit
+        NaN where the moments do not determine the three.
+    """
+    inverse = _inverses(moments)
+    return MomentFit((inverse @ cross[..., None])[..., 0], inverse)
+
+
+def derivative_filters(lags: int, sampling_rate: float) -> Array:
+    """Filters that give a signal and its first and second derivative from so many lags to either side.
+
+    Shape (3, 2 lags + 1), in the units of 1 per second to the power 0, 1 and 2.
+    """
+    return np.asarray(derivative_weights(lags) * sampling_rate ** np.arange(3.0)[:, None])
+
+
+def agreement(fitted: Array, beyond: Array, chance: Array) -> float:
+    r"""Share of the output that answers to the input which a second-order fit explains.
+
+    .. math:: 100\,\% \left(1 - \frac{\sum_t (e(t) - c(t))}{\sum_t (f(t) + e(t))}\right)
+
+    no more than 100 %. On a joint that is of second order lagged inputs explain more than the fit by chance only.
+
+    Parameters
+    ----------
+    fitted, beyond
+        Power of the output that the fit explains, f, and that lagged inputs explain of the rest, e, shape (time,).
+    chance
+        What noise alone makes of the second, c, shape (time,).
+
+    Returns
+    -------
+    float
+        In per cent; NaN where nothing can be said.
+    """
+    known = np.isfinite(fitted) & np.isfinite(beyond) & np.isfinite(chance)
+    total = float(np.sum((fitted + beyond)[known]))
+    if total <= 0:
+        return float("nan")
+    return 100 * min(1.0, 1 - float(np.sum((beyond - chance)[known])) / total)
+
+
+def _inverses(matrices: Array) -> Array:
+    """Inverses of symmetric matrices, shape (time, 3, 3); NaN where there is none."""
+    scale = np.sqrt(np.maximum(np.diagonal(matrices, axis1=1, axis2=2), np.finfo(float).tiny))
+    scales = scale[:, :, None] * scale[:, None, :]
+    scaled = matrices / scales
+    determined = np.linalg.det(scaled) > SINGULAR
+    scaled[~determined] = np.eye(matrices.shape[1])
+    return np.where(determined[:, None, None], np.linalg.inv(scaled) / scales, np.nan)
+
+
+SINGULAR = 1e-9
+"""Determinant of three regressors' correlation matrix below which they cannot be told apart."""

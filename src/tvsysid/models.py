@@ -10,16 +10,19 @@ Axis order and the sign of a lag are decided here and nowhere else::
 
 from __future__ import annotations
 
+import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.errors import InputError
+from tvsysid.errors import DoubtfulWarning, InputError
+from tvsysid.numerics.bands import critical_value, simultaneous_value
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.moments import convolve_lags
 from tvsysid.signals import Ensemble
@@ -32,10 +35,14 @@ ComplexArray = NDArray[np.complex128]
 Labelled = dict[str, tuple[tuple[str, ...], Any]]
 """Values with the names of their axes, by name."""
 
+QUANTITIES = ("stiffness", "viscosity", "inertia")
 UNITS = {
     "stiffness": "N m/rad",
     "viscosity": "N m s/rad",
     "inertia": "kg m2",
+    "stiffness_deviation": "N m/rad",
+    "viscosity_deviation": "N m s/rad",
+    "inertia_deviation": "kg m2",
     "impulse_response": "N m/rad/s",
     "frequency_response": "N m/rad",
     "coherence": "1",
@@ -75,6 +82,44 @@ class Diagnostics:
         if self.rank is not None:
             self.rank.flags.writeable = False
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # A read-only mapping, unlike a dict, cannot be pickled.
+        return type(self), (self.parameters, self.rank, self.warnings, self.seconds, dict(self.details))
+
+
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """Random error of what was identified: what other noise of the same kind would have changed.
+
+    Parameters
+    ----------
+    deviation
+        Standard deviations of stiffness, viscosity and inertia, shape (3, time); NaN where there is none.
+    freedom
+        Degrees of freedom from which they were estimated, shape (3, time).
+    arcs
+        Of each quantity, how far it moves over the period apart from its size; see
+        :func:`tvsysid.numerics.bands.simultaneous_value`.
+    absent
+        Why there is none, if there is none.
+    """
+
+    deviation: Array
+    freedom: Array
+    arcs: tuple[float, float, float] = (np.inf, np.inf, np.inf)
+    absent: str = ""
+
+    def __post_init__(self) -> None:
+        for name in ("deviation", "freedom"):
+            values = np.array(getattr(self, name))
+            values.flags.writeable = False
+            object.__setattr__(self, name, values)
+
+    @classmethod
+    def none(cls, times: int, why: str) -> Spread:
+        """Nothing is known of the random error."""
+        return cls(np.full((3, times), np.nan), np.full((3, times), np.inf), absent=why)
+
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Model(ABC):
@@ -92,6 +137,16 @@ class Model(ABC):
         In N·m/rad, N·m·s/rad and kg·m², shape (time,); NaN where not identified.
     diagnostics
         How the identification went.
+    spread
+        Its random error, from which the bands follow, or what works it out when a band is first asked for; None where
+        the method tells nothing of it.
+
+    Notes
+    -----
+    A band covers the random error: the truth lies within it in a share ``level`` of repetitions with other noise, as
+    far as the method is without bias. What a method's assumptions distort (a change that is smoothed, directions of
+    the input that are left out) is no noise and is not in the band; nor is what differs between realizations beyond
+    the noise, for which there is :func:`tvsysid.uncertainty.bootstrap`.
     """
 
     method: str
@@ -101,6 +156,7 @@ class Model(ABC):
     viscosity: Array
     inertia: Array
     diagnostics: Diagnostics
+    spread: Spread | Callable[[], Spread] | None = None
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -109,6 +165,15 @@ class Model(ABC):
                 value = value.view()
                 value.flags.writeable = False
                 object.__setattr__(self, item.name, value)
+
+    @cached_property
+    def random_error(self) -> Spread | None:
+        """Standard deviations of stiffness, viscosity and inertia, and how well they are known; None if unknown."""
+        return self.spread() if callable(self.spread) else self.spread
+
+    def __getstate__(self) -> dict[str, Any]:
+        # What works out the random error holds the data; a model that travels takes the result instead.
+        return self.__dict__ | {"spread": self.random_error}
 
     def predict(self, ensemble: Ensemble) -> Array:
         """Torque that the model gives for the ensemble's angle.
@@ -136,6 +201,70 @@ class Model(ABC):
             )
         return self._predict(ensemble)
 
+    def stiffness_band(self, level: float = 0.95) -> tuple[Array, Array]:
+        """Band about the stiffness at each time by itself.
+
+        Parameters
+        ----------
+        level
+            Probability, between 0 and 1, with which the band holds the true value at a time.
+
+        Returns
+        -------
+        lower, upper : Array
+            In N·m/rad, shape (time,); NaN where there is none.
+
+        Raises
+        ------
+        InputError
+            For a level that is not between 0 and 1.
+
+        Warns
+        -----
+        DoubtfulWarning
+            If there is none at any time; it says why.
+        """
+        return self._band(0, level)
+
+    def viscosity_band(self, level: float = 0.95) -> tuple[Array, Array]:
+        """Band about the viscosity in N·m·s/rad, as :meth:`stiffness_band`."""
+        return self._band(1, level)
+
+    def inertia_band(self, level: float = 0.95) -> tuple[Array, Array]:
+        """Band about the inertia in kg·m², as :meth:`stiffness_band`."""
+        return self._band(2, level)
+
+    def simultaneous_stiffness_band(self, level: float = 0.95) -> tuple[Array, Array]:
+        """Band that holds the true stiffness at all times together with a probability of at least ``level``.
+
+        Wider than :meth:`stiffness_band`, whose parameters and result it has; see
+        :func:`tvsysid.numerics.bands.simultaneous_value`.
+        """
+        return self._band(0, level, simultaneous=True)
+
+    def _band(self, quantity: int, level: float, simultaneous: bool = False) -> tuple[Array, Array]:
+        given = self._given_band(f"{'simultaneous_' * simultaneous}{QUANTITIES[quantity]}_band", level)
+        if given is not None:
+            return given
+        spread = self.random_error or Spread.none(len(self.time), "the method tells nothing of its random error")
+        deviation = spread.deviation[quantity]
+        if spread.absent:
+            warnings.warn(f"{QUANTITIES[quantity]}_band: {spread.absent}", DoubtfulWarning, stacklevel=3)
+        width = np.full(len(self.time), np.nan)
+        known = np.isfinite(deviation)
+        freedom = spread.freedom[quantity][known]
+        if simultaneous:
+            width[known] = simultaneous_value(level, freedom, spread.arcs[quantity])
+        else:
+            width[known] = critical_value(level, freedom)
+        width *= deviation
+        estimate = getattr(self, QUANTITIES[quantity])
+        return estimate - width, estimate + width
+
+    def _given_band(self, name: str, level: float) -> tuple[Array, Array] | None:
+        """Band that the model has by other means than its spread."""
+        return None
+
     @abstractmethod
     def _predict(self, ensemble: Ensemble) -> Array: ...
 
@@ -160,7 +289,10 @@ class Model(ABC):
         """
         import xarray as xr  # noqa: PLC0415  # heavy
 
-        variables: Labelled = {name: (("time",), getattr(self, name)) for name in ("stiffness", "viscosity", "inertia")}
+        variables: Labelled = {name: (("time",), getattr(self, name)) for name in QUANTITIES}
+        if self.random_error is not None:
+            for name, deviation in zip(QUANTITIES, self.random_error.deviation, strict=True):
+                variables[f"{name}_deviation"] = (("time",), deviation)
         coordinates: Labelled = {"time": (("time",), self.time)}
         if self.diagnostics.rank is not None:
             variables["rank"] = (("time",), self.diagnostics.rank)

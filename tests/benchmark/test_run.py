@@ -10,7 +10,7 @@ from tests.benchmark.conftest import SMALL, TIMES, Mine
 
 import tvsysid as tv
 from tvsysid.benchmark import Study, plan, run, score, summarize
-from tvsysid.benchmark.trial import Trial
+from tvsysid.benchmark.trial import NUMBERS, Trial
 from tvsysid.execution import carry_out, cores, pickled
 
 
@@ -45,6 +45,8 @@ def test_a_trial_is_what_its_parts_give(results):
     found = results.sel(scenario=scenario.label, trial=2, method_key="sds")
     np.testing.assert_array_equal(found.stiffness, model.stiffness)
     np.testing.assert_array_equal(found.time_varying_vaf, tv.metrics.time_varying_vaf(torque, model.predict(ensemble)))
+    lower, upper = model.stiffness_band(0.95)
+    np.testing.assert_array_equal(found.covered, (lower <= found.true_stiffness) & (found.true_stiffness <= upper))
     vaf = tv.metrics.vaf(torque, model.predict(ensemble))
     np.testing.assert_allclose(found.vaf, [vaf.mean(), vaf.std(), vaf.min()], rtol=1e-12)
     assert found.parameters == model.diagnostics.parameters
@@ -222,4 +224,6 @@ def test_a_plan_tells_time_and_size():
     told = plan(study)
     assert (told.trials, told.simulated_s) == (20, 1200)
     assert 0 < told.work_s < 60
-    assert 20 * 2 * 200 * 8 < told.size_bytes < 20 * 3 * 200 * 8
+    over_time = sum(shape == (200,) for shape in NUMBERS.values())
+    assert over_time == 3
+    assert 20 * over_time * 200 * 8 < told.size_bytes < 20 * (over_time + 1) * 200 * 8

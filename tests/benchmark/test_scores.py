@@ -8,21 +8,24 @@ from tvsysid.benchmark import Study, run, score, summarize
 from tvsysid.benchmark.scores import COLUMNS, UNITS
 
 
-def made_up(estimates, over_time=None, profile="square"):
-    """Results of one scenario and one method from stiffness of shape (trial, time)."""
+def made_up(estimates, over_time=None, profile="square", covered=None):
+    """Results of one scenario and one method from stiffness of shape (trial, time), bands of ± 5 N·m/rad about it."""
     trials = len(estimates)
     time = np.arange(200) / 100
+    truth = np.asarray(tv.benchmark.PROFILES[profile](time))
     cell = ("scenario", "trial", "method_key")
+    covered = np.where(np.isfinite(estimates), np.abs(estimates - truth) <= 5, np.nan) if covered is None else covered
     over_time = np.full((trials, 200), 90.0) if over_time is None else over_time
     return xr.Dataset(
         {
             "stiffness": ((*cell, "time"), estimates[None, :, None]),
             "time_varying_vaf": ((*cell, "time"), over_time[None, :, None]),
+            "covered": ((*cell, "time"), covered[None, :, None]),
             "vaf": ((*cell, "statistic"), np.linspace(90, 99, 3 * trials).reshape(1, trials, 1, 3)),
             "bandpassed_vaf": ((*cell, "statistic"), np.linspace(80, 89, 3 * trials).reshape(1, trials, 1, 3)),
             "seconds": (cell, np.ones((1, trials, 1))),
             "failure": (cell, np.full((1, trials, 1), "")),
-            "true_stiffness": (("scenario", "time"), np.asarray(tv.benchmark.PROFILES[profile](time))[None]),
+            "true_stiffness": (("scenario", "time"), truth[None]),
             "checksums": (("scenario", "trial", "variable"), np.ones((1, trials, 1), dtype=np.uint64)),
         },
         coords={
@@ -50,12 +53,16 @@ def test_summary_holds_every_metric(results):
     assert cell["bias_error"] == tv.metrics.bias_error(estimates, truth)
     assert cell["total_error"] ** 2 == pytest.approx(cell["bias_error"] ** 2 + cell["random_error"] ** 2)
     assert cell["rise_time"] == tv.metrics.rise_time(results.time.values, estimates)
+    share = found.covered.values.mean()
+    assert cell["coverage"] == pytest.approx(100 * share)
+    assert 0.5 < share < 1
     assert cell["vaf"] == pytest.approx(float(found.vaf.sel(statistic="mean").mean()))
     assert cell["lowest_vaf"] == found.vaf.sel(statistic="mean").min()
     assert cell["left_out"] == cell["failed"] == 0
     assert set(table.trials) == {3}
     sine = summarize(score(run(Study(**SMALL | {"stiffness": ["sine"]}), workers=1)))
-    assert not {"rise_time", "switch_dip"} & set(sine.metric)
+    assert not {"rise_time", "switch_dip", "coverage_at_switch", "coverage_away"} & set(sine.metric)
+    assert "coverage" in set(sine.metric)
 
 
 def test_replicates_of_equal_weights_are_the_metrics_themselves(monkeypatch, random):
@@ -77,7 +84,7 @@ def test_replicates_of_equal_weights_are_the_metrics_themselves(monkeypatch, ran
 def test_standard_errors_are_the_spread_of_repeated_studies(random):
     repeated = [score(made_up(noisy(random, 40))).sel(scenario="cell", method_key="mine") for _ in range(100)]
     told = {name: np.mean([float(one.standard_error.sel(metric=name)) for one in repeated]) for name in UNITS}
-    for name in ("bias_error", "debiased_bias_error", "random_error", "total_error"):
+    for name in ("bias_error", "debiased_bias_error", "random_error", "total_error", "coverage", "coverage_at_switch"):
         spread = np.std([float(one.value.sel(metric=name)) for one in repeated])
         assert told[name] == pytest.approx(spread, rel=0.3), name
 
@@ -119,7 +126,10 @@ def test_draws_of_methods_are_paired_also_where_trials_failed(random):
 
 def test_a_method_without_numbers_has_no_metrics(random):
     values = score(made_up(np.full((4, 200), np.nan), np.full((4, 200), np.nan))).value
-    for name in ("bias_error", "debiased_bias_error", "random_error", "lowest_time_varying_vaf", "switch_dip"):
+    for name in (
+        "bias_error", "debiased_bias_error", "random_error", "lowest_time_varying_vaf", "switch_dip", "coverage",
+        "coverage_at_switch", "coverage_away",
+    ):  # fmt: skip
         assert np.isnan(values.sel(metric=name)).all(), name
 
 
@@ -162,3 +172,29 @@ def test_times_without_an_estimate_are_left_out(random):
     scores = score(made_up(estimates))
     assert scores.value.sel(metric="left_out").item() == 6
     assert np.isfinite(scores.replicates.sel(metric="total_error")).all()
+
+
+def test_coverage_everywhere_about_the_switches_and_away(random):
+    covered = np.ones((4, 200))
+    covered[:, 45:56] = covered[:, 145:156] = 0.0
+    covered[0, 95:106] = 0.0
+    scores = score(made_up(noisy(random, 4), covered=covered)).value
+    assert scores.sel(metric="coverage").item() == pytest.approx(100 * (1 - (4 * 22 + 11) / 800))
+    assert scores.sel(metric="coverage_at_switch").item() == 0
+    distance = np.abs((np.arange(200) / 100) % 1 - 0.5)
+    share = covered[:, distance >= 0.3].mean()
+    assert scores.sel(metric="coverage_away").item() == pytest.approx(100 * share)
+    assert share < 1
+    other = score(made_up(noisy(random, 4), profile="sine", covered=covered)).value
+    assert other.sel(metric="coverage").item() == scores.sel(metric="coverage").item()
+    assert np.isnan(other.sel(metric=["coverage_at_switch", "coverage_away"])).all()
+
+
+def test_coverage_counts_the_times_at_which_all_trials_have_a_band(random):
+    covered = np.ones((4, 200))
+    covered[1, :100] = np.nan
+    covered[2, 100:150] = 0.0
+    value = score(made_up(noisy(random, 4), covered=covered)).value
+    assert value.sel(metric="coverage").item() == pytest.approx(100 * (1 - 50 / 400))
+    covered[1] = np.nan
+    assert np.isnan(score(made_up(noisy(random, 4), covered=covered)).value.sel(metric="coverage"))

@@ -83,12 +83,12 @@ def same_to_the_last_bit(folder, expected):
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
-def test_killed_at_ten_random_moments_and_gone_on_with(tmp_path, uninterrupted):
+def test_killed_at_six_random_moments_and_gone_on_with(tmp_path, uninterrupted):
     chance = random.Random(20)
     before = 0
-    for _ in range(10):
+    for _ in range(6):  # each starts Python three times
         process = start_script(tmp_path)
-        target = min(before + chance.randrange(0, TOTAL // 12), TOTAL - 10)
+        target = min(before + chance.randrange(0, TOTAL // 8), TOTAL - 10)
         wait_for(lambda: trials_in(tmp_path) >= target or process.poll() is not None)  # noqa: B023
         time.sleep(chance.uniform(0, 0.1))
         workers = children_of(process.pid)
@@ -201,7 +201,7 @@ def test_a_full_disk_loses_nothing_that_was_finished(tmp_path, uninterrupted):
         kept = trials_in(small)
         assert kept > 3
         subprocess.run(["mount", "-o", "remount,size=100m", small], check=True)
-        finished(start(small))
+        finished(start_script(small))  # draws no figures
         same_to_the_last_bit(small, uninterrupted)
     finally:
         subprocess.run(["umount", small], check=True)

@@ -5,6 +5,7 @@ import warnings
 
 import numpy as np
 import pytest
+from scipy.signal import bilinear, lfilter
 from tests.conftest import ensemble_of
 
 import tvsysid as tv
@@ -111,9 +112,29 @@ def test_a_rate_far_above_the_perturbation_for_spectra():
     simulation = tv.simulate.joint(
         60, stiffness=tv.simulate.SineWave(), perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1
     )
-    text = doubts(tv.EnsembleSpectral(), tv.preprocess.segment(simulation.recording, 2.0))
+    # A short window, for the time taken goes with its square: a third of a minute for the usual one at 1 kHz.
+    text = doubts(tv.EnsembleSpectral(window=0.1), tv.preprocess.segment(simulation.recording, 2.0))
     assert "hardly any power above 250 Hz" in text
     recording = tv.preprocess.decimate(simulation.recording, 250)
     ensemble = tv.preprocess.segment(recording, 2.0)
     predicted = tv.EnsembleSpectral().identify(ensemble).predict(ensemble)
     assert tv.metrics.vaf(ensemble.torque[:, ensemble.core], predicted).mean() > 80
+
+
+@pytest.mark.parametrize("key", ["eirf", "sds", "esm"])
+@pytest.mark.parametrize("perturbation", ["noise", "prbs"])
+def test_a_joint_that_is_not_of_second_order(key, perturbation):
+    simulation = tv.simulate.joint(
+        150,
+        stiffness=tv.simulate.Constant(100.0),
+        perturbation={"noise": tv.simulate.FilteredNoise(), "prbs": tv.simulate.PRBS()}[perturbation],
+        snr_db=10,
+        seed=4,
+    )
+    # A reflex: velocity 40 ms ago, through a second-order low-pass of some 2.5 Hz.
+    recording = simulation.recording
+    velocity = np.roll(np.gradient(recording.angle, 1e-3), 40)
+    reflex = 15 * lfilter(*bilinear([16.0**2], [1, 2 * 0.65 * 16.0, 16.0**2], fs=1000), velocity)
+    with_reflex = dataclasses.replace(recording, torque=recording.torque + reflex)
+    ensemble = tv.preprocess.segment(tv.preprocess.decimate(with_reflex, 100), 2.0)
+    assert "is not of second order" in doubts(tv.methods.create(key), ensemble)

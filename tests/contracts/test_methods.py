@@ -1,6 +1,7 @@
 """What every method must do, whatever its kind."""
 
 import dataclasses
+import pickle
 import warnings
 
 import numpy as np
@@ -110,11 +111,46 @@ def test_constant_stiffness_is_recovered_from_noiseless_data(method):
     assert np.abs(model.stiffness - 100.0).mean() < allowed
 
 
-@parametrize("birf", "birf ridge", "birf none", "kbr", "kbr experiment")
-def test_viscosity_and_inertia_are_recovered(method):
-    model = method.identify(ensemble_of(150.0, "sine", "noise", 10.0))
-    assert np.mean(model.viscosity) == pytest.approx(2.2, rel=0.03)
-    assert np.mean(model.inertia) == pytest.approx(0.02, rel=0.03)
+@parametrize()
+@pytest.mark.parametrize("profile", ["sine", "square"])
+@pytest.mark.parametrize("perturbation", ["noise", "prbs"])
+def test_viscosity_and_inertia_are_recovered(method, profile, perturbation):
+    model = method.identify(ensemble_of(150.0, profile, perturbation, 10.0))
+    assert np.mean(model.viscosity) == pytest.approx(2.2, rel=0.05)
+    assert np.mean(model.inertia) == pytest.approx(0.02, rel=0.05)
+
+
+@parametrize()
+def test_every_method_answers_bands(method):
+    ensemble = ensemble_of(150.0, "sine", "prbs")
+    model = method.identify(ensemble)
+    for name in ("stiffness", "viscosity", "inertia"):
+        estimate, band = getattr(model, name), getattr(model, f"{name}_band")
+        known = np.isfinite(estimate)
+        lower, upper = band()
+        assert lower.shape == upper.shape == (ensemble.samples,)
+        np.testing.assert_array_equal(np.isfinite(lower) & np.isfinite(upper), known)
+        assert (lower[known] < estimate[known]).all()
+        assert (estimate[known] < upper[known]).all()
+        narrow = band(0.5)
+        assert (narrow[0][known] > lower[known]).all()
+        assert (narrow[1][known] < upper[known]).all()
+        for wrong in (0.0, 1.0, 95):
+            with pytest.raises(tv.InputError, match="level: expected a probability"):
+                band(wrong)
+    whole = model.simultaneous_stiffness_band()
+    pointwise = model.stiffness_band()
+    assert (whole[0] < pointwise[0]).all()
+    assert (whole[1] > pointwise[1]).all()
+    dataset = model.to_xarray()
+    np.testing.assert_array_equal(dataset.stiffness_deviation.values, model.random_error.deviation[0])
+    assert dataset.inertia_deviation.attrs["units"] == "kg m2"
+
+
+@parametrize("eirf", "sds", "birf irf", "esm")
+def test_a_joint_of_second_order_agrees_with_one(method):
+    model = method.identify(ensemble_of(150.0, "square", "prbs"))
+    assert 99 < model.diagnostics.details["second_order_agreement"] <= 100
 
 
 @parametrize()
@@ -156,7 +192,8 @@ def test_without_context_edges_are_not_invented(method):
 
 @parametrize("eirf", "sds", "esm", "birf", "birf irf", "kbr")
 def test_more_context_than_needed_changes_nothing(method):
-    long, short = ensemble_of(40.0, context=0.9), ensemble_of(40.0, context=0.2)
+    # Segments of 0.15 s to either side, and derivatives of 0.12 s beyond.
+    long, short = ensemble_of(40.0, context=0.9), ensemble_of(40.0, context=0.3)
     assert len(long) == len(short)
     assert_same(method.identify(long), method.identify(short), rtol=1e-6, atol=1e-9)
 
@@ -176,6 +213,7 @@ def test_scaling_the_torque_scales_the_impedance(method, factor):
     for name in ("stiffness", "viscosity", "inertia"):
         expected = getattr(model, name) * factor
         np.testing.assert_allclose(getattr(other, name), expected, rtol=1e-4, atol=1e-4 * factor * 0.02)
+    np.testing.assert_allclose(other.random_error.deviation, model.random_error.deviation * factor, rtol=1e-3)
 
 
 @parametrize()
@@ -293,3 +331,13 @@ def test_a_callable_basis_serves():
     method = tv.BasisIRF(basis=lambda time: np.stack([np.ones_like(time), np.sin(2 * np.pi * time)], axis=1))
     model = method.identify(ensemble_of(150.0, "sine", "noise", 20.0))
     assert np.abs(model.stiffness - tv.simulate.SineWave()(model.time)).max() < 5
+
+
+@parametrize()
+def test_a_model_that_travels_takes_its_bands_along_and_not_the_data(method):
+    model = method.identify(enough_for(method))
+    travelled = pickle.loads(pickle.dumps(model))
+    for one, other in zip(model.stiffness_band(), travelled.stiffness_band(), strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert not callable(travelled.spread)
+    assert travelled.diagnostics.details.keys() == model.diagnostics.details.keys()

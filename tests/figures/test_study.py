@@ -8,7 +8,8 @@ from tvsysid.figures.style import drawn
 def test_all_figures_of_a_study(results, summary):
     shown = study_figures(results, summary, responses_of())
     assert list(shown) == [
-        "comparison-square-noise", "comparison-square-prbs", "amount-square", "comparison-sine", "impulse-responses",
+        "comparison-square-noise", "comparison-square-prbs", "amount-square", "coverage-square", "comparison-sine",
+        "coverage-sine", "impulse-responses",
     ]  # fmt: skip
     for illustration in shown.values():
         drawn(illustration.figure, "png")
@@ -27,15 +28,15 @@ def test_descriptions_hold_the_main_figures(results, summary):
 @pytest.mark.parametrize(
     ("scenarios", "stems"),
     [
-        (SQUARE[:2], ["comparison-square-noise", "amount-square"]),
-        (SINE[1:], ["comparison-sine-prbs"]),
+        (SQUARE[:2], ["comparison-square-noise", "amount-square", "coverage-square"]),
+        (SINE[1:], ["comparison-sine-prbs", "coverage-sine"]),
         (
             [("constant", "noise", 40.0, snr) for snr in (0.0, 10.0, float("inf"))],
-            ["comparison-constant-noise", "amount-constant-snr"],
+            ["comparison-constant-noise", "amount-constant-snr", "coverage-constant"],
         ),
         (
             [("square", "noise", duration, snr) for duration in (40.0, 80.0) for snr in (0.0, 10.0)],
-            ["comparison-square-noise", "amount-square", "amount-square-snr"],
+            ["comparison-square-noise", "amount-square", "amount-square-snr", "coverage-square"],
         ),
     ],
 )
@@ -50,5 +51,5 @@ def test_what_a_study_has_decides_on_its_figures(scenarios, stems):
 def test_covarying_viscosity_has_figures_of_its_own():
     results = results_of(SINE, ("sds", "esm"), trials=2, viscosity="covarying")
     shown = study_figures(results, summary_of(results))
-    assert list(shown) == ["comparison-sine-covarying"]
-    assert "viscosity varies with stiffness" in shown["comparison-sine-covarying"].title
+    assert list(shown) == ["comparison-sine-covarying", "coverage-sine-covarying"]
+    assert all("viscosity varies with stiffness" in illustration.title for illustration in shown.values())

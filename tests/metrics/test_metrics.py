@@ -40,10 +40,22 @@ def test_a_perfect_identification_has_the_best_value(name, random):
         "vaf": (torque, torque),
         "time_varying_vaf": (torque, torque),
         "bandpassed_vaf": (torque, torque, 100.0),
+        # A perfect band of 95 % misses the truth in one trial of twenty.
+        "coverage": (truth + np.r_[[-1.0] * 19, 1.0][:, None], truth + np.full((20, 1), 2.0), truth),
     }.get(name, ([truth, truth], truth))
     np.testing.assert_allclose(metric.function(*arguments), metric.best, atol=1e-12)
     assert metric.unit in {"N·m/rad", "s", "%"}
-    assert metric.needs_truth == (name in {"bias_error", "debiased_bias_error", "total_error", "rise_time"})
+    assert metric.needs_truth == (name in {"bias_error", "debiased_bias_error", "total_error", "rise_time", "coverage"})
+
+
+def test_coverage_counts_edges_as_inside_and_leaves_out_what_has_no_band():
+    nan = np.nan
+    lower, upper = [[0.0, nan, 1.0], [1.5, nan, 2.0]], [[1.0, 5.0, 2.0], [3.0, nan, 3.0]]
+    assert metrics.coverage(lower, upper, [1.0, 1.0, 2.0]) == 75.0
+    assert metrics.coverage([[nan]], [[1.0]], [0.0]) != metrics.coverage([[0.0]], [[1.0]], [0.0]) == 100.0
+    for wrong in (([0.0], [1.0], [0.5]), ([[0.0]], [[1.0, 2.0]], [0.5]), ([[0.0]], [[1.0]], [0.5, 0.5])):
+        with pytest.raises(tv.InputError, match="coverage: expected lower and upper of axes"):
+            metrics.coverage(*wrong)
 
 
 def test_edges_without_estimate_are_left_out_and_counted():

@@ -75,7 +75,13 @@ def test_ranking_has_every_method_in_every_scenario(elements, study):
     rows = [attrs for attrs, _ in elements.of("tr") if "data-scenario" in attrs]
     assert len(rows) == results.sizes["scenario"] * results.sizes["method_key"]
     text = table(elements, "Metrics of each method")
-    for heading in ("bias error (N·m/rad)", "rise time (s)", "VAF 1-10 Hz (%)", "time (ms)"):
+    for heading in (
+        "bias error (N·m/rad)",
+        "rise time (s)",
+        "VAF 1-10 Hz (%)",
+        "coverage of the 95 % band (%)",
+        "time (ms)",
+    ):
         assert heading in text
     row = summary[(summary.scenario == "square-noise-40s-10dB") & (summary.method == "eirf")].set_index("metric")
     assert f"{row.value.bias_error:.2f} ± {row.standard_error.bias_error:.2f}" in text
@@ -170,7 +176,10 @@ def test_constant_and_covarying_viscosity_in_one_study(tmp_path):
     results = xr.concat(both, "scenario", combine_attrs="override", data_vars="all")
     summary = summary_of(results)
     figures = study_figures(results, summary)
-    assert list(figures) == ["comparison-square-noise", "comparison-square-noise-covarying"]
+    assert list(figures) == [
+        "comparison-square-noise", "coverage-square", "comparison-square-noise-covarying", "coverage-square-covarying",
+    ]  # fmt: skip
+    assert len({each.title for each in figures.values()}) == 4
     write_report(tmp_path / "report.html", results, summary, claims(), figures)
     elements = Elements((tmp_path / "report.html").read_text())
     text = table(elements, "Metrics of each method")

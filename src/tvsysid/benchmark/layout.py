@@ -11,12 +11,13 @@ from tvsysid.benchmark.trial import SAMPLES, STAGES, STATISTICS
 from tvsysid.execution import Fixed, Layout, Variable, digests, versions
 
 TITLE = "Simulation study of methods that identify joint impedance over time"
-NUMBER = 2
+NUMBER = 3
 """Version of the layout."""
 OVER_TIME, OVER_REALIZATIONS, OF_METHOD = ("method_key", "time"), ("method_key", "statistic"), ("method_key",)
 MEASURED = {
     "stiffness": Variable(OVER_TIME, "estimated stiffness", "N m/rad"),
     "time_varying_vaf": Variable(OVER_TIME, "variance of the noiseless torque accounted for at each time", "percent"),
+    "covered": Variable(OVER_TIME, "whether the 95 % band of the stiffness holds the truth", "1"),
     "vaf": Variable(
         OVER_REALIZATIONS,
         "variance of the noiseless torque accounted for, over the realizations of a trial",

@@ -36,11 +36,15 @@ UNITS = {
     "time_varying_vaf_sd": "percentage points",
     "time_varying_vaf_sd_soft": "percentage points",
     "time_varying_vaf_sd_stiff": "percentage points",
+    "coverage_at_switch": "%",
+    "coverage_away": "%",
     "left_out": "samples",
     "failed": "trials",
     "seconds": "s",
 }  # fmt: skip
 """Of every metric that is computed."""
+OF_SWITCHES = ("rise_time", "switch_dip", "coverage_at_switch", "coverage_away")
+"""Metrics of a stiffness that switches."""
 COLUMNS = (
     "stiffness",
     "perturbation",
@@ -79,8 +83,11 @@ def score(results: xr.Dataset) -> xr.Dataset:
         that of the worst time after averaging over trials; all are against the noiseless torque. ``switch_dip`` (square
         wave) is the mean time-varying VAF 0.3 s and more from the switches minus that within 0.05 s of one;
         ``time_varying_vaf_sd`` is its standard deviation over trials, averaged over time, ``..._soft`` and
-        ``..._stiff`` over times of less and more than the mean stiffness. ``left_out`` counts times
-        without an estimate; ``failed`` counts trials; ``seconds`` is the mean time an identification took.
+        ``..._stiff`` over times of less and more than the mean stiffness. ``coverage`` is the share of times and trials
+        at which the 95 % band of the stiffness holds the truth, over the times at which all trials have a band;
+        ``coverage_at_switch`` and ``coverage_away`` (square wave) are that within 0.05 s of a switch and 0.3 s and more
+        from one. ``left_out`` counts times without an estimate; ``failed`` counts trials; ``seconds`` is the mean time
+        an identification took.
 
     References
     ----------
@@ -135,9 +142,12 @@ def time_spent(results: xr.Dataset) -> dict[str, float]:
     """Seconds that each stage of the trials and each method took, over all workers, in the order of the work."""
     stages = results.stage_seconds.sum(["scenario", "trial"])
     methods = results.seconds.sum(["scenario", "trial"])
-    before = {name: float(stages.sel(stage=name)) for name in ("simulation", "preprocessing")}
+    before, after = (
+        {name: float(stages.sel(stage=name)) for name in names}
+        for names in (("simulation", "preprocessing"), ("bands", "scoring"))
+    )
     identified = {str(name): float(methods.sel(method_key=name)) for name in results.method_key.values}
-    return before | identified | {"scoring": float(stages.sel(stage="scoring"))}
+    return before | identified | after
 
 
 def summarize(scores: xr.Dataset) -> pd.DataFrame:
@@ -162,7 +172,7 @@ def summarize(scores: xr.Dataset) -> pd.DataFrame:
 def _rows(cell: Any) -> Iterator[tuple[Any, ...]]:
     labels = (str(cell.profile.values), str(cell.perturbation.values), float(cell.duration_s), float(cell.snr_db))
     others = (str(cell.viscosity.values), str(cell.scenario.values))
-    absent = () if isinstance(PROFILES[labels[0]], SquareWave) else ("rise_time", "switch_dip")
+    absent = () if isinstance(PROFILES[labels[0]], SquareWave) else OF_SWITCHES
     for method in cell.method_key.values:
         own = cell.sel(method_key=method)
         for name, value, error in zip(own.metric.values, own.value.values, own.standard_error.values, strict=True):
@@ -190,6 +200,8 @@ def _values(own: Any) -> Iterator[tuple[str, float]]:
     yield "lowest_time_varying_vaf", float(_least(over_time.mean(axis=0)))
     for name, spread in _spreads(over_time.std(axis=0), truth):
         yield name, float(spread)
+    for name, share in _coverages(own.covered.values, time, wave):
+        yield name, float(share.mean())
     yield "left_out", float(metrics.left_out(estimates))
     yield "seconds", float(own.seconds.values.mean())
 
@@ -221,6 +233,8 @@ def _replicates(own: Any, weights: Array) -> Iterator[tuple[str, Array]]:
     yield "lowest_time_varying_vaf", _least(mean_over_time)
     variance = narrower * np.maximum(0.0, weights @ over_time**2 - mean_over_time**2)
     yield from _spreads(np.sqrt(variance), truth)
+    for name, share in _coverages(own.covered.values, time, wave):
+        yield name, weights @ share
     yield "seconds", weights @ own.seconds.values
 
 
@@ -234,6 +248,18 @@ def _spreads(deviation: Array, truth: Array) -> Iterator[tuple[str, Array]]:
         yield f"time_varying_vaf_sd{ending}", chosen.mean(axis=-1) if chosen.shape[-1] else empty
 
 
+def _coverages(covered: Array, time: Array, wave: object) -> Iterator[tuple[str, Array]]:
+    """Per cent of the times at which each trial's band holds the truth, shape (trial,)."""
+    chosen = {"coverage": np.full(len(time), True)}
+    if isinstance(wave, SquareWave):
+        distance = _from_switch(time, wave)
+        chosen |= {"coverage_at_switch": distance <= AT_SWITCH + 1e-9, "coverage_away": distance >= AWAY}
+    known = np.isfinite(covered).all(axis=0)
+    for name, times in chosen.items():
+        inside = covered[:, known & times]
+        yield name, 100 * inside.mean(axis=1) if inside.shape[1] else np.full(len(covered), np.nan)
+
+
 def _rise_time(time: Array, estimates: Array, wave: SquareWave) -> float:
     step = wave.high - wave.low
     return metrics.rise_time(time, estimates, wave.low + 0.1 * step, wave.high - 0.1 * step, switch=wave.offset)
@@ -241,13 +267,18 @@ def _rise_time(time: Array, estimates: Array, wave: SquareWave) -> float:
 
 def _dip(time: Array, over_time: Array, wave: SquareWave) -> Array:
     """How far the mean at the switches lies below that away from them; time is the last axis."""
-    half = wave.period / 2
-    distance = np.abs((time - wave.offset + half / 2) % half - half / 2)
+    distance = _from_switch(time, wave)
     known = np.isfinite(over_time).reshape(-1, len(time)).all(axis=0)
     at, away = known & (distance <= AT_SWITCH + 1e-9), known & (distance >= AWAY)
     if not (at.any() and away.any()):
         return np.full(over_time.shape[:-1], np.nan)
     return np.asarray(over_time[..., away].mean(axis=-1) - over_time[..., at].mean(axis=-1))
+
+
+def _from_switch(time: Array, wave: SquareWave) -> Array:
+    """Seconds from the nearest switch."""
+    half = wave.period / 2
+    return np.asarray(np.abs((time - wave.offset + half / 2) % half - half / 2))
 
 
 def _least(values: Array) -> Array:

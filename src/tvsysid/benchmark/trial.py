@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -14,8 +15,10 @@ from numpy.typing import NDArray
 
 from tvsysid import metrics
 from tvsysid.benchmark.study import PERIOD, PERTURBATIONS, RATE, Scenario
+from tvsysid.errors import DoubtfulWarning
 from tvsysid.execution import Outcome, Task, identified, versions
 from tvsysid.methods.foreign import told
+from tvsysid.models import Model
 from tvsysid.preprocess import decimate, segment
 from tvsysid.signals import Ensemble
 from tvsysid.simulate import joint
@@ -25,12 +28,13 @@ Array = NDArray[np.float64]
 SAMPLES = round(PERIOD * RATE)
 STATISTICS = ("mean", "sd", "lowest")
 """Of the VAFs of a trial's realizations."""
-STAGES = ("simulation", "preprocessing", "scoring")
+STAGES = ("simulation", "preprocessing", "bands", "scoring")
 """What takes time beside the methods."""
 STRINGS = ("doubts", "failure")
 NUMBERS = {
     "stiffness": (SAMPLES,),
     "time_varying_vaf": (SAMPLES,),
+    "covered": (SAMPLES,),
     "vaf": (len(STATISTICS),),
     "bandpassed_vaf": (len(STATISTICS),),
     "parameters": (),
@@ -91,8 +95,11 @@ class Trial(Task):
             ensemble = segment(decimate(simulation.recording, RATE), PERIOD)
             noiseless = segment(decimate(simulation.noiseless, RATE), PERIOD)
             torque = noiseless.torque[:, noiseless.core]
+            truth = np.asarray(scenario.profile(ensemble.time))
         rows = [
-            _failed(self.left_out[label]) if label in self.left_out else _attempt(method, ensemble, torque, clock)
+            _failed(self.left_out[label])
+            if label in self.left_out
+            else _attempt(method, ensemble, torque, truth, clock)
             for label, method in self.methods.items()
         ]
         return _stacked(rows, [clock.seconds[stage] for stage in STAGES])
@@ -125,24 +132,27 @@ def _failed(reason: str) -> dict[str, Any]:
     return {name: np.full(shape, np.nan) for name, shape in NUMBERS.items()} | {"doubts": "", "failure": reason}
 
 
-def _attempt(method: bytes, ensemble: Ensemble, torque: Array, clock: _Clock) -> dict[str, Any]:
+def _attempt(method: bytes, ensemble: Ensemble, torque: Array, truth: Array, clock: _Clock) -> dict[str, Any]:
     # A method that calls sys.exit() has failed like any other.
     try:
         # Unpickled for each trial, so that nothing that it remembers passes from one to the next.
-        return _measure(cloudpickle.loads(method), ensemble, torque, clock)
+        return _measure(cloudpickle.loads(method), ensemble, torque, truth, clock)
     except (Exception, SystemExit) as error:
         return _failed(told(error))
 
 
-def _measure(method: Any, ensemble: Ensemble, torque: Array, clock: _Clock) -> dict[str, Any]:
+def _measure(method: Any, ensemble: Ensemble, torque: Array, truth: Array, clock: _Clock) -> dict[str, Any]:
     started = time.perf_counter()
     model, doubts = identified(method, ensemble)
     seconds = time.perf_counter() - started
+    with clock.stage("bands"):
+        covered = _covered(model, truth)
     with clock.stage("scoring"):
         predicted = model.predict(ensemble)
         return {
             "stiffness": model.stiffness,
             "time_varying_vaf": metrics.time_varying_vaf(torque, predicted),
+            "covered": covered,
             "vaf": _statistics(metrics.vaf(torque, predicted)),
             "bandpassed_vaf": _statistics(metrics.bandpassed_vaf(torque, predicted, RATE)),
             "parameters": model.diagnostics.parameters,
@@ -150,6 +160,15 @@ def _measure(method: Any, ensemble: Ensemble, torque: Array, clock: _Clock) -> d
             "doubts": "; ".join(dict.fromkeys(doubts)),
             "failure": "",
         }
+
+
+def _covered(model: Model, truth: Array) -> Array:
+    """1 where the 95 % band of the stiffness holds the truth, 0 where not, NaN where there is none; shape (time,)."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DoubtfulWarning)  # that there is no band
+        lower, upper = model.stiffness_band()
+    inside = (lower <= truth) & (truth <= upper)
+    return np.where(np.isfinite(lower) & np.isfinite(upper), inside, np.nan)
 
 
 def _statistics(values: Array) -> Array:

@@ -3,6 +3,8 @@
 from tvsysid.figures.amount import error_against_amount
 from tvsysid.figures.channels import recorded_channels
 from tvsysid.figures.comparison import method_comparison
+from tvsysid.figures.coverage import coverage_over_time
+from tvsysid.figures.diagnosis import diagnosis_illustration, diagnosis_panels
 from tvsysid.figures.excerpts import recorded_signals
 from tvsysid.figures.experiment import experiment_figures, representative
 from tvsysid.figures.identification import identified_stiffness
@@ -13,9 +15,13 @@ from tvsysid.figures.responses import impulse_responses
 from tvsysid.figures.spread import error_against_truth, variance_and_spread
 from tvsysid.figures.study import study_figures
 from tvsysid.figures.style import drawn, lines, save
+from tvsysid.figures.tuning import tuning_curves
 
 __all__ = [
     "Illustration",
+    "coverage_over_time",
+    "diagnosis_illustration",
+    "diagnosis_panels",
     "drawn",
     "error_against_amount",
     "error_against_truth",
@@ -33,5 +39,6 @@ __all__ = [
     "stiffness_of_participants",
     "stiffness_with_bands",
     "study_figures",
+    "tuning_curves",
     "variance_and_spread",
 ]

@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from tvsysid.figures.amount import error_against_amount
 from tvsysid.figures.comparison import method_comparison
+from tvsysid.figures.coverage import coverage_over_time
 from tvsysid.figures.illustration import Illustration
 from tvsysid.figures.responses import impulse_responses
-from tvsysid.figures.words import PERTURBATIONS, PROFILES, TRAITS, described
+from tvsysid.figures.words import PERTURBATIONS, PROFILES, TRAITS, described, told
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -45,7 +48,8 @@ def study_figures(
     dict
         By the stem of a file's name: ``"comparison-square-noise"``, ``"comparison-sine"`` (both perturbations),
         ``"amount-square"`` (errors against seconds of data), ``"amount-square-snr"``, ``"impulse-responses"``;
-        with ``-covarying`` where the viscosity varies with stiffness.
+        ``"coverage-square"`` (how often the bands hold the truth); with ``-covarying`` where the viscosity varies with
+        stiffness.
     """
     traits = results[list(TRAITS)].to_dataframe()[list(TRAITS)]
     shown: dict[str, Illustration] = {}
@@ -63,6 +67,9 @@ def study_figures(
             shown[f"amount-{profile}{ending}"] = _amount(at_snr, f"{_name(profile)}: errors against the amount of data")
         if at_duration.snr_db[at_duration.snr_db < float("inf")].nunique() > 1:
             shown[f"amount-{profile}{ending}-snr"] = _amount(at_duration, f"{_name(profile)}: errors against noise")
+        at = rows[(rows.duration_s == duration) & (rows.snr_db == snr)]
+        if np.isfinite(results.covered.sel(scenario=list(at.index)).values).any():
+            shown[f"coverage-{profile}{ending}"] = _coverage(results, summary, at)
     if responses is not None:
         shown["impulse-responses"] = _responses(responses)
     return shown
@@ -114,6 +121,24 @@ def _figures(summary: pd.DataFrame, labels: Sequence[str], scenarios: Sequence[d
             ]
             sentences.append(f"{method} with {described(scenario)}: {', '.join(parts)}.")
     return sentences
+
+
+def _coverage(results: xr.Dataset, summary: pd.DataFrame, rows: pd.DataFrame) -> Illustration:
+    first: Any = rows.iloc[0]
+    covarying = ", viscosity varies with stiffness" if first.viscosity == "covarying" else ""
+    title = f"{_name(first.profile)}: how often the bands hold the truth, {first.duration_s:g} s{covarying}"
+    figure = coverage_over_time(results, list(rows.index), title)
+    missed = ": about a switch bands miss the truth." if first.profile == "square" else "."
+    text = [
+        "Share of trials in which the 95 % band of each method holds the true stiffness, over one realization, "
+        f"averaged over 0.05 s. A band covers the random error, not the bias of what a method smooths{missed}"
+    ]
+    for label, row in rows.iterrows():
+        mine = summary[(summary.scenario == label) & (summary.metric == "coverage")].dropna(subset=["value"])
+        shares = ", ".join(f"{method} {value:.0f} %" for method, value in zip(mine.method, mine.value, strict=True))
+        if shares:
+            text.append(f"With {told(str(row.perturbation))}: {shares} over all times.")
+    return Illustration(figure, title, " ".join(text))
 
 
 def _amount(rows: pd.DataFrame, title: str) -> Illustration:

@@ -4,20 +4,24 @@ from tvsysid.methods.base import Method
 from tvsysid.methods.birf import BasisIRF
 from tvsysid.methods.eirf import EnsembleIRF
 from tvsysid.methods.esm import EnsembleSpectral
+from tvsysid.methods.evidence import Evidence
 from tvsysid.methods.foreign import Identifies, adopted, told
 from tvsysid.methods.kbr import KernelRegression
 from tvsysid.methods.registry import METHODS, clashes, create, describe, key_of, names, parse
 from tvsysid.methods.sds import ShortDataSegments
+from tvsysid.methods.tuning import Tuned
 
 __all__ = [
     "METHODS",
     "BasisIRF",
     "EnsembleIRF",
     "EnsembleSpectral",
+    "Evidence",
     "Identifies",
     "KernelRegression",
     "Method",
     "ShortDataSegments",
+    "Tuned",
     "adopted",
     "clashes",
     "create",

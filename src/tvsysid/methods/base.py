@@ -8,13 +8,14 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import ClassVar, TypeVar, get_args
+from typing import ClassVar, Self, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtr
 
 from tvsysid.errors import DoubtfulWarning, InputError
+from tvsysid.methods.evidence import Evidence
 from tvsysid.models import Model
 from tvsysid.numerics.spectra import power_share
 from tvsysid.signals import Ensemble
@@ -36,6 +37,8 @@ class Method(ABC):
     assumptions: ClassVar[tuple[str, ...]]
     contiguous: ClassVar[bool] = False
     """Whether it needs realizations that follow each other in the record."""
+    evidence: ClassVar[Evidence | None] = None
+    """Why the settings are what they are; of a method that :meth:`tuned` returned only."""
 
     def identify(self, ensemble: Ensemble) -> Model:
         """Identify the impedance of the joint over one realization.
@@ -60,11 +63,7 @@ class Method(ABC):
         DoubtfulWarning
             For what is legal but doubtful; kept in the model's diagnostics.
         """
-        if not isinstance(ensemble, Ensemble):
-            raise InputError(
-                f"identify: expected an Ensemble, got {type(ensemble).__name__}; "
-                "cut a Recording with tvsysid.preprocess.segment"
-            )
+        _check_ensemble("identify", ensemble)
         started = perf_counter()
         model = self._identify(ensemble)
         doubts = (*self._doubts(ensemble), *_doubts_of_all(ensemble, model, *self._needed_band(ensemble)))
@@ -73,8 +72,39 @@ class Method(ABC):
             warnings.warn(f"{self.key}: {doubt}", DoubtfulWarning, stacklevel=2)
         return replace(model, diagnostics=diagnostics)
 
+    def tuned(self, ensemble: Ensemble, seed: int = 0) -> Self:
+        """Return the method with settings chosen from the data.
+
+        Parameters
+        ----------
+        ensemble
+            Realizations to choose by, mean subtracted; those to be identified from, or others alike.
+        seed
+            For what is drawn at random: the same gives the same settings.
+
+        Returns
+        -------
+        Method
+            Of the same class. Its ``evidence`` says what was tried, and how each did; it is no setting, so that the
+            method equals, and shows itself as, one whose settings were given by hand.
+
+        Raises
+        ------
+        InputError
+            If the ensemble is none, or has too few realizations or samples.
+        """
+        _check_ensemble("tuned", ensemble)
+        evidence = self._evidence(ensemble, seed)
+        method = replace(self, **evidence.settings)
+        object.__setattr__(method, "evidence", evidence)
+        return method
+
     @abstractmethod
     def _identify(self, ensemble: Ensemble) -> Model: ...
+
+    def _evidence(self, ensemble: Ensemble, seed: int) -> Evidence:
+        """What speaks for which settings."""
+        raise InputError(f"{type(self).__name__} has no settings that can be chosen from data")
 
     @abstractmethod
     def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
@@ -82,6 +112,14 @@ class Method(ABC):
 
     def _doubts(self, ensemble: Ensemble) -> Iterator[str]:
         yield from ()
+
+
+def _check_ensemble(verb: str, ensemble: object) -> None:
+    if not isinstance(ensemble, Ensemble):
+        raise InputError(
+            f"{verb}: expected an Ensemble, got {type(ensemble).__name__}; "
+            "cut a Recording with tvsysid.preprocess.segment"
+        )
 
 
 def whole_samples(seconds: float, ensemble: Ensemble) -> int:
@@ -148,6 +186,12 @@ def _doubts_of_all(ensemble: Ensemble, model: Model, low: float, high: float) ->
             f"stiffness is negative at {100 * np.mean(known < 0):.0f} % of the samples: "
             "is the torque's sign reversed? (torque_sign=-1 when reading)"
         )
+    shared = model.diagnostics.details.get("second_order_agreement", math.nan)
+    if shared < AGREES:
+        yield (
+            f"inertia, viscosity and stiffness explain only {shared:.0f} % of the torque that answers to the angle: "
+            "the joint is not of second order, and viscosity and inertia mean little; look at the response itself"
+        )
     if _has_mean_torque(ensemble):
         mean = float(np.sqrt(np.mean(ensemble.torque.mean(axis=0) ** 2)))
         yield (
@@ -176,6 +220,8 @@ def _doubts_of_all(ensemble: Ensemble, model: Model, low: float, high: float) ->
         )
 
 
+AGREES = 95.0
+"""Second-order agreement in per cent below which a joint counts as not of second order; simulated ones reach 99."""
 MEAN_TORQUE_LIMIT = 6.0
 """Squared mean over its squared standard error, averaged over time; 1 is expected of a torque without mean."""
 MEAN_TORQUE_CHANCE = 1e-6

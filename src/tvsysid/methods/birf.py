@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
+from tvsysid.impedance import agreement, derivative_filters, second_order_fit
 from tvsysid.methods.base import (
     EXCITED_ABOVE,
     Method,
@@ -21,16 +22,33 @@ from tvsysid.methods.base import (
     padded,
 )
 from tvsysid.methods.correlations import impulse_response_model
-from tvsysid.models import Diagnostics, ImpulseResponseModel, Model, SecondOrderModel
-from tvsysid.numerics.bases import Basis, CubicBSplines, evaluate
+from tvsysid.methods.evidence import Evidence
+from tvsysid.methods.residuals import colour, residual
+from tvsysid.models import Diagnostics, ImpulseResponseModel, Model, SecondOrderModel, Spread
+from tvsysid.numerics.bands import arc_length
+from tvsysid.numerics.bases import Basis, CubicBSplines, FourierSeries, HaarWavelets, evaluate
 from tvsysid.numerics.bayes import PRIORS, Posterior
-from tvsysid.numerics.differentiation import HALF_WIDTH, derivative_weights
+from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.numerics.moments import lagged_moments, time_chunks
 from tvsysid.signals import Ensemble
 
 Array = NDArray[np.float64]
 Prior = Literal["ard", "ridge", "none"]
 Structure = Literal["parametric", "irf"]
+
+BASES: tuple[Basis, ...] = (
+    *(CubicBSplines(functions) for functions in (4, 6, 8, 10, 12, 16, 20, 28, 40)),
+    *(CubicBSplines(functions, periodic=True) for functions in (6, 8, 10, 12, 16, 20, 28, 40)),
+    *(FourierSeries(harmonics) for harmonics in (0, 1, 2, 3, 4, 6, 8, 12, 16)),
+    *(HaarWavelets(functions) for functions in (2, 4, 8, 16, 32)),
+)
+"""Bases of which a tuned one is the best."""
+MOST = 500
+"""Coefficients of the largest model that is tried."""
+PIECE = 0.5
+"""Duration in s over which noise may be alike."""
+CLEARLY = 3.0
+"""Log evidence by which a basis must be better than the one given to be chosen: 20 to 1."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +81,14 @@ class BasisIRF(Method):
     is :math:`\sum_i \Phi(i) \otimes \Lambda(i)\Lambda(i)^T`, and velocity and acceleration are sums of lagged angles
     (:mod:`tvsysid.numerics.differentiation`). The regressor, with a row for each sample of each realization, is never
     built.
+
+    The bands are those of the posterior, which takes the noise as white, times a factor for its colour
+    (:func:`tvsysid.numerics.noise.colour_factors`; for ``"irf"``, too, that of the parametric model). They take noise
+    and angle as equally strong at all times, and do not count what the basis cannot follow; where ``"ard"`` prunes a
+    coefficient, they count it as known to be zero.
+
+    Viscosity and inertia of ``"irf"`` are those of a second-order fit to the impulse response, weighted by the
+    angle's mean correlations; the diagnostics' ``second_order_agreement`` says how well that explains it.
     """
 
     max_lag: float = 0.12
@@ -89,35 +115,101 @@ class BasisIRF(Method):
             )
 
     def _identify(self, ensemble: Ensemble) -> Model:
+        return self._from_share(ensemble, 1.0)
+
+    def _from_share(self, ensemble: Ensemble, share: float) -> Model:
+        """Model identified as if only a share of the samples were there; all of them are, but weigh less."""
         functions = evaluate(self.basis, ensemble.samples)
-        return self._parametric(ensemble, functions) if self.model == "parametric" else self._irf(ensemble, functions)
+        identify = self._parametric if self.model == "parametric" else self._irf
+        return identify(ensemble, functions, share)
+
+    def _evidence(self, ensemble: Ensemble, seed: int) -> Evidence:
+        """Evidence of bases, less the number of precisions that were fitted to the data.
+
+        Noise that is not white makes samples worth less than as many independent ones, and is told by the residual.
+        ``seed`` is not needed: nothing is drawn at random.
+        """
+        if self.prior == "none":
+            raise InputError(
+                "BasisIRF: least squares has no evidence to choose a basis by; set prior to 'ard' or 'ridge'"
+            )
+        per_function = 2 if self.model == "parametric" else 2 * fitting_lags("BasisIRF", self.max_lag, ensemble) + 1
+        share = _independent_share(ensemble, self._identify(ensemble))
+        tried: list[Basis] = []
+        values, counts = [], []
+        for basis in (self.basis, *(basis for basis in BASES if basis != self.basis)):
+            functions = evaluate(basis, ensemble.samples).shape[1]
+            if tried and per_function * functions > MOST:
+                continue
+            model = replace(self, basis=basis)._from_share(ensemble, share)
+            # Each precision that was fitted raises the evidence, even of a function that is not there.
+            fitted = per_function * functions if self.prior == "ard" else 1
+            tried.append(basis)
+            counts.append(functions)
+            values.append(model.diagnostics.details["log_evidence"] - fitted)
+        best = int(np.argmax(values))
+        return Evidence(
+            criterion="log evidence less precisions fitted",
+            unit="nat",
+            better="higher",
+            tried=tuple({"basis": basis} for basis in tried),
+            values=np.array(values),
+            standard_errors=np.full(len(values), np.nan),
+            chosen=best if values[best] > values[0] + CLEARLY else 0,
+            axis="functions",
+            positions=np.array(counts, dtype=np.float64),
+            lines=tuple(_kind(basis) for basis in tried),
+        )
 
     def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
         return 1 / (2 * self.max_lag), EXCITED_ABOVE
 
-    def _irf(self, ensemble: Ensemble, functions: Array) -> ImpulseResponseModel:
+    def _irf(self, ensemble: Ensemble, functions: Array, share: float) -> ImpulseResponseModel:
         lags = fitting_lags("BasisIRF", self.max_lag, ensemble)
         missing = missing_edge(lags, ensemble)
         inner = functions[missing : len(functions) - missing]
         unknowns, count = 2 * lags + 1, inner.shape[1]
-        gram, cross, square, power = np.zeros((unknowns**2, count**2)), np.zeros((unknowns, count)), 0.0, 0.0
+        gram, cross, square = np.zeros((unknowns**2, count**2)), np.zeros((unknowns, count)), 0.0
+        moments_over_time = np.zeros((unknowns, unknowns))
         for chunk, phi_uu, phi_uy, squares in _moments(ensemble, lags):
             at = inner[chunk]
             gram += phi_uu.reshape(len(at), -1).T @ (at[:, :, None] * at[:, None, :]).reshape(len(at), -1)
             cross += phi_uy.T @ at
             square += float(squares.sum())
-            power += float(np.trace(phi_uu.sum(axis=0)))
+            moments_over_time += phi_uu.sum(axis=0)
         gram = gram.reshape(unknowns, unknowns, count, count).transpose(0, 2, 1, 3).reshape(unknowns * count, -1)
-        power /= unknowns * len(inner)  # to unit RMS, so that one prior has no unit
-        posterior = self._solve(gram / power, cross.ravel() / np.sqrt(power), square, ensemble, missing)
+        # To unit RMS, so that one prior has no unit.
+        power = float(np.trace(moments_over_time)) / (unknowns * len(inner))
+        posterior = self._solve(gram / power, cross.ravel() / np.sqrt(power), square, ensemble, missing, share)
         weights = inner @ posterior.mean.reshape(unknowns, count).T / np.sqrt(power)
-        return impulse_response_model(repr(self), ensemble, weights, lags, _diagnostics(posterior))
+        covariance = posterior.covariance.reshape(unknowns, count, unknowns, count) / power
+        # A second-order fit, weighted by the angle's mean correlations.
+        mean_moments = moments_over_time / len(inner)
+        derivative = derivative_filters(lags, ensemble.sampling_rate)
+        projected = derivative @ mean_moments
+        fit = second_order_fit((projected @ derivative.T)[None], np.zeros((1, 3))).inverse[0] @ projected
+        impedance = weights @ fit.T
+        beyond = mean_moments - projected.T @ fit
+        shared = np.einsum("ajbk,jk->ab", covariance, inner.T @ inner / len(inner))
+        details = {
+            "second_order_agreement": agreement(
+                np.einsum("ta,ab,tb->t", weights, mean_moments - beyond, weights),
+                np.einsum("ta,ab,tb->t", weights, beyond, weights),
+                np.full(len(weights), np.sum(beyond * shared)),
+            )
+        }
+        readout = np.stack([np.ones(unknowns), fit[1], fit[2]])
+        spreads = np.einsum("ma,ajbk,mb->mjk", readout, covariance, readout, optimize=True)
+        left = residual(ensemble, weights, lags)
+        spread = _spread(ensemble, (inner,) * 3, tuple(spreads), left, posterior.effective, missing)
+        diagnostics = _diagnostics(posterior, details)
+        return impulse_response_model(repr(self), ensemble, weights, impedance, lags, diagnostics, spread)
 
-    def _parametric(self, ensemble: Ensemble, functions: Array) -> SecondOrderModel:
+    def _parametric(self, ensemble: Ensemble, functions: Array, share: float) -> SecondOrderModel:
         check_window("BasisIRF: the derivatives of the angle", 2 * HALF_WIDTH + 1, ensemble)
         missing = missing_edge(HALF_WIDTH, ensemble)
         # Angle, velocity and acceleration are sums of lagged angles, so their moments follow.
-        derivative = derivative_weights() * ensemble.sampling_rate ** np.arange(3.0)[:, None]
+        derivative = derivative_filters(HALF_WIDTH, ensemble.sampling_rate)
         parts = [
             (derivative @ phi_uu @ derivative.T, phi_uy @ derivative.T, squares)
             for _, phi_uu, phi_uy, squares in _moments(ensemble, HALF_WIDTH)
@@ -136,32 +228,60 @@ class BasisIRF(Method):
             ]
         )
         right = np.concatenate([expansion.T @ cross[:, a] for a, expansion in enumerate(expansions)])
-        posterior = self._solve(gram, right, square, ensemble, missing)
+        posterior = self._solve(gram, right, square, ensemble, missing, share)
         unit = 1 / np.repeat(rms, (count, count, 1))
-        coefficients = posterior.mean * unit
+        coefficients, covariance = posterior.mean * unit, posterior.covariance * np.outer(unit, unit)
+        places = np.split(np.arange(len(coefficients)), (count, 2 * count))
+        impedance = np.stack([e @ coefficients[at] for e, at in zip(expansions, places, strict=True)])
 
-        def over_time(values: Array) -> Array:
-            return padded(values[missing : len(values) - missing], missing)
+        def spread() -> Spread:
+            left = residual(ensemble, impedance.T @ derivative, HALF_WIDTH)
+            spreads = tuple(covariance[np.ix_(at, at)] for at in places)
+            return _spread(ensemble, expansions, spreads, left, posterior.effective, missing)
 
+        stiffness, viscosity, inertia = (padded(values, missing) for values in impedance)
         names = [f"{name} {j}" for name in ("stiffness", "viscosity") for j in range(count)]
         return SecondOrderModel(
             method=repr(self),
             sampling_rate=ensemble.sampling_rate,
             time=ensemble.time,
-            stiffness=over_time(functions @ coefficients[:count]),
-            viscosity=over_time(functions @ coefficients[count : 2 * count]),
-            inertia=over_time(np.full(ensemble.samples, coefficients[-1])),
+            stiffness=stiffness,
+            viscosity=viscosity,
+            inertia=inertia,
             coefficients=coefficients,
-            covariance=posterior.covariance * np.outer(unit, unit),
+            covariance=covariance,
             labels=(*names, "inertia"),
             diagnostics=_diagnostics(posterior),
+            spread=spread,
         )
 
-    def _solve(self, gram: Array, cross: Array, square: float, ensemble: Ensemble, missing: int) -> Posterior:
+    def _solve(
+        self, gram: Array, cross: Array, square: float, ensemble: Ensemble, missing: int, share: float
+    ) -> Posterior:
         """Coefficients from moments that were averaged over realizations and summed over time."""
-        count = len(ensemble)
-        samples = count * (ensemble.samples - 2 * missing)
+        count = len(ensemble) * share
+        samples = round(count * (ensemble.samples - 2 * missing))
         return PRIORS[self.prior](gram * count, cross * count, square * count, samples)
+
+
+def _independent_share(ensemble: Ensemble, model: Model) -> float:
+    """How many independent samples one sample is worth for stiffness, at most 1.
+
+    The variance of the angle times the residual, over that of its sums over pieces of a realization: what an estimate
+    of stiffness from a piece takes from the noise.
+    """
+    product = ensemble.angle[:, ensemble.core] * (ensemble.torque[:, ensemble.core] - model.predict(ensemble))
+    length = min(max(2, round(PIECE * ensemble.sampling_rate)), ensemble.samples)
+    pieces = product[:, : ensemble.samples // length * length].reshape(-1, length)
+    pieces = pieces[np.isfinite(pieces).all(axis=1)]
+    sums = float(np.mean(pieces.sum(axis=1) ** 2)) if len(pieces) else 0.0
+    return min(1.0, length * float(np.mean(pieces**2)) / sums) if sums > 0 else 1.0
+
+
+def _kind(basis: Basis) -> str:
+    """Name of a basis, without the number of its functions."""
+    name = getattr(type(basis), "__name__", "basis")
+    return f"periodic {name}" if isinstance(basis, CubicBSplines) and basis.periodic else name
 
 
 def _moments(ensemble: Ensemble, lags: int) -> Iterator[tuple[slice, Array, Array, Array]]:
@@ -174,7 +294,31 @@ def _moments(ensemble: Ensemble, lags: int) -> Iterator[tuple[slice, Array, Arra
         yield chunk, phi_uu, phi_uy, square
 
 
-def _diagnostics(posterior: Posterior) -> Diagnostics:
+def _spread(
+    ensemble: Ensemble,
+    expansions: tuple[Array, ...],
+    covariances: tuple[Array, ...],
+    left: Array,
+    effective: float,
+    missing: int,
+) -> Spread:
+    """Random error of stiffness, viscosity and inertia from the posterior, corrected for the noise's colour.
+
+    ``expansions`` (time, function) and their coefficients' ``covariances`` are those of the three; ``left`` is the
+    residual.
+    """
+    filters = derivative_filters(HALF_WIDTH, ensemble.sampling_rate)
+    factors = colour(ensemble, left, effective / left.size, filters).factors(filters)
+    variances = [
+        factor * np.einsum("tj,jk,tk->t", expansion, covariance, expansion)
+        for factor, expansion, covariance in zip(factors, expansions, covariances, strict=True)
+    ]
+    deviation = np.stack([padded(np.sqrt(np.maximum(variance, 0.0)), missing) for variance in variances])
+    arcs = [arc_length(*pair) for pair in zip(expansions, covariances, strict=True)]
+    return Spread(deviation, np.full(deviation.shape, left.size - effective), (arcs[0], arcs[1], arcs[2]))
+
+
+def _diagnostics(posterior: Posterior, details: dict[str, float] | None = None) -> Diagnostics:
     return Diagnostics(
         posterior.effective,
         details={
@@ -182,5 +326,6 @@ def _diagnostics(posterior: Posterior) -> Diagnostics:
             "log_evidence": posterior.log_evidence,
             "iterations": posterior.iterations,
             "converged": float(posterior.converged),
+            **(details or {}),
         },
     )

@@ -10,14 +10,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid.methods.base import EXCITED_ABOVE, Method, check_choice, check_positive, fitting_lags, whole_samples
-from tvsysid.methods.correlations import impulse_response_model, rank_diagnostics, solve_windows
-from tvsysid.models import ImpulseResponseModel
+from tvsysid.methods.correlations import (
+    Solver,
+    impulse_response_model,
+    solve_windows,
+    window_diagnostics,
+    window_spread,
+)
+from tvsysid.methods.evidence import Evidence
+from tvsysid.methods.halves import evidence_by_halves
+from tvsysid.models import ImpulseResponseModel, Spread
 from tvsysid.numerics import pseudoinverse
 from tvsysid.numerics.pseudoinverse import Order, Solution
 from tvsysid.signals import Ensemble
 
 Array = NDArray[np.float64]
-Solver = Literal["mdl", "full", "lstsq"]
+Solving = Literal["mdl", "full", "lstsq"]
+
+LAGS = (0.03, 0.04, 0.06, 0.08, 0.10, 0.12, 0.16)
+"""Lags in s of which tuned ones are the best."""
 
 
 @dataclass(frozen=True)
@@ -48,11 +59,17 @@ class EnsembleIRF(Method):
     code does: with the mean square instead, the ranks differ at a quarter of the samples. The two agree in what they
     mean where the mean torque was subtracted, as it should be.
 
-    Stiffness is the area under the impulse response (equation 20); viscosity and inertia are not identified yet.
+    Stiffness is the area under the impulse response (equation 20). Viscosity and inertia are those of a second-order
+    fit to it, weighted by its inverse covariance (:func:`tvsysid.impedance.second_order_readout`); the diagnostics'
+    ``second_order_agreement`` says how much of the torque that answers to the angle the fit explains.
+
+    The bands are those of least squares at each time by itself: realizations are seconds apart, so that noise of any
+    colour is white across them. They count neither the directions of the input that the truncation leaves out nor the
+    choice of the rank. With no more realizations than lags there is none.
     """
 
     max_lag: float = 0.12
-    solver: Solver = "mdl"
+    solver: Solving = "mdl"
     order: Order = "natural"
 
     key: ClassVar[str] = "eirf"
@@ -65,24 +82,48 @@ class EnsembleIRF(Method):
 
     def __post_init__(self) -> None:
         check_positive(self, max_lag=self.max_lag)
-        check_choice(self, "solver", Solver)
+        check_choice(self, "solver", Solving)
         check_choice(self, "order", Order)
 
     def _identify(self, ensemble: Ensemble) -> ImpulseResponseModel:
         lags = fitting_lags("EnsembleIRF", self.max_lag, ensemble)
-        if self.solver == "lstsq":
-            first = max(0, ensemble.context - lags)
-            reach = slice(first, ensemble.angle.shape[1] - first)
-            solution = pseudoinverse.direct(ensemble.angle[:, reach], ensemble.torque[:, reach], lags)
-        else:
-            solution = solve_windows(ensemble, lags, 0, self._solve)
-        diagnostics = rank_diagnostics(ensemble, solution, lags)
-        return impulse_response_model(repr(self), ensemble, solution.weights, lags, diagnostics)
+        solve = self._directly(ensemble, lags) if self.solver == "lstsq" else self._solve
+        windows = solve_windows(ensemble, lags, 0, solve)
+        # Realizations lie seconds apart: whatever the noise's colour, it is white across them.
+        spread = window_spread(ensemble, lags, windows, windows.white)
+        if len(ensemble) <= 2 * lags + 1:
+            why = (
+                f"{len(ensemble)} realizations are no more than the {2 * lags + 1} lags: nothing tells the noise from "
+                "what the joint does; record more, or shorten max_lag"
+            )
+            spread = Spread.none(ensemble.samples, why)
+        return impulse_response_model(
+            repr(self),
+            ensemble,
+            windows.weights,
+            windows.impedance,
+            lags,
+            window_diagnostics(ensemble, windows, lags),
+            spread,
+        )
 
-    def _solve(self, phi_uu: Array, phi_uy: Array, variance: Array, count: Array) -> Solution:
+    def _solve(self, at: slice, phi_uu: Array, phi_uy: Array, variance: Array, count: Array) -> Solution:
         if self.solver == "full":
             return pseudoinverse.full(phi_uu, phi_uy)
         return pseudoinverse.truncated(phi_uu, phi_uy, variance, count, self.order)
+
+    def _evidence(self, ensemble: Ensemble, seed: int) -> Evidence:
+        return evidence_by_halves(self, ensemble, seed, {"max_lag": LAGS}, self.max_lag)
+
+    def _directly(self, ensemble: Ensemble, lags: int) -> Solver:
+        first = max(0, ensemble.context - lags)
+        angle, torque = (x[:, first : x.shape[1] - first] for x in (ensemble.angle, ensemble.torque))
+
+        def solve(at: slice, *correlations: Array) -> Solution:
+            within = slice(at.start, at.stop + 2 * lags)
+            return pseudoinverse.direct(angle[:, within], torque[:, within], lags)
+
+        return solve
 
     def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
         return 1 / (2 * self.max_lag), EXCITED_ABOVE

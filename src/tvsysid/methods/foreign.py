@@ -190,6 +190,18 @@ class ForeignModel(Model):
             )
         return predicted
 
+    def _given_band(self, name: str, level: float) -> tuple[Array, Array] | None:
+        own = getattr(self.found, name, None)
+        if not callable(own):
+            return None
+        edges = np.asarray(own(level), dtype=np.float64)
+        if edges.shape != (2, len(self.time)):
+            raise InputError(
+                f"{self.method}: {name}(level) must be a lower and an upper edge of shape ({len(self.time)},) each, it "
+                f"is of shape {edges.shape}"
+            )
+        return edges[0], edges[1]
+
 
 def adopted(found: Any, label: str, ensemble: Ensemble) -> Model:
     """Model of the package from what a method found.

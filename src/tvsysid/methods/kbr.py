@@ -12,13 +12,26 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import rfft
 from scipy.linalg import blas
+from scipy.optimize import minimize
+from scipy.signal import firwin
 
 from tvsysid.errors import InputError
+from tvsysid.impedance import derivative_filters
 from tvsysid.methods.base import EXCITED_ABOVE, Method, check_positive, missing_edge, padded
-from tvsysid.models import Diagnostics, SecondOrderModel
+from tvsysid.methods.evidence import Evidence
+from tvsysid.methods.residuals import colour, residual
+from tvsysid.models import Diagnostics, SecondOrderModel, Spread
+from tvsysid.numerics.bands import arc_length
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
-from tvsysid.numerics.gaussian import Fit, Statistics, fit
-from tvsysid.numerics.kernels import TOLERANCE, DecayFeatures, harmonic_features, harmonic_variances
+from tvsysid.numerics.gaussian import Fit, Statistics, fit, log_evidence, of_columns, without_nuisance
+from tvsysid.numerics.kernels import (
+    TOLERANCE,
+    DecayFeatures,
+    harmonic_features,
+    harmonic_variances,
+    log_harmonic_variances,
+)
+from tvsysid.numerics.noise import power_in_band
 from tvsysid.numerics.spectra import half_cosine_spectrum
 from tvsysid.signals import Ensemble
 
@@ -45,6 +58,24 @@ GUESS = 1e-2
 """Share of the torque's power that the noise is taken to have at least, until it is known."""
 EXTERNAL_TERMS = 5
 """Half-cosines over a run, the fastest of two cycles, that make up the smooth external term."""
+ENDLESS = PRESETS["simulation"]["length_decay"]
+"""Decay in s that stands for none."""
+LENGTHS = np.geomspace(0.002, 30.0, 12)
+"""Periodic lengths of which a tuned one is the best."""
+DECAYS = (4.0, 2.0, 1.0, 0.5, 0.25, 0.125)
+"""Decays that are tried, in lengths of the record."""
+START = 1e3
+"""Power of the torque that each coefficient makes, in noise variances, from which tuning sets out."""
+LEEWAY = 100.0
+"""Factor by which a decay may enlarge a prior variance."""
+NOISES = 20
+"""Steps of the noise variance at most, for settings that are given."""
+MOST = 2000
+"""Coefficients beyond which a decay is not tried, and settings that were given are not compared."""
+CLEARLY = 5.0
+"""Log marginal likelihood by which a decay must be worse for shorter ones not to be tried."""
+FAINT = 1e-7
+"""Share of the noise below which a feature's part of the torque does not count in the likelihood."""
 LARGEST = 2**31
 """Bytes above which regressors, or their Gram matrix, are refused."""
 
@@ -72,10 +103,10 @@ class KernelRegression(Method):
     length_decay
         l2 in s: time over which periods come to differ.
     gamma
-        Prior variance of each coefficient about its mean, **angles counted in degrees**: (N·m/deg)², (N·m·s/deg)²
-        and (N·m·s²/deg)². The paper gives no unit. In radians its value of 4.5 would hold stiffness within 2 N·m/rad
-        of a constant; in degrees it allows some 120 N·m/rad, and gives figures like the paper's. This is a
-        convention, not a reconstruction.
+        Prior variance about their means of stiffness, viscosity and inertia, or one number for all three, **angles
+        counted in degrees**: (N·m/deg)², (N·m·s/deg)² and (N·m·s²/deg)². The paper gives one, without a unit. In
+        radians its value of 4.5 would hold stiffness within 2 N·m/rad of a constant; in degrees it allows some
+        120 N·m/rad, and gives figures like the paper's. This is a convention, not a reconstruction.
     band
         Lowest and highest frequency in Hz of the equation error that is fitted.
 
@@ -100,12 +131,16 @@ class KernelRegression(Method):
     coefficients, which take some 10 s.
 
     The noise variance is estimated from the residual, with the effective number of parameters taken off.
+
+    The bands are those of the posterior, which takes the noise as white within the band, times a factor for its colour
+    (:func:`tvsysid.numerics.noise.colour_factors`). The posterior counts what the prior smooths away only as far as the
+    behaviour is as smooth as the kernel says: about a switch, the truth lies outside.
     """
 
     period: float | None = None
     length_periodic: float = PRESETS["simulation"]["length_periodic"]
     length_decay: float = PRESETS["simulation"]["length_decay"]
-    gamma: float = PRESETS["simulation"]["gamma"]
+    gamma: float | tuple[float, float, float] = PRESETS["simulation"]["gamma"]
     band: tuple[float, float] = (0.0, 20.0)
 
     key: ClassVar[str] = "kbr"
@@ -118,8 +153,16 @@ class KernelRegression(Method):
     )
 
     def __post_init__(self) -> None:
-        positive = {name: getattr(self, name) for name in ("length_periodic", "length_decay", "gamma")}
+        positive = {name: getattr(self, name) for name in ("length_periodic", "length_decay")}
         check_positive(self, **positive, **({} if self.period is None else {"period": self.period}))
+        several = self.gamma if isinstance(self.gamma, tuple) else (self.gamma,) * 3
+        if len(several) != 3:
+            raise InputError(
+                "KernelRegression: gamma must be one number, or three: of stiffness, viscosity and inertia; got "
+                f"{self.gamma!r}"
+            )
+        for gamma in several:
+            check_positive(self, gamma=gamma)
         try:
             low, high = (float(edge) for edge in self.band)
         except (TypeError, ValueError) as error:
@@ -144,25 +187,15 @@ class KernelRegression(Method):
         return cls(**(PRESETS[name] | settings))
 
     def _identify(self, ensemble: Ensemble) -> KernelModel:
-        period = ensemble.duration if self.period is None else self.period
-        runs = [_Run.of(ensemble, realizations, clock) for realizations, clock in _runs_with_clock(ensemble)]
-        runs = [run for run in runs if run.torque.shape[1] >= 2]
-        if not runs or self.band[0] >= ensemble.sampling_rate / 2:
-            raise InputError(
-                f"KernelRegression: nothing is left of realizations of {ensemble.samples} samples at "
-                f"{ensemble.sampling_rate:g} Hz after {HALF_WIDTH} at either end for the derivatives, within a band of "
-                f"{self.band[0]:g} to {self.band[1]:g} Hz; give context, longer realizations or a lower band"
-            )
-        start = min(run.clock.min() for run in runs)
-        stop = max(run.clock.max() + run.torque.shape[1] / ensemble.sampling_rate for run in runs)
+        period = self._period(ensemble)
+        stacks, start, stop = self._stacks(ensemble)
         kernel = Kernel.of(period, self.length_periodic, self.length_decay, start, stop, ensemble.sampling_rate)
-        stacks = list(_stacked(runs))
         fit, kept = self._fit(stacks, kernel, ensemble.sampling_rate)
 
         # Of coefficients that the data cannot see, the prior is all that is known.
         coefficients = np.zeros(kept.size)
         coefficients[kept.ravel()] = fit.mean
-        covariance = np.diag(0.5 * self.gamma * np.tile(_inverse(kernel.precision), 3))
+        covariance = np.diag(0.5 * np.outer(self._gammas, _inverse(kernel.precision)).ravel())
         covariance[np.ix_(kept.ravel(), kept.ravel())] = fit.covariance
         coefficients *= DEGREES
         covariance *= DEGREES**2
@@ -173,6 +206,11 @@ class KernelRegression(Method):
         impedance = np.zeros((ensemble.samples, 3))
         for realization in distinct:
             impedance += kernel.combined(*_times(ensemble, realization, clocks), coefficients) / len(distinct)
+
+        def spread() -> Spread:
+            features = np.mean([kernel(*_times(ensemble, r, clocks)) for r in distinct], axis=0)
+            return _spread(ensemble, self.band, impedance, features, covariance, fit, missing)
+
         inner = padded(impedance[missing : len(impedance) - missing], missing)
         labels = tuple(f"{name} {j}" for name in ("stiffness", "viscosity", "inertia") for j in range(kernel.columns))
         return KernelModel(
@@ -187,20 +225,41 @@ class KernelRegression(Method):
             labels=labels,
             kernel=kernel,
             phase=_common_phase(ensemble, period),
+            spread=spread,
             diagnostics=Diagnostics(
                 fit.effective, details={"noise_variance": fit.noise_variance, "iterations": fit.iterations}
             ),
         )
 
+    @property
+    def _gammas(self) -> Array:
+        return np.broadcast_to(np.asarray(self.gamma, dtype=np.float64), 3)
+
+    def _period(self, ensemble: Ensemble) -> float:
+        return ensemble.duration if self.period is None else self.period
+
+    def _stacks(self, ensemble: Ensemble) -> tuple[list[_Run], float, float]:
+        """Unbroken runs of the record, and its first and last time in s."""
+        runs = [_Run.of(ensemble, realizations, clock) for realizations, clock in _runs_with_clock(ensemble)]
+        runs = [run for run in runs if run.torque.shape[1] >= 2]
+        if not runs or self.band[0] >= ensemble.sampling_rate / 2:
+            raise InputError(
+                f"KernelRegression: nothing is left of realizations of {ensemble.samples} samples at "
+                f"{ensemble.sampling_rate:g} Hz after {HALF_WIDTH} at either end for the derivatives, within a band of "
+                f"{self.band[0]:g} to {self.band[1]:g} Hz; give context, longer realizations or a lower band"
+            )
+        stop = max(run.clock.max() + run.torque.shape[1] / ensemble.sampling_rate for run in runs)
+        return list(_stacked(runs)), min(run.clock.min() for run in runs), stop
+
     def _fit(self, stacks: list[_Run], kernel: Kernel, rate: float) -> tuple[Fit, NDArray[np.bool_]]:
         """Fit the coefficients that the data can see, and say which these are, shape (3, column)."""
         size = sum(run.torque.size for run in stacks)
-        powers = np.array([sum(float(np.sum(run.signals[order] ** 2)) for run in stacks) for order in range(3)])
+        powers = _powers(stacks)
         power = sum(float(np.vdot(run.torque, run.torque)) for run in stacks)
         bins = max(1.0, size * min(self.band[1] / rate, 0.5))
         noise = GUESS * 0.5 * power / bins
         while True:
-            kept = kernel.visible(self.gamma * powers, VISIBLE * noise)
+            kept = kernel.visible(self._gammas * powers, VISIBLE * noise)
             count = int(kept.sum())
             if 8 * count**2 > LARGEST:
                 raise InputError(
@@ -208,17 +267,83 @@ class KernelRegression(Method):
                     f"{size / rate:g} s needs {count} coefficients, too many to solve for; give fewer realizations or "
                     "a longer length_decay"
                 )
-            precision = np.tile(kernel.precision / self.gamma, 3)[kept.ravel()]
-            found = fit(_statistics(stacks, kernel, kept, self.band, rate), precision, size / (power or 1.0))
+            precision = np.outer(1 / self._gammas, kernel.precision)[kept]
+            found = fit(_statistics(stacks, kernel, kept, self.band, rate), precision, _weak(stacks))
             if found.noise_variance >= noise or kept.all():
                 return found, kept
             noise = 0.5 * found.noise_variance
+
+    def _evidence(self, ensemble: Ensemble, seed: int) -> Evidence:
+        """Marginal likelihood: highest over l1 without decay, then with shorter and shorter decays.
+
+        ``seed`` is not needed: all starts are fixed.
+        """
+        rate, period = ensemble.sampling_rate, self._period(ensemble)
+        stacks, start, stop = self._stacks(ensemble)
+        endless = Kernel.of(period, self.length_periodic, math.inf, start, stop, rate)
+        about = self._fit(stacks, endless, rate)[0].noise_variance
+        noise, powers = math.log(about), _powers(stacks)
+
+        def likelihood_of(kernel: Kernel, gammas: Array) -> _Likelihood | None:
+            kept = kernel.visible(gammas * powers, VISIBLE * about)
+            return None if int(kept.sum()) > MOST else _Likelihood.of(stacks, kernel, kept, self.band, rate, about)
+
+        own = Kernel.of(period, self.length_periodic, self.length_decay, start, stop, rate)
+        given, before = likelihood_of(own, self._gammas), math.nan
+        theta = np.array([math.log(self.length_periodic), *np.log(self._gammas), noise])
+        if given is not None:
+            theta[4], before = given.best_noise(theta)
+        tried = [_Tried(self.length_decay, theta, before)]
+
+        # No harmonic is shared by two lengths, but its variance: all lengths have one Gram matrix.
+        kernel = Kernel.of(period, LENGTHS[0], math.inf, start, stop, rate)
+        everything = np.ones((3, kernel.columns), dtype=bool)
+        strict = _Likelihood.of(stacks, kernel, everything, self.band, rate, about)
+        # Of each coefficient so much that the torque it makes is a thousand times the noise.
+        loose = np.array([0.0, *(math.log(START) + noise - np.log(powers)), noise])
+        near = loose
+        for length in LENGTHS:
+            climbs = [strict.climb(theta, length) for theta in ((loose,) if near is loose else (loose, near))]
+            best = max(climbs, key=lambda climbed: climbed.value)
+            near = best.theta
+            tried.append(best)
+        tried.append(strict.climb(max(tried[1:], key=lambda climbed: climbed.value).theta))
+
+        for share in DECAYS:
+            best = max(tried[1:], key=lambda climbed: climbed.value)
+            decay = float(share * (stop - start))
+            kernel = Kernel.of(period, math.exp(best.theta[0]), decay, start, stop, rate)
+            likelihood = likelihood_of(kernel, LEEWAY * np.exp(best.theta[1:4])) if decay >= 2 * period else None
+            if likelihood is None:
+                break
+            tried.append(likelihood.climb(best.theta, decay=decay, leeway=math.log(LEEWAY)))
+            if tried[-1].value < best.value - CLEARLY:
+                break
+        values = np.array([each.value for each in tried])
+        return Evidence(
+            criterion="log marginal likelihood",
+            unit="nat",
+            better="higher",
+            tried=(
+                {name: getattr(self, name) for name in ("length_periodic", "length_decay", "gamma")},
+                *(each.settings() for each in tried[1:]),
+            ),
+            values=values,
+            standard_errors=np.full(len(values), math.nan),
+            chosen=int(np.nanargmax(values)),
+            axis="length_periodic",
+            positions=np.exp([each.theta[0] for each in tried]),
+            lines=(
+                "as given",
+                *(f"decay {each.decay:.3g} s" if each.decay < ENDLESS else "no decay" for each in tried[1:]),
+            ),
+        )
 
     def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
         return self.band[1], max(self.band[0], EXCITED_ABOVE)
 
     def _doubts(self, ensemble: Ensemble) -> Iterator[str]:
-        period = ensemble.duration if self.period is None else self.period
+        period = self._period(ensemble)
         if abs(ensemble.duration / period - round(ensemble.duration / period)) > 1e-6:
             yield (
                 f"a realization of {ensemble.duration:g} s is not a whole number of periods of {period:g} s: the "
@@ -551,9 +676,147 @@ def _stacked(runs: list[_Run]) -> Iterator[_Run]:
             )
 
 
+def _powers(stacks: list[_Run]) -> Array:
+    """Summed squares of angle, velocity and acceleration."""
+    return np.array([sum(float(np.sum(run.signals[order] ** 2)) for run in stacks) for order in range(3)])
+
+
+def _weak(stacks: list[_Run]) -> float:
+    """Prior precision of the external terms: one over the torque's mean square."""
+    power = sum(float(np.vdot(run.torque, run.torque)) for run in stacks)
+    return sum(run.torque.size for run in stacks) / (power or 1.0)
+
+
+class _Tried(NamedTuple):
+    """A decay, the logs of l1, three gammas and the noise variance, and their log marginal likelihood."""
+
+    decay: float
+    theta: Array
+    value: float
+
+    def settings(self) -> dict[str, Any]:
+        length, decay, *gammas = (
+            float(f"{number:.4g}") for number in (*np.exp(self.theta[:1]), self.decay, *np.exp(self.theta[1:4]))
+        )
+        return {"length_periodic": length, "length_decay": decay, "gamma": tuple(gammas)}
+
+
+class _Likelihood(NamedTuple):
+    """Log marginal likelihood as a function of the logs of l1, three gammas and the noise variance.
+
+    ``coefficient`` and ``harmonic`` of each column, and which are ``fixed``, that is without prior.
+    """
+
+    statistics: Statistics
+    coefficient: NDArray[np.int64]
+    harmonic: NDArray[np.int64]
+    fixed: NDArray[np.bool_]
+
+    @classmethod
+    def of(
+        cls,
+        stacks: list[_Run],
+        kernel: Kernel,
+        kept: NDArray[np.bool_],
+        band: tuple[float, float],
+        rate: float,
+        noise: float,
+    ) -> _Likelihood:
+        """With the external terms eliminated for about this noise variance."""
+        coefficient, column = np.nonzero(kept)
+        harmonic = np.array([harmonic for harmonic, _, _ in kernel.products])[column]
+        statistics = without_nuisance(_statistics(stacks, kernel, kept, band, rate), _weak(stacks), noise)
+        return cls(statistics, coefficient, harmonic, column == 0)
+
+    def __call__(self, theta: Array) -> tuple[float, Array]:
+        """Log marginal likelihood, and its derivatives."""
+        logs, slopes = log_harmonic_variances(math.exp(theta[0]), int(self.harmonic.max()))
+        variances = np.where(self.fixed, 0.0, theta[1 + self.coefficient] + logs[self.harmonic])
+        with np.errstate(divide="ignore"):
+            strength = variances + np.log(np.diag(self.statistics.gram)) - theta[4]
+        seen = self.fixed | (strength > math.log(FAINT))
+        precision = np.where(self.fixed, 0.0, np.exp(-np.where(seen, variances, 0.0)))[seen]
+        found = log_evidence(of_columns(self.statistics, seen), precision, 1.0, math.exp(theta[4]))
+        by_gamma = np.bincount(self.coefficient[seen], found.by_variances, minlength=3)
+        by_length = float(found.by_variances @ slopes[self.harmonic[seen]])
+        return found.value, np.array([by_length, *by_gamma, found.by_noise])
+
+    def best_noise(self, theta: Array) -> tuple[float, float]:
+        """Log of the noise variance that suits the other settings best, and the log marginal likelihood."""
+        place = theta.copy()
+        for _ in range(NOISES):
+            value, slope = self(place)
+            # The likelihood of a log variance curves like that of so many numbers.
+            step = slope[4] / (0.5 * self.statistics.number)
+            if abs(step) < 1e-4:
+                break
+            place[4] += step
+        return float(place[4]), value
+
+    def climb(
+        self, theta: Array, length: float | None = None, decay: float = ENDLESS, leeway: float = math.inf
+    ) -> _Tried:
+        """Highest likelihood near a start; at one l1, if that is given, and with gammas no larger than by a leeway."""
+        lengths = np.log([LENGTHS[0], LENGTHS[-1]] if length is None else [length, length])
+        start = np.concatenate([[np.clip(theta[0], *lengths)], theta[1:]])
+        bounds = [tuple(lengths), *((gamma - 50, gamma + min(leeway, 15)) for gamma in theta[1:4]), (None, None)]
+
+        def descent(place: Array) -> tuple[float, Array]:
+            value, slope = self(place)
+            return -value, -slope
+
+        found = minimize(descent, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": 1e-9})
+        return _Tried(decay, found.x, -float(found.fun))
+
+
 def _inverse(precision: Array) -> Array:
     """1 / precision, and 0 where there is none."""
     return np.where(precision > 0, 1 / np.where(precision > 0, precision, 1.0), 0.0)
+
+
+def _spread(
+    ensemble: Ensemble,
+    band: tuple[float, float],
+    impedance: Array,
+    features: Array,
+    covariance: Array,
+    fit: Fit,
+    missing: int,
+) -> Spread:
+    """Random error of the impedance (time, 3) from the posterior, corrected for the noise's colour.
+
+    The posterior takes the noise as white, as strong as it is in the mean over the band that was fitted.
+    """
+    filters = derivative_filters(HALF_WIDTH, ensemble.sampling_rate)
+    edge = missing_edge(HALF_WIDTH, ensemble)
+    inner = slice(edge, len(impedance) - edge)
+    left = residual(ensemble, impedance[inner] @ filters, HALF_WIDTH)
+    filters = _in_band(filters, band, ensemble.sampling_rate)
+    tint = colour(ensemble, left, fit.effective / left.size, filters)
+    edges = (min(frequency / ensemble.sampling_rate, 0.5) for frequency in band)
+    factors = tint.factors(filters) / max(power_in_band(tint.noise, *edges), LEAST_POWER)
+    columns = features.shape[1]
+    parts = [slice(first, first + columns) for first in range(0, 3 * columns, columns)]
+    covariances = [covariance[part, part] for part in parts]
+    variances = [np.einsum("tj,jk,tk->t", features, one, features, optimize=True) for one in covariances]
+    deviation = np.sqrt(np.maximum(factors[:, None] * np.stack(variances), 0.0))
+    deviation[:, :missing] = deviation[:, len(impedance) - missing :] = np.nan
+    arcs = [arc_length(features, one) for one in covariances]
+    return Spread(deviation, np.full(deviation.shape, np.inf), (arcs[0], arcs[1], arcs[2]))
+
+
+LEAST_POWER = 1e-3
+"""Share of white noise's power in the band below which the noise's correlation is too coarse to tell."""
+
+
+def _in_band(filters: Array, band: tuple[float, float], rate: float) -> Array:
+    """Filters followed by one that passes the band."""
+    low, high = band
+    edges = [edge for edge in (low, high) if 0 < edge < rate / 2]
+    if not edges:
+        return filters
+    passing = firwin(2 * HALF_WIDTH + 1, edges, fs=rate, pass_zero=low == 0)
+    return np.stack([np.convolve(row, passing) for row in filters])
 
 
 def _clocks(ensemble: Ensemble) -> Array:

@@ -18,6 +18,7 @@ from tvsysid.methods.esm import EnsembleSpectral
 from tvsysid.methods.foreign import Identifies
 from tvsysid.methods.kbr import KernelRegression
 from tvsysid.methods.sds import ShortDataSegments
+from tvsysid.methods.tuning import Tuned
 
 METHODS: dict[str, type[Method]] = {
     method.key: method for method in (EnsembleIRF, ShortDataSegments, BasisIRF, EnsembleSpectral, KernelRegression)
@@ -66,6 +67,7 @@ def create(key: str, **settings: Any) -> Identifies:
         One of :func:`names`, or ``module:Class``.
     **settings
         Settings by name; the paper's otherwise. ``kbr`` also takes ``preset``, ``"simulation"`` or ``"experiment"``.
+        With ``tuned=True`` the method chooses its settings from the data, beginning with these: see :class:`Tuned`.
 
     Raises
     ------
@@ -80,9 +82,13 @@ def create(key: str, **settings: Any) -> Identifies:
     if key not in METHODS:
         return foreign.make(key, _foreign(key), settings)
     method = METHODS[key]
+    tuned = settings.pop("tuned", False)
+    if not isinstance(tuned, bool):
+        raise InputError(f"{key}: tuned must be true or false, got {tuned!r}")
     preset = settings.pop("preset", None) if method is KernelRegression else None
     _check_names(method, settings)
-    return method(**settings) if preset is None else KernelRegression.preset(preset, **settings)
+    made = method(**settings) if preset is None else KernelRegression.preset(preset, **settings)
+    return Tuned(made) if tuned else made
 
 
 def parse(text: str) -> Identifies:
@@ -91,7 +97,7 @@ def parse(text: str) -> Identifies:
     Parameters
     ----------
     text
-        For example ``"sds"``, ``"sds:window=0.2,max_lag=0.1"``, or a method of one's own,
+        For example ``"sds"``, ``"sds:window=0.2,max_lag=0.1"``, ``"kbr:tuned=true"``, or a method of one's own,
         ``"mypackage.mymodule:MyMethod"`` or ``"mypackage.mymodule:MyMethod:order=3"``. The package's own keys come
         first, then modules, then the names that installed packages offer.
 
@@ -104,6 +110,8 @@ def parse(text: str) -> Identifies:
     --------
     >>> parse("esm:window=0.4,stiffness=fit")
     EnsembleSpectral(window=0.4, stiffness='fit')
+    >>> parse("birf:tuned=true").title
+    'Basis impulse response function, tuned'
     >>> parse("tvsysid.methods:ShortDataSegments:window=0.2")
     ShortDataSegments(max_lag=0.12, window=0.2)
     """
@@ -127,6 +135,11 @@ def parse(text: str) -> Identifies:
                 settings[name] = TypeAdapter(float).validate_python(value)
             except ValidationError as error:
                 raise InputError(f"method {text!r}: {name} must be a number, got {value!r}") from error
+    if "tuned" in settings:
+        try:
+            settings["tuned"] = TypeAdapter(bool).validate_python(settings["tuned"])
+        except ValidationError as error:
+            raise InputError(f"method {text!r}: tuned must be true or false, got {settings['tuned']!r}") from error
     return create(key, **settings)
 
 
@@ -216,7 +229,7 @@ def _foreign(key: str) -> Any:
 
 
 def _check_names(method: type[Method], settings: dict[str, Any]) -> None:
-    known = [item.name for item in fields(method)] + (["preset"] if method is KernelRegression else [])
+    known = [item.name for item in fields(method)] + (["preset"] if method is KernelRegression else []) + ["tuned"]
     for name in settings:
         if name not in known:
             raise InputError(f"{method.key}: unknown setting {name!r}; its settings are {', '.join(known)}")

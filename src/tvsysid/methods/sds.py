@@ -8,10 +8,23 @@ from typing import ClassVar
 
 from tvsysid.errors import InputError
 from tvsysid.methods.base import EXCITED_ABOVE, Method, check_positive, fitting_lags, whole_samples
-from tvsysid.methods.correlations import impulse_response_model, rank_diagnostics, solve_windows
+from tvsysid.methods.correlations import (
+    coloured_variances,
+    impulse_response_model,
+    solve_windows,
+    window_diagnostics,
+    window_spread,
+)
+from tvsysid.methods.evidence import Evidence
+from tvsysid.methods.halves import evidence_by_halves
 from tvsysid.models import ImpulseResponseModel
 from tvsysid.numerics.pseudoinverse import truncated
 from tvsysid.signals import Ensemble
+
+LAGS = (0.03, 0.04, 0.06, 0.08, 0.12, 0.16)
+"""Lags in s of which tuned ones are the best."""
+WINDOWS = (0.02, 0.04, 0.06, 0.08, 0.10, 0.14, 0.20, 0.30, 0.40)
+"""Windows in s of which a tuned one is the best."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +49,11 @@ class ShortDataSegments(Method):
     -----
     The window holds N + 1 samples, centred. It is cut short where a realization's context ends, and the number
     of samples actually averaged is counted. Stiffness is the area under the impulse response (equation 20); viscosity
-    and inertia are not identified yet.
+    and inertia are those of a second-order fit to it, as in :class:`EnsembleIRF`.
+
+    The bands count that the noise of neighbouring samples in a window is correlated, by the autocorrelation of the
+    residual, which is taken to be the same at all times; the noise's strength may change. They do not count what the
+    window smooths: about a switch, the truth lies outside.
     """
 
     max_lag: float = 0.12
@@ -61,9 +78,16 @@ class ShortDataSegments(Method):
                 f"ShortDataSegments: a window of {self.window:g} s ({2 * half + 1} samples) is longer than a "
                 f"realization of {ensemble.samples} samples; give a shorter one"
             )
-        solution = solve_windows(ensemble, lags, half, truncated)
-        diagnostics = rank_diagnostics(ensemble, solution, lags)
-        return impulse_response_model(repr(self), ensemble, solution.weights, lags, diagnostics)
+        windows = solve_windows(ensemble, lags, half, lambda _, *correlations: truncated(*correlations))
+        return impulse_response_model(
+            repr(self),
+            ensemble,
+            windows.weights,
+            windows.impedance,
+            lags,
+            window_diagnostics(ensemble, windows, lags),
+            lambda: window_spread(ensemble, lags, windows, coloured_variances(ensemble, lags, half, windows)),
+        )
 
     def _doubts(self, ensemble: Ensemble) -> Iterator[str]:
         unknowns = 2 * whole_samples(self.max_lag, ensemble) + 1
@@ -73,6 +97,9 @@ class ShortDataSegments(Method):
                 f"a window holds {samples} samples of all realizations for {unknowns} lags: the fit is hardly "
                 "determined; record more, or lengthen window"
             )
+
+    def _evidence(self, ensemble: Ensemble, seed: int) -> Evidence:
+        return evidence_by_halves(self, ensemble, seed, {"max_lag": LAGS, "window": WINDOWS}, self.max_lag)
 
     def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
         return 1 / (2 * self.max_lag), EXCITED_ABOVE

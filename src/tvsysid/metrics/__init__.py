@@ -1,5 +1,6 @@
 """How good an identification is: one function a metric, and their catalogue."""
 
+from tvsysid.metrics.bands import coverage
 from tvsysid.metrics.catalogue import CATALOGUE, Metric
 from tvsysid.metrics.errors import (
     bias_error,
@@ -16,6 +17,7 @@ __all__ = [
     "Metric",
     "bandpassed_vaf",
     "bias_error",
+    "coverage",
     "debiased_bias_error",
     "left_out",
     "random_error",

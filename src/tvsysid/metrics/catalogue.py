@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from tvsysid.metrics.bands import coverage
 from tvsysid.metrics.errors import bias_error, debiased_bias_error, random_error, rise_time, total_error
 from tvsysid.metrics.variance import bandpassed_vaf, time_varying_vaf, vaf
 
@@ -21,7 +22,7 @@ class Metric:
     unit
         Of its value.
     best
-        Value of a perfect identification; 0.0 is a best value too.
+        Value of a perfect identification; 0.0 is a best value too. Of a coverage, that of a perfect band of 95 %.
     needs_truth
         Whether it can be had for simulated data only.
     function
@@ -43,5 +44,6 @@ CATALOGUE: dict[str, Metric] = {
     "rise_time": Metric("rise time", "s", 0.0, True, rise_time),
     "vaf": Metric("variance accounted for", "%", 100.0, False, vaf),
     "bandpassed_vaf": Metric("variance accounted for, 1-10 Hz", "%", 100.0, False, bandpassed_vaf),
+    "coverage": Metric("coverage of the 95 % band", "%", 95.0, True, coverage),
     "time_varying_vaf": Metric("variance accounted for over time", "%", 100.0, False, time_varying_vaf),
 }

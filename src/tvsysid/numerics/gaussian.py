@@ -76,25 +76,77 @@ def fit(statistics: Statistics, precision: Array, weak: float) -> Fit:
     Fit
         At the noise variance that it gives.
     """
-    diagonal = np.diag(statistics.gram)
-    scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
-    scaled = statistics._replace(
-        gram=statistics.gram * np.outer(scale, scale),
-        cross=statistics.cross * scale,
-        mixed=statistics.mixed * scale[:, None],
-    )
+    scaled, scale = _scaled(statistics)
     precision = precision * scale**2
     start = _Place(max(0.02 * statistics.square / statistics.number, _floor(statistics)))
     # The columns that the prior leaves most freedom tell the noise nearly as well as all of them, at a small cost.
     strong = precision * start.noise < STRONG
     if strong.sum() < 0.8 * len(strong):
-        start, _ = _settled(_of_columns(scaled, strong), precision[strong], weak, start)
+        start, _ = _settled(of_columns(scaled, strong), precision[strong], weak, start)
     place, solution = _settled(scaled, precision, weak, start)
     mean = _refined(scaled, precision, weak, place.noise, solution)
     covariance = lapack.dlauum(solution.inverse_factor, lower=1)[0]
     covariance += np.tril(covariance, -1).T
     covariance *= np.outer(0.5 * place.noise * scale, scale)
     return Fit(mean * scale, covariance, place.noise, solution.effective, place.iterations)
+
+
+class Evidence(NamedTuple):
+    """Log density of the data, and its derivatives by the log prior variances, shape (column,), and log noise."""
+
+    value: float
+    by_variances: Array
+    by_noise: float
+
+
+def log_evidence(statistics: Statistics, precision: Array, weak: float, noise: float) -> Evidence:
+    r"""Log marginal likelihood of the data for given prior and noise variances.
+
+    .. math:: y \sim N\left(F b,\ \tfrac12 D\right), \qquad
+              D = \sigma^2 I + Z W Z^T + T T^T / q
+
+    with Z the columns that have a prior, W their prior variances (the inverse of ``precision``), and F those that
+    have none, whose weights b are integrated out with unit density (restricted likelihood). The halves are those of
+    the parts of a complex normal number. With :math:`f` columns without prior and :math:`D^{-1}` projected on what they
+    leave, Q,
+
+    .. math:: \log p = -\tfrac{N - f}{2} \log\pi - \tfrac12 \log|D| - \tfrac12 \log|F^T D^{-1} F| - y^T Q y
+
+    Parameters
+    ----------
+    statistics, precision, weak
+        As for :func:`fit`.
+    noise
+        Noise variance :math:`\sigma^2` of a complex number, twice that of a number of y.
+
+    Returns
+    -------
+    Evidence
+        Where the derivative by the noise vanishes, :func:`fit` stands still.
+    """
+    scaled, scale = _scaled(statistics)
+    scaled_precision = precision * scale**2
+    solution = _solve(scaled, scaled_precision, weak, noise)
+    fixed = precision == 0
+    free, terms = int(fixed.sum()), len(statistics.powers)
+    variances = np.einsum("ij,ij->j", solution.inverse_factor, solution.inverse_factor)
+    determinant = (
+        (statistics.number - len(precision) - terms) * math.log(noise)
+        - float(np.sum(np.log(precision[~fixed])))
+        - terms * math.log(weak)
+        + float(np.sum(np.log(statistics.powers + noise * weak)))
+        - 2 * float(np.sum(np.log(np.diag(solution.inverse_factor))))
+        - 2 * float(np.sum(np.log(scale)))
+    )
+    shrink = 1 / (statistics.powers + noise * weak)
+    right = scaled.cross - scaled.mixed @ (shrink * statistics.shared)
+    quadratic = statistics.square - float(np.sum(shrink * statistics.shared**2)) - float(right @ solution.mean)
+    left = statistics.number - free
+    return Evidence(
+        -0.5 * (left * math.log(math.pi) + determinant) - quadratic / noise,
+        np.where(fixed, 0.0, scaled_precision * solution.mean**2 - 0.5 * (1 - noise * scaled_precision * variances)),
+        solution.residual / noise - 0.5 * (statistics.number - solution.effective),
+    )
 
 
 class _Place(NamedTuple):
@@ -112,11 +164,51 @@ class _Solution(NamedTuple):
     effective: float
 
 
+def _scaled(statistics: Statistics) -> tuple[Statistics, Array]:
+    """Statistics of columns of unit length, and what each was multiplied by."""
+    diagonal = np.diag(statistics.gram)
+    scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+    scaled = statistics._replace(
+        gram=statistics.gram * np.outer(scale, scale),
+        cross=statistics.cross * scale,
+        mixed=statistics.mixed * scale[:, None],
+    )
+    return scaled, scale
+
+
 def _floor(statistics: Statistics) -> float:
     return 2e-14 * statistics.square / statistics.number
 
 
-def _of_columns(statistics: Statistics, chosen: NDArray[np.bool_]) -> Statistics:
+def without_nuisance(statistics: Statistics, weak: float, noise: float) -> Statistics:
+    r"""Statistics from which the nuisance terms were eliminated, once for all noise variances.
+
+    Their prior variance is taken to be :math:`1 / q` times :math:`\sigma^2 / \sigma_0^2`, so that what they leave of
+    the data does not depend on the noise variance. That is little, as a rule: what the terms can explain is then lost
+    whatever the noise. The log evidence is less than that of the whole by the log of a constant.
+
+    Parameters
+    ----------
+    statistics, weak
+        As for :func:`fit`.
+    noise
+        A noise variance close to those of interest, :math:`\sigma_0^2`.
+    """
+    gram, cross, square, number, mixed, shared, powers = statistics
+    shrink = 1 / (powers + noise * weak)
+    return Statistics(
+        gram=blas.dsyrk(-1.0, mixed * np.sqrt(shrink), beta=1.0, c=gram, lower=1),
+        cross=cross - mixed @ (shrink * shared),
+        square=square - float(np.sum(shrink * shared**2)),
+        number=number,
+        mixed=np.zeros((len(cross), 0)),
+        shared=np.zeros(0),
+        powers=np.zeros(0),
+    )
+
+
+def of_columns(statistics: Statistics, chosen: NDArray[np.bool_]) -> Statistics:
+    """Statistics of some of the columns of X."""
     return statistics._replace(
         gram=np.asfortranarray(statistics.gram[np.ix_(chosen, chosen)]),
         cross=statistics.cross[chosen],
@@ -163,7 +255,7 @@ def _solve(statistics: Statistics, precision: Array, weak: float, noise: float) 
     shrink = 1 / (powers + noise * weak)
     explained = mixed * np.sqrt(shrink)
     right = cross - mixed @ (shrink * shared)
-    system = blas.dsyrk(-1.0, explained, beta=1.0, c=gram, lower=1)
+    system = blas.dsyrk(-1.0, explained, beta=1.0, c=gram, lower=1) if len(powers) else gram.copy(order="F")
     system.ravel(order="A")[:: len(system) + 1] += noise * precision
     factor, failed = lapack.dpotrf(system, lower=1)
     if failed:  # columns without power, or alike to rounding
@@ -177,5 +269,7 @@ def _solve(statistics: Statistics, precision: Array, weak: float, noise: float) 
     # The quadratic form in the Gram matrix, by what the system does to the mean.
     quadratic = float(mean @ right) - noise * float(precision @ mean**2) + float(np.sum((mean @ explained) ** 2))
     residual = square - 2 * float(mean @ cross) + quadratic + float(np.sum(terms * (powers * terms - 2 * left)))
-    spread = float(np.sum(shrink)) + float(np.sum(blas.dtrmm(1.0, inverse_factor, mixed * shrink, lower=1) ** 2))
+    spread = float(np.sum(shrink))
+    if len(powers):
+        spread += float(np.sum(blas.dtrmm(1.0, inverse_factor, mixed * shrink, lower=1) ** 2))
     return _Solution(mean, inverse_factor, residual, effective + len(powers) - noise * weak * spread)

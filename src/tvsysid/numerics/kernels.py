@@ -59,6 +59,21 @@ def harmonic_variances(l1: float) -> Array:
     return np.asarray(variances[: int(np.flatnonzero(variances > TOLERANCE)[-1]) + 1])
 
 
+def log_harmonic_variances(l1: float, harmonics: int) -> tuple[Array, Array]:
+    """Logs of :func:`harmonic_variances` up to a harmonic, and their derivatives by log l1; shape (harmonic,) each.
+
+    Minus infinity and 0 where a variance is smaller than any number.
+    """
+    kappa = 1 / (2 * l1)
+    orders = np.arange(harmonics + 1)
+    here = ive(orders, kappa)
+    there = here > np.finfo(float).tiny
+    safe = np.where(there, here, 1.0)
+    neighbours = 0.5 * (ive(np.abs(orders - 1), kappa) + ive(orders + 1, kappa))
+    logs = np.where(there, np.log(safe) + np.log(np.where(orders == 0, 1.0, 2.0)), -np.inf)
+    return logs, np.where(there, -kappa * (neighbours / safe - 1), 0.0)
+
+
 def harmonic_features(time: Array, period: float, harmonics: int) -> Array:
     """Constant, then cosine and sine of each harmonic; shape (time, 2 x harmonics + 1)."""
     phase = 2 * np.pi / period * np.outer(time, np.arange(1, harmonics + 1))

@@ -13,10 +13,14 @@ Order = Literal["natural", "output"]
 
 
 class Solution(NamedTuple):
-    """Weights, shape (time, lag), and how many singular values they were built from, shape (time,)."""
+    """Weights, shape (time, lag); how many singular values they were built from, shape (time,); the pseudo-inverse.
+
+    The last, shape (time, lag, lag), is that of the correlations: ``weights = inverse @ phi_uy``.
+    """
 
     weights: Array
     rank: NDArray[np.int64]
+    inverse: Array
 
 
 def truncated(
@@ -52,8 +56,8 @@ def truncated(
     Lortie & Kearney 2001, Annals of Biomedical Engineering 29.
     """
     values, vectors, projections, usable = _spectrum(phi_uu, phi_uy)
-    scaled = np.where(usable, projections / np.where(usable, values, 1.0), 0.0)
-    explained = projections * scaled
+    reciprocal = np.where(usable, 1 / np.where(usable, values, 1.0), 0.0)
+    explained = projections**2 * reciprocal
     if order == "output":
         ranking = np.argsort(-explained, axis=1, kind="stable")
         explained = np.take_along_axis(explained, ranking, axis=1)
@@ -65,8 +69,7 @@ def truncated(
     cost = (1 + counts * np.log(length) / length) * (y_variance[:, None] - np.cumsum(explained, axis=1))
     cost[counts > usable.sum(axis=1)[:, None]] = np.inf
     rank = np.argmin(cost, axis=1) + 1
-    kept = np.where(place < rank[:, None], scaled, 0.0)
-    return Solution((vectors @ kept[..., None])[..., 0], rank)
+    return _solution(vectors, projections, np.where(place < rank[:, None], reciprocal, 0.0), rank)
 
 
 def full(phi_uu: Array, phi_uy: Array) -> Solution:
@@ -75,8 +78,14 @@ def full(phi_uu: Array, phi_uy: Array) -> Solution:
     Parameters and result are those of :func:`truncated`.
     """
     values, vectors, projections, usable = _spectrum(phi_uu, phi_uy)
-    scaled = np.where(usable, projections / np.where(usable, values, 1.0), 0.0)
-    return Solution((vectors @ scaled[..., None])[..., 0], usable.sum(axis=1))
+    reciprocal = np.where(usable, 1 / np.where(usable, values, 1.0), 0.0)
+    return _solution(vectors, projections, reciprocal, usable.sum(axis=1))
+
+
+def _solution(vectors: Array, projections: Array, reciprocal: Array, rank: NDArray[np.int64]) -> Solution:
+    """Solution from eigenvectors and the reciprocals of those eigenvalues that are kept."""
+    weights = (vectors @ (projections * reciprocal)[..., None])[..., 0]
+    return Solution(weights, rank, (vectors * reciprocal[:, None, :]) @ vectors.transpose(0, 2, 1))
 
 
 def _spectrum(phi_uu: Array, phi_uy: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
@@ -114,13 +123,16 @@ def direct(u: Array, y: Array, lags: int, block: int = 64) -> Solution:
     windows = sliding_window_view(u, 2 * lags + 1, axis=1)[:, :, ::-1].transpose(1, 0, 2)
     times = windows.shape[0]
     weights, rank = np.empty((times, 2 * lags + 1)), np.empty(times, dtype=np.int64)
+    inverse = np.empty((times, 2 * lags + 1, 2 * lags + 1))
     for start in range(0, times, block):
         stop = min(start + block, times)
         left, values, right = np.linalg.svd(windows[start:stop], full_matrices=False)
         usable = values > max(windows.shape[1:]) * np.finfo(float).eps * values[:, :1]
         output = y[:, lags + start : lags + stop].T[:, None, :]
         projections = (output @ left)[:, 0]
-        scaled = np.where(usable, projections / np.where(usable, values, 1.0), 0.0)
-        weights[start:stop] = (scaled[:, None, :] @ right)[:, 0]
+        reciprocal = np.where(usable, 1 / np.where(usable, values, 1.0), 0.0)
+        weights[start:stop] = ((projections * reciprocal)[:, None, :] @ right)[:, 0]
         rank[start:stop] = usable.sum(axis=1)
-    return Solution(weights, rank)
+        transposed = right.transpose(0, 2, 1)
+        inverse[start:stop] = len(u) * (transposed * reciprocal[:, None, :] ** 2) @ right
+    return Solution(weights, rank, inverse)

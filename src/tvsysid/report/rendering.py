@@ -17,6 +17,13 @@ if TYPE_CHECKING:
 
 def write_page(path: str | Path, template: str, content: Mapping[str, Any]) -> None:
     """Fill a template of this room and write the page, which appears whole or not at all."""
+    page = filled(template, content)
+    with whole_file(path) as temporary:
+        temporary.write_text(page, encoding="utf-8")
+
+
+def filled(template: str, content: Mapping[str, Any]) -> str:
+    """Page or part of one: a template of this room with its content, escaped."""
     from jinja2 import Environment, PackageLoader, StrictUndefined  # noqa: PLC0415  # heavy
 
     environment = Environment(
@@ -26,24 +33,24 @@ def write_page(path: str | Path, template: str, content: Mapping[str, Any]) -> N
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    page = environment.get_template(template).render(content)
-    with whole_file(path) as temporary:
-        temporary.write_text(page, encoding="utf-8")
+    return environment.get_template(template).render(content)
 
 
 def embedded(illustrations: Mapping[str, Illustration]) -> list[dict[str, Any]]:
-    """Figures as the template takes them, drawn into the page."""
-    return [
-        {
-            "stem": stem,
-            "title": each.title,
-            "description": each.description,
-            "source": "data:image/svg+xml;base64," + base64.b64encode(drawn(each.figure, "svg")).decode(),
-            "width": round(96 * each.figure.get_figwidth()),
-            "height": round(96 * each.figure.get_figheight()),
-        }
-        for stem, each in illustrations.items()
-    ]
+    """Figures as the templates take them."""
+    return [{"stem": stem, **picture(each)} for stem, each in illustrations.items()]
+
+
+def picture(illustration: Illustration) -> dict[str, Any]:
+    """Figure as the source of an image, with its size in pixels, title and description."""
+    figure = illustration.figure
+    return {
+        "title": illustration.title,
+        "description": illustration.description,
+        "source": "data:image/svg+xml;base64," + base64.b64encode(drawn(figure, "svg")).decode(),
+        "width": round(96 * figure.get_figwidth()),
+        "height": round(96 * figure.get_figheight()),
+    }
 
 
 def settings_of(results: xr.Dataset, name: str) -> dict[str, Any]:

@@ -1,0 +1,259 @@
+"""What is looked for, in the order in which it is told: its limit, what it does to the result, what to do."""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+
+class Kind(NamedTuple):
+    """One thing that can be wrong.
+
+    Parameters
+    ----------
+    title
+        In a few words.
+    measure
+        What its number is.
+    unit
+        Of the number.
+    limit
+        Value that is still in order.
+    wrong
+        On which side of the limit it is not.
+    effect
+        What it does to the result.
+    remedy
+        What to do.
+    """
+
+    title: str
+    measure: str
+    unit: str
+    limit: float
+    wrong: Literal["above", "below"]
+    effect: str
+    remedy: str
+
+
+KINDS: dict[str, Kind] = {
+    "few-realizations": Kind(
+        "Few realizations",
+        "realizations",
+        "realizations",
+        15,
+        "below",
+        "the random error falls with the square root of their number; methods that look at each time by itself need "
+        "more of them than they have lags",
+        "record more, or cut shorter realizations if the behaviour repeats more often",
+    ),
+    "weak-answer": Kind(
+        "The torque hardly answers the angle",
+        "share of the torque that stiffness, viscosity and inertia explain",
+        "%",
+        30,
+        "below",
+        "stiffness drowns in noise: its random error is large",
+        "perturb more strongly, record more realizations, and see whether these are the right two channels",
+    ),
+    "narrow-excitation": Kind(
+        "The perturbation leaves impedance undetermined",
+        "standard error of the mean stiffness or inertia, whichever is worse, over its value",
+        "%",
+        20,
+        "above",
+        "stiffness, viscosity and inertia stand in for each other, and none of them can be believed",
+        "use a perturbation with power from below 2 Hz to above the joint's natural frequency, some 10 Hz at the ankle",
+    ),
+    "same-perturbation": Kind(
+        "The same perturbation in every realization",
+        "share of the angle's variance that is common to all realizations, or white as sensor noise is",
+        "%",
+        30,
+        "above",
+        "nothing tells what the torque answers from what repeats anyway; less the mean, only noise is left",
+        "draw a new random perturbation for every realization; data recorded so cannot be mended",
+    ),
+    "mean-torque": Kind(
+        "A mean torque is left",
+        "RMS of the torque's mean over realizations against what chance leaves",
+        "times",
+        2.5,
+        "above",
+        "the voluntary or passive torque that all realizations share is taken for an answer, and biases the stiffness",
+        "ensemble = tv.preprocess.subtract_mean(ensemble)",
+    ),
+    "mean-angle": Kind(
+        "A mean angle is left",
+        "RMS of the angle's mean over realizations against what chance leaves",
+        "times",
+        2.5,
+        "above",
+        "an offset or an imposed movement counts as perturbation, and biases the stiffness",
+        "ensemble = tv.preprocess.subtract_mean(ensemble)",
+    ),
+    "reversed-torque": Kind(
+        "The torque counts the other way",
+        "mean stiffness",
+        "N·m/rad",
+        0,
+        "below",
+        "stiffness, viscosity and inertia all come out negative",
+        "read the file with torque_sign=-1 (--torque-sign -1)",
+    ),
+    "angle-unit": Kind(
+        "The angle is too large for radians",
+        "RMS of the angle about its mean over realizations",
+        "rad",
+        0.2,
+        "above",
+        "degrees taken for radians make stiffness, viscosity and inertia 57 times too small; if they are radians, no "
+        "joint is linear over so wide a movement",
+        "if the file is in degrees, read it with angle_unit='deg' (--angle-unit deg)",
+    ),
+    "torque-unit": Kind(
+        "Stiffer than any joint",
+        "mean stiffness, whichever its sign",
+        "N·m/rad",
+        1500,
+        "above",
+        "stiffness, viscosity and inertia are too large by the same factor",
+        "convert the torque to N·m if it is in mN·m or N·cm, and do not read radians as degrees",
+    ),
+    "sampling-rate": Kind(
+        "Too slow or too fast for a joint",
+        "natural frequency, in octaves from the middle of what joints have (1 to 40 Hz; inertia up to 1 kg·m²)",
+        "octaves",
+        2.66,
+        "above",
+        "a rate that is stated too high by a factor makes viscosity too small by it, and inertia by its square",
+        "see at what rate the file was sampled; the inertia of foot and footplate is 0.01 to 0.04 kg·m²",
+    ),
+    "delay": Kind(
+        "Angle and torque are not recorded at the same time",
+        "by how much the torque is late",
+        "ms",
+        15,
+        "above",
+        "a torque that is late by d lowers the viscosity by stiffness times d, even below zero, and bends the rest",
+        "shift one channel against the other by this much before cutting, and find what delays it (a filter, a clock)",
+    ),
+    "drift": Kind(
+        "Behaviour drifts over the experiment",
+        "stiffness of the second half against the first",
+        "%",
+        10,
+        "above",
+        "what is identified is a mean of different behaviours, and belongs to none of them",
+        "identify the parts of the experiment by themselves; let people rest or warm up before",
+    ),
+    "unlike-realizations": Kind(
+        "Some realizations are unlike the others",
+        "realizations whose stiffness or noise lies far out",
+        "realizations",
+        0,
+        "above",
+        "they count as much as the others and pull the result towards theirs",
+        "look at them and exclude them (ensemble.select; tv.preprocess.prepare does it for a task with a target)",
+    ),
+    "misaligned-realizations": Kind(
+        "Some realizations come early or late",
+        "share of the realizations that fit clearly better when they are shifted",
+        "%",
+        2,
+        "above",
+        "changes of stiffness are smeared over time, and peaks come out too low",
+        "align them before the mean is subtracted (tv.preprocess.align), or exclude them",
+    ),
+    "wrong-period": Kind(
+        "The behaviour does not repeat with this period",
+        "stiffness that comes and goes with another period, as a share of the mean",
+        "%",
+        10,
+        "above",
+        "each realization holds another part of the behaviour, so that the time variation averages out",
+        "cut with the period that is named here, if the behaviour has one, or sort it by what it depends on",
+    ),
+    "clipped-angle": Kind(
+        "The angle is clipped",
+        "times at which the highest or lowest values of several realizations are the same",
+        "%",
+        2,
+        "above",
+        "where the sensor is at its limit the torque goes on without the angle: stiffness comes out too high",
+        "widen the sensor's range; exclude the realizations concerned",
+    ),
+    "clipped-torque": Kind(
+        "The torque is clipped",
+        "times at which the highest or lowest values of several realizations are the same",
+        "%",
+        2,
+        "above",
+        "where the sensor is at its limit the torque does not answer: stiffness comes out too low where it is high",
+        "widen the sensor's range; exclude the realizations concerned",
+    ),
+    "lost-angle": Kind(
+        "The angle is lost for a while",
+        "time during which the torque moves and the angle does not",
+        "s",
+        0.25,
+        "above",
+        "the torque seems to move by itself there, which adds noise and mostly lowers the stiffness",
+        "exclude the realizations concerned",
+    ),
+    "lost-torque": Kind(
+        "The torque is lost for a while",
+        "time during which the angle moves and the torque does not",
+        "s",
+        0.25,
+        "above",
+        "where the torque is held or zero the joint seems to have no stiffness",
+        "exclude the realizations concerned",
+    ),
+    "angle-spikes": Kind(
+        "Spikes in the angle",
+        "highest sample that the angle's past does not foretell, over the 99th percentile of all",
+        "times",
+        2.5,
+        "above",
+        "a spike of one sample has a large acceleration that no torque answers: inertia comes out too low",
+        "interpolate the samples or exclude the realizations; see the cables",
+    ),
+    "torque-spikes": Kind(
+        "Spikes in the torque",
+        "highest sample that neither the joint's model nor the past foretells, over the 90th percentile of all",
+        "times",
+        8,
+        "above",
+        "single samples of large error weigh much in a least-squares fit",
+        "interpolate the samples or exclude the realizations; see the cables",
+    ),
+    "feedback": Kind(
+        "The angle gives way to the torque",
+        "share of the angle's unforeseen movement that earlier noise in the torque foretells",
+        "%",
+        10,
+        "above",
+        "the methods here take the angle as imposed; if noise in the torque moves it, stiffness, viscosity and inertia "
+        "come out too low",
+        "use a stiffer actuator, or a closed-loop method with the actuator's command as the instrument",
+    ),
+    "reflex": Kind(
+        "A reflex answers stretch",
+        "share of the torque left over that the speed of 40 to 300 ms before foretells, whichever its direction",
+        "%",
+        2,
+        "above",
+        "intrinsic and reflex torque are identified as one: viscosity comes out too low and stiffness too high, both "
+        "vary with the perturbation, and VAF is low",
+        "take the result as that of joint and reflex together, or use a method with a reflex path in parallel",
+    ),
+    "slow-answer": Kind(
+        "More than stiffness, viscosity and inertia",
+        "share of the torque left over that angles of 40 to 300 ms before foretell",
+        "%",
+        10,
+        "above",
+        "a model of second order (birf, kbr) misses this part; impulse responses hold it as far as their lags reach",
+        "use eirf, sds or esm with longer lags; look for a reflex, a soft coupling, or a filter in one channel",
+    ),
+}

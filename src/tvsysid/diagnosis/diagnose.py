@@ -1,0 +1,243 @@
+"""One verb: what is doubtful about an ensemble, before or after it is identified."""
+
+from __future__ import annotations
+
+import html
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tvsysid.diagnosis import excitation, losses, repetition, scales, structure
+from tvsysid.diagnosis.catalogue import KINDS
+from tvsysid.diagnosis.check import Check
+from tvsysid.diagnosis.curves import Curves, curves
+from tvsysid.diagnosis.evidence import SHORTEST, Evidence, known_samples
+from tvsysid.errors import InputError
+from tvsysid.numerics.differentiation import HALF_WIDTH
+from tvsysid.numerics.moments import window_moments
+from tvsysid.signals import Ensemble
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+LARGEST = 1e60
+"""Value beyond which squares of derivatives are no numbers."""
+MOST_POWER = 0.95
+"""Share of the angle's power that lies within its bandwidth."""
+LAGS = 0.12
+"""Lags in s, to either side, whose correlation matrix is looked at: those of the impulse-response methods."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Diagnosis:
+    """What was looked at in an ensemble, and what is wrong with it.
+
+    Parameters
+    ----------
+    checks
+        Everything that was looked at, in the order of the catalogue.
+    measures
+        Figures about the ensemble by name, with their unit: ``{"bandwidth": (8.9, "Hz"), ...}``.
+    curves
+        What the pictures show.
+    ensemble
+        What was diagnosed, in words.
+    """
+
+    checks: tuple[Check, ...]
+    measures: dict[str, tuple[float, str]]
+    curves: Curves
+    ensemble: str
+
+    @property
+    def findings(self) -> tuple[Check, ...]:
+        """The checks that found something wrong."""
+        return tuple(check for check in self.checks if check.found)
+
+    @property
+    def clean(self) -> bool:
+        """Whether nothing was found."""
+        return not self.findings
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """One row for everything that was looked at: name, state, value, threshold, what, effect, remedy."""
+        import pandas as pd  # noqa: PLC0415  # heavy
+
+        names = ("name", "state", "found", "value", "unit", "wrong", "threshold", "what", "effect", "remedy")
+        return pd.DataFrame([{name: getattr(check, name) for name in names} for check in self.checks])
+
+    @property
+    def verdict(self) -> str:
+        """The outcome in a sentence."""
+        unknown = sum(not check.judged for check in self.checks)
+        left = f"; {unknown} could not be judged" if unknown else ""
+        told = "nothing is wrong" if self.clean else f"{len(self.findings)} found"
+        return f"{told} of {len(self.checks)} things that were looked for{left}"
+
+    def __repr__(self) -> str:
+        lines = [f"Diagnosis of {self.ensemble}: {self.verdict}"]
+        for check in self.findings:
+            lines += [
+                f"- {check.name}: {check.what} ({strength(check)})",
+                f"    does: {check.effect}",
+                f"    do:   {check.remedy}",
+            ]
+        return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        rows = "".join(
+            "<tr>" + "".join(f"<td style='text-align:left'>{html.escape(text)}</td>" for text in texts) + "</tr>"
+            for texts in (
+                (check.name, check.what, strength(check), check.effect, check.remedy) for check in self.findings
+            )
+        )
+        headings = "".join(f"<th style='text-align:left'>{text}</th>" for text in HEADINGS)
+        table = f"<table><thead><tr>{headings}</tr></thead><tbody>{rows}</tbody></table>" if rows else ""
+        return f"<p><b>Diagnosis</b> of {html.escape(self.ensemble)}: {html.escape(self.verdict)}.</p>{table}"
+
+
+HEADINGS = ("found", "what was seen", "how strong", "what it does to the result", "what to do")
+
+
+def strength(check: Check) -> str:
+    """Value against threshold, in words.
+
+    Examples
+    --------
+    >>> strength(Check("drift", 24.3, True, ""))
+    '24.3 %, at most 10 is in order'
+    """
+    if not check.judged:
+        return "not judged"
+    allowed = "at most" if check.wrong == "above" else "at least"
+    value = "0" if abs(check.value) < 1e-9 else f"{check.value:.3g}" if abs(check.value) < 1e4 else f"{check.value:.2g}"
+    doubt = ", but this may be chance" if check.state == "uncertain" else ""
+    return f"{value} {check.unit}, {allowed} {check.threshold:g} is in order{doubt}"
+
+
+def diagnose(ensemble: Ensemble) -> Diagnosis:
+    r"""Look for what is wrong with an ensemble, and say what it does to the result and what to do.
+
+    A joint of second order, :math:`y = k(t)\,\theta + b(t)\,\dot\theta + I\,\ddot\theta`, with stiffness and viscosity
+    free in bins of 50 ms, is fitted to the deviations from the mean over realizations. What it explains tells of units,
+    signs and rates, what it leaves of reflexes, feedback and lost signals, and how both vary over realizations of drift
+    and misalignment. Every probability comes from the scatter over realizations, so that noise may have any colour, and
+    a finding must be beyond its threshold and no chance (1 in 100 000).
+
+    Parameters
+    ----------
+    ensemble
+        Realizations of one repeated behaviour; mean subtracted, or not (which is then found).
+
+    Returns
+    -------
+    Diagnosis
+        Findings, everything that was looked at, figures, and what the pictures show.
+
+    Raises
+    ------
+    InputError
+        For a single realization, or realizations that are too short for derivatives.
+
+    Examples
+    --------
+    >>> import tvsysid as tv
+    >>> simulation = tv.simulate.joint(60, stiffness=tv.simulate.SineWave(), perturbation=tv.simulate.PRBS(),
+    ...                                snr_db=10, seed=1)
+    >>> recording = tv.preprocess.decimate(simulation.recording, 100)
+    >>> ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))
+    >>> tv.diagnose(ensemble)
+    Diagnosis of 30 realizations of 2 s at 100 Hz: nothing is wrong of 24 things that were looked for; ...
+    """
+    if not isinstance(ensemble, Ensemble):
+        raise InputError(
+            f"diagnose: expected an Ensemble, got {type(ensemble).__name__}; cut a Recording with "
+            "tvsysid.preprocess.segment"
+        )
+    if len(ensemble) < 2:
+        raise InputError(
+            "diagnose: expected at least two realizations to compare, got one; cut the recording with a shorter period"
+        )
+    largest = max(float(np.abs(values).max()) for values in (ensemble.angle, ensemble.torque))
+    if largest > LARGEST:
+        raise InputError(
+            f"diagnose: expected angles in rad and torques in N·m, got values up to {largest:.2g}; is the file damaged?"
+        )
+    evidence = Evidence.of(ensemble)
+    known = known_samples(evidence.ensemble.samples, evidence.ensemble.context)
+    if known < SHORTEST:
+        raise InputError(
+            f"diagnose: derivatives are known at {known} samples of a realization at {evidence.rate:g} Hz, it "
+            f"takes {SHORTEST}; give longer realizations, or {HALF_WIDTH / evidence.rate:g} s of context"
+        )
+    # A delay would look like much else: the rest is judged without it.
+    late, samples = scales.delay(evidence)
+    timely = evidence.synchronised(samples)
+    misaligned, moved = repetition.misaligned(timely)
+    found = [
+        late,
+        misaligned,
+        excitation.few_realizations(timely),
+        excitation.weak_answer(timely),
+        excitation.narrow_excitation(timely),
+        excitation.same_perturbation(timely),
+        *(repetition.mean_left(evidence, which) for which in ("torque", "angle")),
+        scales.reversed_torque(timely),
+        scales.angle_unit(timely),
+        scales.torque_unit(timely),
+        scales.sampling_rate(timely),
+        repetition.drift(timely),
+        repetition.unlike(timely, moved),
+        repetition.wrong_period(timely),
+        *(losses.clipped(timely, which) for which in ("angle", "torque")),
+        *(losses.lost(timely, which) for which in ("angle", "torque")),
+        losses.angle_spikes(timely),
+        losses.torque_spikes(timely),
+        structure.feedback(timely),
+        structure.reflex(timely),
+        structure.slow_answer(timely),
+    ]
+    checks = {check.name: check for check in found}
+    seen = curves(evidence)
+    return Diagnosis(
+        tuple(checks[name] for name in KINDS),
+        _measures(timely, seen),
+        seen,
+        f"{len(ensemble)} realizations of {ensemble.duration:g} s at {ensemble.sampling_rate:g} Hz",
+    )
+
+
+def _measures(evidence: Evidence, seen: Curves) -> dict[str, tuple[float, str]]:
+    """Figures that are good to know, whatever was found."""
+    values, _ = evidence.mean_impedance
+    explained = evidence.explained
+    angle = evidence.angle[:, evidence.ensemble.core]
+    power = np.mean(np.abs(np.fft.rfft(angle, axis=1)) ** 2, axis=0)[1:]
+    within = int(np.searchsorted(np.cumsum(power), MOST_POWER * power.sum()))
+    frequency = np.sqrt(values[0] / values[2]) / (2 * np.pi) if values[0] * values[2] > 0 else np.nan
+    bandwidth = (within + 1) / evidence.ensemble.duration
+    inside = seen.coherence[:, (seen.coherence_frequency > 0) & (seen.coherence_frequency <= bandwidth)]
+    measures = {
+        "mean stiffness": (values[0], "N·m/rad"),
+        "mean viscosity": (values[1], "N·m·s/rad"),
+        "inertia": (values[2], "kg·m²"),
+        "natural frequency": (frequency, "Hz"),
+        "angle RMS": (np.sqrt(np.mean(angle**2)), "rad"),
+        "bandwidth of the angle": (bandwidth, "Hz"),
+        "condition of lagged angles": (_condition(evidence), "1"),
+        "coherence within the bandwidth": (np.median(inside) if inside.size else np.nan, "1"),
+        "explained torque": (100 * explained, "%"),
+        "signal-to-noise ratio": (10 * np.log10(max(explained, 1e-9) / max(1 - explained, 1e-9)), "dB"),
+    }
+    return {name: (float(value), unit) for name, (value, unit) in measures.items()}
+
+
+def _condition(evidence: Evidence) -> float:
+    """Condition number of the mean correlation matrix of lagged angles, which impulse-response methods invert."""
+    lags = min(round(LAGS * evidence.rate), (evidence.angle.shape[1] - 1) // 2)
+    spread = np.linalg.eigvalsh(window_moments(evidence.angle, evidence.angle, lags, lags).mean(axis=0))
+    # What rounding leaves of the smallest eigenvalue tells nothing.
+    return float(1 / max(spread[0] / spread[-1], np.finfo(float).eps)) if spread[-1] > 0 else math.inf

@@ -1,0 +1,235 @@
+"""Whether the realizations are of one behaviour: no mean left, no drift, none unlike or shifted, the right period."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tvsysid.diagnosis.check import Check, judged, unjudged
+from tvsysid.diagnosis.evidence import CHANCE, LEAST_REALIZATIONS, Evidence, chance
+from tvsysid.diagnosis.excitation import ANSWERED, NO_ANSWER
+from tvsysid.diagnosis.fit import fit_motion
+
+Array = NDArray[np.float64]
+
+TOO_FEW = f"it takes {LEAST_REALIZATIONS} realizations"
+FAR_OUT = 6.0
+"""Robust standard deviations from the median at which a realization is unlike the others."""
+OTHER_STIFFNESS = 0.3
+"""Smallest relative difference in stiffness that makes a realization unlike the others."""
+OTHER_ANSWER = 0.2
+"""The same for the whole torque's size."""
+OTHER_NOISE = 1.7
+"""Times the usual noise, whitened, that makes a realization unlike the others."""
+SHIFT_STEP, SHORTEST_SHIFT = 0.02, 0.05
+"""In s."""
+BETTER = 0.2
+"""Share of a realization's residual that a shift must take away."""
+MOST = 0.5
+"""Share of the realizations beyond which it is not misalignment."""
+ALIKE = 0.7
+"""Correlation between the behaviour of odd and even realizations from which on it has a shape of its own."""
+DEEP = 0.1
+"""Variation of the stiffness over its mean below which nothing can be told from its shape."""
+SLOWEST, FASTEST = 0.3, 3.3
+"""Cycles in a realization that are looked for as another period: the clock of a PRBS is faster."""
+RESOLUTION = 0.25
+"""Step in frequency, as a share of one over the record's length."""
+
+
+def mean_left(evidence: Evidence, which: str) -> Check:
+    """RMS of the mean over realizations over what chance leaves; the same of a common offset, if it is more.
+
+    Noise is alike at neighbouring times, so that its mean is not averaged out over time: hence an allowance of 2.5.
+    """
+    name = f"mean-{which}"
+    ensemble = evidence.ensemble
+    values = (ensemble.torque if which == "torque" else ensemble.angle)[:, ensemble.core]
+    count = len(values)
+    if count < LEAST_REALIZATIONS:
+        return unjudged(name, TOO_FEW)
+    mean, offsets = values.mean(axis=0), values.mean(axis=1)
+    size = float(np.sqrt(np.mean(mean**2)))
+    expected = math.sqrt(float(values.var(axis=0, ddof=1).mean()) / count)
+    ratio = size / expected if expected > 0 else math.inf
+    offset = abs(float(offsets.mean()))
+    if offset > 0 and chance(offsets) < CHANCE / 10:
+        # A common offset shows in the means of realizations long before it does at single times.
+        error = float(offsets.std(ddof=1)) / math.sqrt(count)
+        ratio = max(ratio, offset / error if error > 0 else math.inf)
+    unit = "N·m" if which == "torque" else "rad"
+    ratio = min(ratio, 1e6)
+    return judged(
+        name, ratio, f"the mean over realizations has an RMS of {size:.2g} {unit}; chance would leave {expected:.2g}"
+    )
+
+
+def drift(evidence: Evidence) -> Check:
+    """Stiffness of the second half against that of the first, in the order of recording."""
+    name = "drift"
+    if len(evidence.ensemble) < 2 * LEAST_REALIZATIONS:
+        return unjudged(name, f"it takes {2 * LEAST_REALIZATIONS} realizations")
+    if evidence.explained < ANSWERED:
+        return unjudged(name, NO_ANSWER)
+    order = evidence.order
+    grams, moments = _own_fits(evidence)
+    halves = []
+    for half in (order[: len(order) // 2], order[len(order) // 2 :]):
+        influence = moments[half] @ np.linalg.pinv(grams[half].sum(axis=0), hermitian=True)[:, 0]
+        halves.append((1 + influence.sum(), len(half) * influence.var(ddof=1)))
+    (first, error_first), (second, error_second) = halves
+    change = second - first
+    error = math.sqrt(error_first + error_second)
+    value = 100 * change / max(abs(first), 0.01)
+    return judged(
+        name,
+        value,
+        f"the stiffness of the second half is {abs(value):.2g} % {'higher' if change > 0 else 'lower'} than that of "
+        f"the first, ± {100 * error:.2g} %",
+        certain=chance(_scores(change, error, len(order))) < CHANCE,
+    )
+
+
+def _scores(mean: float, error: float, count: int) -> Array:
+    """Numbers of a mean with a standard error, for a test by :func:`chance`."""
+    pattern = np.where(np.arange(count) % 2 == 0, 1.0, -1.0)
+    pattern -= pattern.mean()
+    return mean + pattern * (error * math.sqrt(count) / float(pattern.std(ddof=1)))
+
+
+def _own_fits(evidence: Evidence) -> tuple[Array, Array]:
+    """Second moments of each realization's torque parts, and theirs with its residual: (r, 3, 3) and (r, 3)."""
+    parts = evidence.white_parts.transpose(1, 0, 2)
+    return parts @ parts.transpose(0, 2, 1), (parts @ evidence.white_residual[..., None])[..., 0]
+
+
+def relative_stiffness(evidence: Evidence) -> Array:
+    """Stiffness of each realization over the median of all, shape (realization,)."""
+    grams, moments = _own_fits(evidence)
+    stiffness = 1 + np.einsum("rb,rb->r", np.linalg.pinv(grams, hermitian=True)[:, 0], moments)
+    usual = float(np.median(stiffness))
+    return np.asarray(stiffness / usual) if usual > 0 else stiffness
+
+
+def relative_noise(evidence: Evidence) -> Array:
+    """RMS of each realization's whitened residual over the median of all, shape (realization,)."""
+    size = np.sqrt(np.mean(evidence.white_residual**2, axis=1))
+    usual = float(np.median(size))
+    return np.asarray(size / usual) if usual > 0 else np.ones_like(size)
+
+
+def misaligned(evidence: Evidence) -> tuple[Check, NDArray[np.bool_]]:
+    """Realizations that the behaviour of all explains clearly better when it is shifted, and which these are."""
+    name, none = "misaligned-realizations", np.zeros(len(evidence.ensemble), dtype=bool)
+    if len(evidence.ensemble) < LEAST_REALIZATIONS:
+        return unjudged(name, TOO_FEW), none
+    if evidence.explained < ANSWERED:
+        return unjudged(name, NO_ANSWER), none
+    if not _has_a_shape(evidence):
+        return unjudged(name, "stiffness hardly varies within a realization, so that no shift shows"), none
+    fit, rate = evidence.fit, evidence.rate
+    stiffness, viscosity = fit.stiffness[fit.bins], fit.viscosity[fit.bins]
+    step = max(1, round(SHIFT_STEP * rate))
+    reach = len(stiffness) // 4 // step
+    shifts = np.arange(-reach, reach + 1) * step
+    inertial = fit.torque - evidence.parts[2]
+    left = np.empty((len(shifts), len(fit.torque)))
+    for row, shift in zip(left, shifts, strict=True):
+        answer = np.roll(stiffness, shift) * fit.motion[0] + np.roll(viscosity, shift) * fit.motion[1]
+        row[:] = np.sum(evidence.whitened(inertial - answer) ** 2, axis=1)
+    best = np.argmin(left, axis=0)
+    gain = 1 - left[best, np.arange(left.shape[1])] / np.maximum(left[reach], np.finfo(float).tiny)
+    seconds = shifts[best] / rate
+    out = (gain > BETTER) & (np.abs(seconds) >= SHORTEST_SHIFT)
+    count = int(out.sum())
+    what = f"{count} of {len(out)} realizations fit better elsewhere"
+    if count:
+        farthest = np.flatnonzero(out)[np.argmax(np.abs(seconds[out]))]
+        what += f", such as realization {farthest} by {seconds[farthest]:+.2g} s"
+    # One may fit better elsewhere by chance; if most do, it is not their place that is wrong.
+    return judged(name, 100 * count / len(out), what, certain=1 < count < MOST * len(out)), out
+
+
+def _has_a_shape(evidence: Evidence) -> bool:
+    """Whether the stiffness varies, and alike in odd and even realizations."""
+    fit = evidence.fit
+    odd, even = (fit_motion(fit.motion[:, half::2], fit.torque[half::2], evidence.rate, fit.first) for half in (0, 1))
+    profiles = odd.stiffness[odd.bins], even.stiffness[even.bins]
+    depth = float(np.std(fit.stiffness)) / max(abs(float(np.mean(fit.stiffness))), np.finfo(float).tiny)
+    if depth < DEEP or min(float(np.std(each)) for each in profiles) == 0:
+        return False
+    return float(np.corrcoef(*profiles)[0, 1]) > ALIKE
+
+
+def unlike(evidence: Evidence, misaligned_ones: NDArray[np.bool_]) -> Check:
+    """Realizations of other stiffness, other size of answer, or other noise; not those that are only shifted."""
+    name = "unlike-realizations"
+    if len(evidence.ensemble) < LEAST_REALIZATIONS:
+        return unjudged(name, TOO_FEW)
+    if evidence.explained < ANSWERED:
+        return unjudged(name, NO_ANSWER)
+    grams, moments = _own_fits(evidence)
+    whole = np.maximum(grams.sum(axis=(1, 2)), np.finfo(float).tiny)
+    answers = 1 + moments.sum(axis=1) / whole
+    stiffness, noise = relative_stiffness(evidence), relative_noise(evidence)
+    power = float(np.mean(evidence.white_residual**2))
+    own = np.linalg.pinv(grams, hermitian=True)[:, 0, 0]
+    out = np.zeros(len(noise), dtype=bool)
+    for values, least, error in (
+        (stiffness, OTHER_STIFFNESS, np.sqrt(power * own)),
+        (answers, OTHER_ANSWER, np.sqrt(power / whole)),
+    ):
+        distance = np.abs(values - np.median(values))
+        usual = 1.4826 * float(np.median(distance))
+        # A realization that hardly moved tells little of its stiffness, whatever comes out.
+        out |= (distance > FAR_OUT * np.maximum(usual, error)) & (distance > least)
+    out |= noise > OTHER_NOISE
+    out &= ~misaligned_ones
+    what = f"{int(out.sum())} of {len(out)} realizations lie far out"
+    if out.any():
+        first = int(np.flatnonzero(out)[0])
+        what += (
+            f", first realization {first}: stiffness {stiffness[first]:.2g}, noise {noise[first]:.2g} times the usual"
+        )
+    return judged(name, int(out.sum()), what)
+
+
+def wrong_period(evidence: Evidence) -> Check:
+    """Stiffness that varies with a frequency of which no whole number fits into a realization.
+
+    What the fit left is projected on the torque of stiffness at each sample. That series has no part at the harmonics
+    of the period, which the fit took; a line between them is a behaviour of another period. Its power over what
+    realizations of random phase would give tells chance.
+    """
+    name = "wrong-period"
+    ensemble = evidence.ensemble
+    assert ensemble.onsets is not None
+    assert ensemble.trials is not None
+    numbers = np.unique(ensemble.trials)
+    if len(numbers) == len(ensemble):
+        return unjudged(name, "each realization is a trial of its own")
+    if len(ensemble) < LEAST_REALIZATIONS:
+        return unjudged(name, TOO_FEW)
+    if evidence.explained < ANSWERED:
+        return unjudged(name, NO_ANSWER)
+    scores = evidence.white_residual * evidence.white_parts[0]
+    within = np.arange(scores.shape[1]) / evidence.rate
+    longest = max(float(np.ptp(ensemble.onsets[ensemble.trials == number])) for number in numbers) + ensemble.duration
+    highest = min(FASTEST / ensemble.duration, 0.25 * evidence.rate)
+    frequencies = np.arange(SLOWEST / ensemble.duration, highest, RESOLUTION / longest)
+    own = scores @ np.exp(-2j * np.pi * np.outer(within, frequencies))
+    own *= np.exp(-2j * np.pi * np.outer(ensemble.onsets, frequencies))
+    together = np.stack([own[ensemble.trials == number].sum(axis=0) for number in numbers])
+    coherent = np.sum(np.abs(together) ** 2, axis=0) / np.sum(np.abs(own) ** 2, axis=0)
+    amplitude = 200 * np.sqrt(np.sum(np.abs(together) ** 2, axis=0)) / float(np.sum(evidence.white_parts[0] ** 2))
+    best = int(np.argmax(np.where(coherent > 1, amplitude, 0.0)))
+    largest = len(ensemble) / len(numbers)
+    independent = max(1.0, len(frequencies) * RESOLUTION)
+    probability = independent * max(0.0, 1 - float(coherent[best]) / (largest * len(numbers))) ** (len(ensemble) - 1)
+    what = (
+        f"stiffness varies by {amplitude[best]:.2g} % of its mean with {1 / frequencies[best]:.3g} s, beside what "
+        f"repeats every {ensemble.duration:g} s"
+    )
+    return judged(name, float(amplitude[best]), what, certain=probability < CHANCE)

@@ -1,0 +1,116 @@
+"""Signs, units and rates that give an impedance no joint has, and channels that are not of one time."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tvsysid.diagnosis.check import Check, judged, unjudged
+from tvsysid.diagnosis.evidence import CHANCE, Evidence, chance, left_by, refitted
+from tvsysid.diagnosis.excitation import ANSWERED, NO_ANSWER
+
+Array = NDArray[np.float64]
+
+SURE = 5.0
+"""Standard errors from which on a value's sign is sure."""
+LOWEST, HIGHEST = 1.0, 40.0
+"""Natural frequencies of joints in Hz."""
+LARGEST_INERTIA = 1.0
+"""In kg·m²: more than an arm or a lower leg has."""
+LONGEST_DELAY = 0.1
+"""In s, to either side."""
+CLEARER = 1.3
+"""Times as much as with the best shift that a joint must leave unexplained without it."""
+FINER = np.linspace(-1, 1, 9)
+"""Samples beside the best shift that are tried."""
+
+
+def reversed_torque(evidence: Evidence) -> Check:
+    """Sign of the mean stiffness."""
+    if evidence.explained < ANSWERED:
+        return unjudged("reversed-torque", NO_ANSWER)
+    values, errors = evidence.mean_impedance
+    return judged(
+        "reversed-torque",
+        float(values[0]),
+        f"the mean stiffness is {values[0]:.3g} ± {errors[0]:.2g} N·m/rad",
+        certain=bool(values[0] < -SURE * errors[0]),
+    )
+
+
+def angle_unit(evidence: Evidence) -> Check:
+    """Size of the movement."""
+    size = float(np.sqrt(np.mean(evidence.angle[:, evidence.ensemble.core] ** 2)))
+    return judged("angle-unit", size, f"the angle has an RMS of {size:.3g} rad about its mean over realizations")
+
+
+def torque_unit(evidence: Evidence) -> Check:
+    """Size of the stiffness."""
+    if evidence.explained < ANSWERED:
+        return unjudged("torque-unit", NO_ANSWER)
+    values, errors = evidence.mean_impedance
+    stiffness = abs(float(values[0]))
+    return judged(
+        "torque-unit",
+        stiffness,
+        f"the mean stiffness is {values[0]:.4g} N·m/rad",
+        certain=bool(stiffness > SURE * errors[0]),
+    )
+
+
+def sampling_rate(evidence: Evidence) -> Check:
+    """Natural frequency and inertia; a wrong rate leaves the damping ratio and the stiffness as they are."""
+    name = "sampling-rate"
+    if evidence.explained < ANSWERED:
+        return unjudged(name, NO_ANSWER)
+    values, errors = evidence.mean_impedance
+    stiffness, _, inertia = map(float, values)
+    if abs(stiffness) < SURE * errors[0] or abs(inertia) < SURE * errors[2] or stiffness * inertia < 0:
+        return unjudged(name, "stiffness and inertia are not determined well enough")
+    frequency = math.sqrt(stiffness / inertia) / (2 * math.pi)
+    octaves = math.log2(frequency / math.sqrt(LOWEST * HIGHEST))
+    if abs(inertia) > LARGEST_INERTIA and abs(stiffness) < torque_unit(evidence).threshold:
+        # No frequency is too low for a heavy limb, but none at a joint is so heavy.
+        octaves = min(octaves, math.log2(LOWEST / math.sqrt(LOWEST * HIGHEST) * LARGEST_INERTIA / abs(inertia)))
+    return judged(
+        name,
+        abs(octaves),
+        f"the natural frequency comes out at {frequency:.3g} Hz, with an inertia of {abs(inertia):.2g} kg·m²",
+    )
+
+
+def delay(evidence: Evidence) -> tuple[Check, int]:
+    """Shift of the torque with which a joint of second order explains most of it, and that in samples."""
+    name = "delay"
+    reach = min(round(LONGEST_DELAY * evidence.rate), evidence.ensemble.context)
+    if reach < 2:
+        return unjudged(name, "the realizations have no context to shift them by"), 0
+    shifts = np.arange(-reach, reach + 1)
+    squares, left = _left(evidence, shifts)
+    best = int(np.argmin(left))
+    if 1 - left[best] < ANSWERED:
+        return unjudged(name, NO_ANSWER), 0
+    # An angle that gives way to the torque follows it too, but then hardly better than with no shift.
+    clear = left[reach] > CLEARER * left[best]
+    certain = bool(clear) and chance(squares[reach] - squares[best]) < CHANCE
+    finer = np.clip(shifts[best] + FINER, -reach, reach)
+    samples = float(finer[np.argmin(_left(evidence, finer)[1])])
+    late = 1000 * samples / evidence.rate
+    edge = "at least " if abs(shifts[best]) == reach else ""
+    what = f"the torque fits best if it is {edge}{abs(late):.3g} ms {'late' if late > 0 else 'early'}"
+    what += f": {100 * (1 - left[best]):.1f} % of it explained rather than {100 * (1 - left[reach]):.1f} %"
+    check = judged(name, late, what, certain=certain)
+    return check, int(shifts[best]) if check.found else 0
+
+
+def _left(evidence: Evidence, shifts: Array | NDArray[np.int64]) -> tuple[list[Array], Array]:
+    """Sum of squares that a fit leaves of each realization, and its share of the torque's variance, for each shift."""
+    squares, shares = [], []
+    for shift in shifts:
+        fit = refitted(evidence, float(shift))
+        residual = fit.torque - fit.parts.sum(axis=0)
+        squares.append(np.sum(residual**2, axis=1))
+        shares.append(left_by(fit, residual))
+    return squares, np.array(shares)

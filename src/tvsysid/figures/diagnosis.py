@@ -1,0 +1,197 @@
+"""What a diagnosis saw: the input and what answers it, over frequency, time, realizations and lags."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tvsysid.diagnosis import Curves, Diagnosis
+from tvsysid.figures.illustration import Illustration
+from tvsysid.figures.style import PALETTE, TRUTH, plain
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+LOWEST = 2.0
+"""Frequency in Hz below which stiffness shows by itself."""
+SHOWN = 40.0
+"""Highest frequency in Hz that is drawn."""
+DYNAMIC_RANGE = 1e-7
+"""Power below the highest by more than this is not drawn: that of filters' stop bands."""
+FARTHEST = 3.0
+"""Multiple of what is usual at which a realization is drawn at the edge."""
+
+
+def diagnosis_panels(diagnosis: Diagnosis, title: str = "") -> Figure:
+    """Six pictures of an ensemble.
+
+    Parameters
+    ----------
+    diagnosis
+        Of :func:`tvsysid.diagnose`.
+    title
+        Above all.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Power of the angle with the band that is needed, power of the torque and of what the joint's model leaves,
+        coherence over time and frequency, stiffness in both halves of the experiment, stiffness and noise of each
+        realization, and correlation of the torque left over with angle and speed over lags.
+    """
+    from matplotlib.figure import Figure  # noqa: PLC0415  # heavy
+
+    figure = Figure(figsize=(10.0, 6.2), layout="constrained")
+    grid = figure.subplots(2, 3)
+    for axes in grid.ravel():
+        plain(axes).tick_params(labelsize=8)
+    curves = diagnosis.curves
+    _angle(grid[0, 0], curves, diagnosis.measures["natural frequency"][0])
+    _torque(grid[0, 1], curves)
+    _coherence(figure, grid[0, 2], curves)
+    _halves(grid[1, 0], curves)
+    _realizations(grid[1, 1], curves)
+    _lags(grid[1, 2], curves)
+    figure.suptitle(title.replace("$", r"\$"), fontsize=11)
+    return figure
+
+
+def diagnosis_illustration(diagnosis: Diagnosis, name: str) -> Illustration:
+    """The six pictures with a title, and in words what they show.
+
+    Parameters
+    ----------
+    diagnosis
+        Of :func:`tvsysid.diagnose`.
+    name
+        What the ensemble is called.
+    """
+    curves = diagnosis.curves
+    measures = {key: f"{value:.3g} {unit}".removesuffix(" 1") for key, (value, unit) in diagnosis.measures.items()}
+    halves = [float(values.mean()) for values in curves.stiffness_halves]
+    farthest = [
+        f"{np.abs(values).max():.2f} at {1000 * curves.lag[np.argmax(np.abs(values))]:.0f} ms"
+        for values in curves.correlation
+    ]
+    inside = curves.coherence[:, (curves.coherence_frequency > 0) & (curves.coherence_frequency <= SHOWN)]
+    sentences = [
+        f"Power of the angle over frequency, 95 % of it below {measures['bandwidth of the angle']}, and the band from "
+        f"{LOWEST:g} Hz to the joint's natural frequency of {measures['natural frequency']}.",
+        "Power of the torque, and of what stiffness, viscosity and inertia leave of it: they explain "
+        f"{measures['explained torque']}.",
+        f"Coherence of torque and angle over time and frequency, median {float(np.median(inside)):.2f} up to "
+        f"{SHOWN:g} Hz.",
+        f"Stiffness over time in the first half of the experiment, on average {halves[0]:.3g} N·m/rad, and in the "
+        f"second, {halves[1]:.3g}.",
+        f"Stiffness of each realization over what is usual, from {curves.stiffness.min():.2f} to "
+        f"{curves.stiffness.max():.2f}, and its noise, from {curves.noise.min():.2f} to {curves.noise.max():.2f}.",
+        f"Correlation of the torque left over with the angle, largest {farthest[0]}, and with the speed, largest "
+        f"{farthest[1]}; chance keeps 95 % of them below {float(curves.chance):.2f}, the grey band. What is beyond it "
+        "at positive lags is a reflex, a slow answer or a delay, at negative ones feedback.",
+    ]
+    return Illustration(diagnosis_panels(diagnosis, name), f"What was seen in {name}", " ".join(sentences))
+
+
+def _angle(axes: Axes, curves: Curves, natural: float) -> None:
+    if np.isfinite(natural) and natural > LOWEST:
+        axes.axvspan(LOWEST, natural, color=PALETTE[5], alpha=0.2, linewidth=0, label="band needed")
+    _spectrum(axes, curves.frequency, curves.angle_power, PALETTE[0], "angle")
+    axes.set_title("input: power of the angle", fontsize=9)
+    axes.set_ylabel("rad²/Hz", fontsize=8)
+    axes.legend(frameon=False, fontsize=7, loc="lower left")
+
+
+def _torque(axes: Axes, curves: Curves) -> None:
+    _spectrum(axes, curves.frequency, curves.torque_power, PALETTE[0], "torque")
+    _spectrum(axes, curves.frequency, curves.residual_power, PALETTE[1], "left by the model")
+    axes.set_title("output: power of the torque", fontsize=9)
+    axes.set_ylabel("(N·m)²/Hz", fontsize=8)
+    axes.legend(frameon=False, fontsize=7, loc="lower left")
+
+
+def _spectrum(axes: Axes, frequency: np.ndarray, power: np.ndarray, colour: str, label: str) -> None:
+    """Power where there is some, over a logarithmic axis."""
+    shown = (frequency > 0) & (frequency <= SHOWN)
+    shown &= power > DYNAMIC_RANGE * power.max()
+    axes.loglog(frequency[shown], power[shown], color=colour, linewidth=1.2, label=label)
+    axes.set_xlim(frequency[1], SHOWN)
+    axes.set_xlabel("frequency (Hz)", fontsize=8)
+    ticks = [tick for tick in (0.5, 1, 2, 5, 10, 20, 40) if frequency[1] <= tick <= SHOWN]
+    axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    axes.tick_params(axis="x", which="minor", bottom=False, labelbottom=False)
+    axes.tick_params(which="minor", labelsize=7)
+
+
+def _coherence(figure: Figure, axes: Axes, curves: Curves) -> None:
+    axes.grid(visible=False)
+    axes.set_title("coherence of torque and angle", fontsize=9)
+    axes.set_xlabel("time within a realization (s)", fontsize=8)
+    axes.set_ylabel("frequency (Hz)", fontsize=8)
+    shown = (curves.coherence_frequency > 0) & (curves.coherence_frequency <= SHOWN)
+    if not len(curves.coherence) or not shown.any():
+        axes.text(0.5, 0.5, "realizations too short", transform=axes.transAxes, ha="center", va="center", fontsize=8)
+        return
+    mesh = axes.pcolormesh(
+        curves.coherence_time,
+        curves.coherence_frequency[shown],
+        curves.coherence[:, shown].T,
+        vmin=0,
+        vmax=1,
+        cmap="cividis",
+        shading="nearest",
+        rasterized=True,
+    )
+    bar = figure.colorbar(mesh, ax=axes, pad=0.02)
+    bar.ax.tick_params(labelsize=7)
+    bar.outline.set_visible(False)
+
+
+def _halves(axes: Axes, curves: Curves) -> None:
+    for values, colour, style, label in zip(
+        curves.stiffness_halves, PALETTE, ("-", "--"), ("first half", "second half"), strict=False
+    ):
+        axes.plot(curves.time, values, color=colour, linestyle=style, linewidth=1.3, label=label)
+    low, high = float(curves.stiffness_halves.min()), float(curves.stiffness_halves.max())
+    room = 0.25 * max(high - low, 0.2 * max(abs(low), abs(high))) or 1.0
+    axes.set_ylim(min(0.0, low - room), max(0.0, high + 2 * room))
+    axes.margins(x=0)
+    axes.set_title("stiffness in both halves of the experiment", fontsize=9)
+    axes.set_xlabel("time within a realization (s)", fontsize=8)
+    axes.set_ylabel("N·m/rad", fontsize=8)
+    axes.legend(frameon=False, fontsize=7, loc="upper right", ncols=2)
+
+
+def _realizations(axes: Axes, curves: Curves) -> None:
+    numbers = np.arange(len(curves.stiffness))
+    axes.axhline(1.0, color=TRUTH, linewidth=0.8)
+    for values, colour, marker, label in (
+        (curves.stiffness, PALETTE[0], "o", "stiffness"),
+        (curves.noise, PALETTE[1], "^", "noise"),
+    ):
+        shown = np.clip(values, 1 - FARTHEST, FARTHEST)
+        axes.plot(numbers, shown, marker, color=colour, markersize=2.5, linestyle="none", label=label)
+    low = min(0.0, float(np.clip(curves.stiffness.min(), 1 - FARTHEST, 0)) - 0.1)
+    axes.set_ylim(low, max(2.0, min(FARTHEST, float(max(curves.stiffness.max(), curves.noise.max()))) + 0.6))
+    axes.set_title("each realization over what is usual", fontsize=9)
+    axes.set_xlabel("realization, as recorded", fontsize=8)
+    axes.legend(frameon=False, fontsize=7, loc="upper right", ncols=2, handletextpad=0.1, columnspacing=1)
+
+
+def _lags(axes: Axes, curves: Curves) -> None:
+    """Two combs side by side; a joint of second order that is moved from outside leaves both within the limits."""
+    step = 1000 * float(curves.lag[1] - curves.lag[0])
+    limit = float(curves.chance)
+    axes.axhspan(-limit, limit, color=TRUTH, alpha=0.15, linewidth=0)
+    axes.axvline(0, color=TRUTH, linewidth=0.6)
+    for values, colour, side, label in zip(
+        curves.correlation, PALETTE, (-0.15, 0.25), ("with the angle", "with the speed"), strict=False
+    ):
+        axes.vlines(1000 * curves.lag + side * step, 0, values, color=colour, linewidth=1.2, label=label)
+    highest = max(float(np.abs(curves.correlation).max()), 3 * limit)
+    axes.set_ylim(-1.1 * highest, 1.5 * highest)
+    axes.set_title("correlation of the torque left over", fontsize=9)
+    axes.set_xlabel("lag of the torque (ms)", fontsize=8)
+    axes.legend(frameon=False, fontsize=7, loc="upper right", ncols=2)
+    axes.margins(x=0.01)

@@ -1,0 +1,150 @@
+r"""Which settings give the least error of stiffness, judged by halves of the realizations.
+
+The mean square error of an estimate of stiffness, K, is its squared bias and its variance. Realizations are dealt
+at random into halves A and B, and from each half K is estimated, as well as a reference R that averages over
+hardly any time and so has little bias, if much noise:
+
+.. math:: S = \overline{(K_A - R_A)(K_B - R_B)} + \tfrac14 \overline{(K_A - K_B)^2}
+
+(means over time). The halves' noise is independent, so that the first term is the squared difference of the biases;
+the second is the variance of an estimate from all realizations, as a half has twice that. Several deals are averaged.
+
+Leaving out realizations and predicting their torque is no substitute: it asks for the impulse response as a whole,
+whose variance goes with the number of lags, and so chooses windows that are far too wide for stiffness. See
+docs/tuning.md, with figures.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tvsysid.errors import InputError
+from tvsysid.impedance import static_stiffness
+from tvsysid.methods.base import Method, missing_edge, padded, whole_samples
+from tvsysid.methods.correlations import solve_windows
+from tvsysid.methods.evidence import Evidence
+from tvsysid.numerics.pseudoinverse import truncated
+from tvsysid.signals import Ensemble
+
+Array = NDArray[np.float64]
+
+DEALS = 6
+"""How often the realizations are dealt into halves."""
+BEYOND = 1.0
+"""Standard deviations over deals by which settings must be better than those given to be chosen."""
+FEWEST = 8
+"""Realizations below which halves say nothing."""
+DETERMINED = 4
+"""Samples for each lag from which on the reference is determined."""
+
+
+class Halves:
+    """Estimates of stiffness from halves of an ensemble, and how good settings are by them.
+
+    Parameters
+    ----------
+    ensemble
+        Realizations.
+    max_lag
+        Lags to either side of the reference in s.
+    seed
+        Of the deals.
+    """
+
+    def __init__(self, ensemble: Ensemble, max_lag: float, seed: int) -> None:
+        if len(ensemble) < FEWEST:
+            raise InputError(
+                f"tuned: settings are chosen by halves of the realizations, and {len(ensemble)} are too few; give at "
+                f"least {FEWEST}"
+            )
+        random = np.random.default_rng(seed)
+        hands = [random.permutation(len(ensemble)) % 2 for _ in range(DEALS)]
+        self.halves = [(ensemble.select(hand == 0), ensemble.select(hand == 1)) for hand in hands]
+        self.references = self._of_halves(lambda half: reference_stiffness(half, max_lag))
+
+    def errors(self, methods: Sequence[Method]) -> tuple[list[Method], Array]:
+        """Estimated mean square error of stiffness by each deal; NaN for methods that do not fit the ensemble.
+
+        Returns
+        -------
+        list, Array
+            The methods that do, and the errors in (N·m/rad)², shape (deal, method).
+        """
+        fitting, estimates = [], []
+        for method in methods:
+            try:
+                estimates.append(self._of_halves(lambda half, method=method: method._identify(half).stiffness))
+            except InputError:
+                continue
+            fitting.append(method)
+        stiffness = np.stack(estimates, axis=2)  # (deal, half, method, time)
+        known = np.isfinite(stiffness).all(axis=(0, 1, 2)) & np.isfinite(self.references).all(axis=(0, 1))
+        off = stiffness[..., known] - self.references[:, :, None, known]
+        apart = stiffness[:, 0][..., known] - stiffness[:, 1][..., known]
+        return fitting, np.mean(off[:, 0] * off[:, 1], axis=-1) + np.mean(apart**2, axis=-1) / 4
+
+    def _of_halves(self, estimate: Any) -> Array:
+        return np.array([[estimate(half) for half in pair] for pair in self.halves])
+
+
+def reference_stiffness(ensemble: Ensemble, max_lag: float) -> Array:
+    """Stiffness as :class:`ShortDataSegments` gives it, over the shortest window that determines it; shape (time,)."""
+    lags = max(1, whole_samples(max_lag, ensemble))
+    samples = DETERMINED * (2 * lags + 1) / len(ensemble)
+    half = min(math.ceil(max(0.0, (samples - 1) / 2)), (ensemble.samples - 1) // 2)
+    solution = solve_windows(ensemble, lags, half, lambda at, *correlations: truncated(*correlations))
+    stiffness = static_stiffness(solution.weights * ensemble.sampling_rate, 1 / ensemble.sampling_rate)
+    return padded(stiffness, missing_edge(lags, ensemble))
+
+
+def evidence_by_halves(
+    method: Method, ensemble: Ensemble, seed: int, grids: Mapping[str, Sequence[float]], max_lag: float
+) -> Evidence:
+    """Settings chosen one after another, each the best of its grid, or left alone if none is clearly better.
+
+    Parameters
+    ----------
+    method
+        With the settings given.
+    ensemble, seed
+        As of :meth:`tvsysid.methods.Method.tuned`.
+    grids
+        Values to be tried by name, in the order of choice. The last one is what the evidence is drawn against.
+    max_lag
+        Lags to either side of the reference in s.
+    """
+    halves = Halves(ensemble, max_lag, seed)
+    tried: list[Mapping[str, Any]] = [{name: getattr(method, name) for name in grids}]
+    _, found = halves.errors([method])
+    errors, chosen = [found[:, 0]], 0
+    for name, grid in grids.items():
+        settings = tried[chosen]
+        methods = [replace(method, **{**settings, name: value}) for value in grid if value != settings[name]]
+        fitting, found = halves.errors(methods)
+        tried += [{each: getattr(candidate, each) for each in grids} for candidate in fitting]
+        errors += list(found.T)
+        gains = errors[chosen] - np.array(errors)
+        best = int(np.argmax(gains.mean(axis=1)))
+        if gains[best].mean() > BEYOND * gains[best].std(ddof=1):
+            chosen = best
+    axis = list(grids)[-1]
+    others = [name for name in grids if name != axis]
+    table = np.array(errors)
+    return Evidence(
+        criterion="mean square error of stiffness, by halves",
+        unit="(N·m/rad)²",
+        better="lower",
+        tried=tuple(tried),
+        values=table.mean(axis=1),
+        standard_errors=(table - table[0]).std(axis=1, ddof=1),
+        chosen=chosen,
+        axis=f"{axis} (s)",
+        positions=np.array([settings[axis] for settings in tried]),
+        lines=tuple(", ".join(f"{name} {settings[name]:g} s" for name in others) for settings in tried),
+    )

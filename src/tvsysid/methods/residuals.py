@@ -1,0 +1,97 @@
+"""What a method leaves unexplained: how strong the noise is and what colour it has."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tvsysid.numerics.moments import convolve_lags
+from tvsysid.numerics.noise import autocovariance, colour_factors, regressor_correlation
+from tvsysid.signals import Ensemble
+
+Array = NDArray[np.float64]
+
+LONGEST_COLOUR = 0.25
+"""Seconds up to which the noise's autocorrelation is taken into account; the angle's own hardly reaches further."""
+
+
+class Colour(NamedTuple):
+    """Autocorrelation of the noise and autocovariance of the angle, from lag 0 on."""
+
+    noise: Array
+    angle: Array
+
+    def factors(self, filters: Array) -> Array:
+        """Variances of a fit of angles filtered so, as multiples of those under white noise."""
+        return colour_factors(filters, self.angle, self.noise)
+
+
+def residual(ensemble: Ensemble, weights: Array, lags: int) -> Array:
+    """Torque that weights on lagged angles leave, at the times whose lags lie within the context.
+
+    Parameters
+    ----------
+    ensemble
+        Realizations.
+    weights
+        Impulse response times the sample time at those times, shape (time, 2 lags + 1).
+    lags
+        To either side.
+
+    Returns
+    -------
+    Array
+        In N·m, shape (realization, time).
+    """
+    first = max(0, ensemble.context - lags)
+    angle, torque = (x[:, first : x.shape[1] - first] for x in (ensemble.angle, ensemble.torque))
+    left: Array = torque[:, lags : torque.shape[1] - lags] - convolve_lags(angle, weights)
+    return left
+
+
+def colour(ensemble: Ensemble, left: Array, taken: Array | float, filters: Array) -> Colour:
+    """Colour of noise and angle.
+
+    Parameters
+    ----------
+    ensemble
+        That was identified from.
+    left
+        Residual, shape (realization, time).
+    taken
+        Share of the noise's power that the fit took, were its regressors the same at all lags; for each lag from 0
+        on, shape (lag,), or one for all.
+    filters
+        That give the regressors from lagged angles, shape (regressor, lag).
+    """
+    reach = round(LONGEST_COLOUR * ensemble.sampling_rate)
+    angle = autocovariance(ensemble.angle, reach + filters.shape[1])
+    return Colour(correlation(left, np.asarray(taken * regressor_correlation(filters, angle, reach))), angle)
+
+
+def correlation(left: Array, taken: Array) -> Array:
+    """Autocorrelation of the noise from what a fit left of it.
+
+    Parameters
+    ----------
+    left
+        Residual, shape (realization, time).
+    taken
+        By how much the fit lowers the autocovariance at each lag, as shares of the noise's variance, shape (lag,).
+
+    Returns
+    -------
+    Array
+        Shape (lag,); 1 at lag 0.
+    """
+    covariance = autocovariance(left, len(taken) - 1)
+    if covariance[0] <= 0:
+        return np.asarray(np.arange(len(taken)) == 0, dtype=np.float64)
+    variance = covariance[0] / max(1 - taken[0], LEAST_LEFT)
+    return np.asarray(np.concatenate([[1.0], covariance[1:] / variance + taken[1:]]))
+
+
+LEAST_LEFT = 0.1
+"""Share of the noise that a residual is taken to hold at least."""

@@ -1,0 +1,112 @@
+"""How many standard deviations a band must be wide: at one time, and at all times together."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import stdtr, stdtrit
+
+from tvsysid.errors import InputError
+
+Array = NDArray[np.float64]
+
+
+def critical_value(level: float, freedom: Array) -> Array:
+    """Multiple of the standard deviation within which Student's t lies with this probability.
+
+    Parameters
+    ----------
+    level
+        Probability, between 0 and 1.
+    freedom
+        Degrees of freedom; infinite for a normal distribution.
+
+    Raises
+    ------
+    InputError
+        For a level that is not between 0 and 1.
+
+    Examples
+    --------
+    >>> critical_value(0.95, np.array([10.0, np.inf])).round(3)
+    array([2.228, 1.96 ])
+    """
+    _check(level)
+    return np.asarray(stdtrit(np.minimum(freedom, 1e9), 0.5 + level / 2))
+
+
+def simultaneous_value(level: float, freedom: Array, arc: float) -> Array:
+    r"""Multiple of the standard deviation within which all times of an estimate lie with this probability.
+
+    The smaller of two bounds, which both are on the safe side. Šidák's (1967) takes the times as independent: the level
+    at each is :math:`level^{1/T}`. The volume of a tube (Naiman 1986; Sun & Loader 1994) uses that an estimate which
+    is smooth in time hardly takes other values at the next sample: the chance to leave the band is at most
+
+    .. math:: P(|t_\nu| > c) + \frac{\kappa}{\pi}\left(1 + \frac{c^2}{\nu}\right)^{-\nu/2}
+
+    with :math:`\kappa` the length of the path that the normalised estimate takes over the period.
+
+    Parameters
+    ----------
+    level
+        Probability, between 0 and 1.
+    freedom
+        Degrees of freedom at each time, shape (time,).
+    arc
+        :math:`\kappa` in rad, the sum over neighbouring times of the arc cosine of their estimates' correlation;
+        infinite where it is not known.
+
+    Raises
+    ------
+    InputError
+        For a level that is not between 0 and 1.
+
+    Examples
+    --------
+    >>> simultaneous_value(0.95, np.full(200, np.inf), np.inf)[0].round(2)
+    np.float64(3.66)
+    >>> simultaneous_value(0.95, np.full(200, np.inf), 10.0)[0].round(2)
+    np.float64(2.91)
+    """
+    _check(level)
+    each = critical_value(level ** (1 / max(len(freedom), 1)), freedom)
+    if not math.isfinite(arc):
+        return each
+    return np.minimum(each, _tube(level, np.minimum(freedom, 1e9), arc))
+
+
+def arc_length(features: Array, covariance: Array) -> float:
+    r"""Length in rad of the path that a normalised linear estimate takes over time.
+
+    .. math:: \kappa = \sum_i \arccos \frac{l_i^T C l_{i+1}}{\sqrt{l_i^T C l_i}\sqrt{l_{i+1}^T C l_{i+1}}}
+
+    Parameters
+    ----------
+    features
+        What each coefficient is multiplied by, l, shape (time, coefficient).
+    covariance
+        Of the coefficients, C.
+    """
+    mixed = features @ covariance
+    own = np.einsum("tc,tc->t", mixed, features)
+    next_one = np.einsum("tc,tc->t", mixed[:-1], features[1:])
+    scale = np.sqrt(np.maximum(own[:-1] * own[1:], 0.0))
+    cosine = next_one[scale > 0] / scale[scale > 0]
+    return float(np.sum(np.arccos(np.clip(cosine, -1.0, 1.0))))
+
+
+def _tube(level: float, freedom: Array, arc: float) -> Array:
+    """Solve for c by bisection, for all degrees of freedom at once."""
+    low, high = np.zeros_like(freedom), np.full_like(freedom, 1e3)
+    for _ in range(60):
+        middle = (low + high) / 2
+        outside = 2 * stdtr(freedom, -middle) + arc / np.pi * np.exp(-freedom / 2 * np.log1p(middle**2 / freedom))
+        low, high = np.where(outside > 1 - level, middle, low), np.where(outside > 1 - level, high, middle)
+    return high
+
+
+def _check(level: float) -> None:
+    if isinstance(level, bool) or not isinstance(level, (int, float, np.number)) or not 0 < level < 1:
+        raise InputError(f"level: expected a probability between 0 and 1, such as 0.95, got {level!r}")

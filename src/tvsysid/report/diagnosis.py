@@ -1,0 +1,80 @@
+"""What a diagnosis found, as a page of its own or as a part of another."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from tvsysid import __version__
+from tvsysid.diagnosis import Check, Diagnosis, strength
+from tvsysid.figures import diagnosis_illustration
+from tvsysid.report.rendering import filled, picture, write_page
+from tvsysid.report.tables import number
+
+SYMBOLS = {"found": "✗", "uncertain": "?", "in order": "✓", "not judged": "–"}
+
+
+def write_diagnosis(path: str | Path, diagnoses: Mapping[str, Diagnosis], command: str = "") -> None:
+    """Write one HTML file that holds all that was seen and needs nothing else.
+
+    Parameters
+    ----------
+    path
+        Of the file, which appears whole or not at all.
+    diagnoses
+        Of :func:`tvsysid.diagnose`, by what the ensembles are called.
+    command
+        What was typed; the page says nothing of it if empty.
+    """
+    content = {**_content(diagnoses), "command": command, "version": __version__}
+    write_page(path, "diagnosis.html", content)
+
+
+def diagnosis_section(diagnoses: Mapping[str, Diagnosis]) -> str:
+    """Part of a page: for each ensemble its findings, what to do, pictures, and all that was looked at.
+
+    Parameters
+    ----------
+    diagnoses
+        Of :func:`tvsysid.diagnose`, by what the ensembles are called.
+
+    Returns
+    -------
+    str
+        HTML, escaped, whose headings are of the third and fourth level; it takes the style of the report's pages.
+    """
+    return filled("diagnosis_section.html", _content(diagnoses))
+
+
+def _content(diagnoses: Mapping[str, Diagnosis]) -> dict[str, Any]:
+    return {
+        "diagnoses": [
+            {
+                "name": name,
+                "anchor": f"diagnosis-{index}",
+                "ensemble": each.ensemble,
+                "verdict": each.verdict,
+                "findings": [_row(check) for check in each.findings],
+                "checks": [_row(check) for check in each.checks],
+                "measures": [
+                    (key, number(value).text, "" if unit == "1" else unit) for key, (value, unit) in _known(each)
+                ],
+                "figure": picture(diagnosis_illustration(each, name)),
+            }
+            for index, (name, each) in enumerate(diagnoses.items(), start=1)
+        ]
+    }
+
+
+def _known(diagnosis: Diagnosis) -> list[tuple[str, tuple[float, str]]]:
+    return [(key, measure) for key, measure in diagnosis.measures.items() if math.isfinite(measure[0])]
+
+
+def _row(check: Check) -> dict[str, Any]:
+    names = ("name", "title", "what", "effect", "remedy", "measure", "state")
+    return {name: getattr(check, name) for name in names} | {
+        "symbol": SYMBOLS[check.state],
+        "strength": strength(check),
+    }

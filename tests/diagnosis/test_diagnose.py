@@ -1,0 +1,205 @@
+import dataclasses
+import warnings
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tests import faults
+from tests.faults import cut, simulated
+
+import tvsysid as tv
+from tvsysid.diagnosis import KINDS, Check, strength
+
+
+@pytest.fixture(scope="module")
+def spoilt():
+    return tv.diagnose(faults.mixed(cut(faults.late(simulated()))))
+
+
+def test_a_finding_says_what_how_strong_what_it_does_and_what_to_do(spoilt):
+    assert [check.name for check in spoilt.findings] == ["delay", "unlike-realizations"]
+    delay, unlike = spoilt.findings
+    assert delay.what == "the torque fits best if it is 30 ms late: " + delay.what.partition(": ")[2]
+    assert (delay.value, delay.unit, delay.threshold, delay.wrong) == (pytest.approx(30, abs=3), "ms", 15, "above")
+    assert "lowers the viscosity" in delay.effect
+    assert "shift one channel" in delay.remedy
+    assert strength(unlike) == "11 realizations, at most 0 is in order"
+
+
+def test_it_prints(spoilt, diagnosis):
+    text = repr(spoilt)
+    assert text.startswith("Diagnosis of 75 realizations of 2 s at 100 Hz: 2 found of 24 things that were looked for")
+    assert "- delay: the torque fits best" in text
+    assert "    does: a torque that is late by d" in text
+    assert "    do:   shift one channel" in text
+    assert repr(diagnosis).count("\n") == 0
+    assert "nothing is wrong" in repr(diagnosis)
+    page = spoilt._repr_html_()
+    assert page.count("<tr>") == 3
+    assert "what it does to the result" in page
+    assert "<table" not in diagnosis._repr_html_()
+
+
+def test_html_is_escaped(spoilt):
+    check = dataclasses.replace(spoilt.checks[0], what="<script>", found=True)
+    assert "<script>" not in dataclasses.replace(spoilt, checks=(check,))._repr_html_()
+
+
+def test_its_table_has_a_row_for_everything(spoilt):
+    table = spoilt.table.set_index("name")
+    assert list(table.index) == list(KINDS)
+    assert set(table.index[table.found]) == {"delay", "unlike-realizations"}
+    assert set(table.state) <= {"found", "in order", "uncertain", "not judged"}
+    assert table.threshold["drift"] == KINDS["drift"].limit
+
+
+def test_it_is_frozen(spoilt):
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        spoilt.checks = ()
+    with pytest.raises(ValueError, match="read-only"):
+        spoilt.curves.coherence[0] = 1
+
+
+def test_clean_means_no_findings(spoilt, diagnosis):
+    assert diagnosis.clean
+    assert diagnosis.findings == ()
+    assert not spoilt.clean
+
+
+def test_measures_are_those_of_the_joint(diagnosis):
+    measures = diagnosis.measures
+    assert measures["mean stiffness"][0] == pytest.approx(100, rel=0.03)
+    assert measures["inertia"] == (pytest.approx(0.02, rel=0.03), "kg·m²")
+    assert measures["natural frequency"][0] == pytest.approx(np.sqrt(100 / 0.02) / (2 * np.pi), rel=0.03)
+    assert measures["coherence within the bandwidth"][0] > 0.85
+    assert 6 < measures["bandwidth of the angle"][0] < 12  # a second-order low-pass at 5 Hz
+    assert measures["angle RMS"][0] == pytest.approx(np.radians(0.5), rel=0.05)
+    assert measures["signal-to-noise ratio"][0] == pytest.approx(11.2, abs=0.5)  # 10 dB up to 500 Hz
+
+
+def test_curves_are_those_of_the_joint(diagnosis):
+    curves = diagnosis.curves
+    power = np.trapezoid(curves.angle_power, curves.frequency)
+    assert power == pytest.approx(diagnosis.measures["angle RMS"][0] ** 2, rel=0.15)
+    truth = 100 + 50 * np.sin(np.pi * curves.time)
+    np.testing.assert_allclose(curves.stiffness_halves, np.stack([truth, truth]), atol=25)
+    assert np.median(curves.stiffness) == pytest.approx(1)
+    assert np.median(curves.noise) == pytest.approx(1)
+    assert ((curves.coherence >= 0) & (curves.coherence <= 1 + 1e-9)).all()
+    low = curves.coherence[:, (curves.coherence_frequency > 1) & (curves.coherence_frequency < 4)]
+    assert low.min() > 0.8
+    # A joint of second order that is moved from outside leaves noise alone.
+    assert np.mean(np.abs(curves.correlation) < curves.chance) > 0.85
+
+
+def test_the_comb_shows_reflex_and_feedback():
+    late = tv.diagnose(faults.reflexive(8.0)).curves
+    speed = late.correlation[1]
+    assert 0.04 < late.lag[np.argmax(speed)] < 0.25
+    early = tv.diagnose(cut(faults.giving_way())).curves
+    assert -0.05 < early.lag[np.argmax(np.abs(early.correlation[0]))] < 0
+
+
+@pytest.mark.parametrize(
+    ("given", "expected", "advice"),
+    [
+        ([1, 2], "expected an Ensemble, got list", "tvsysid.preprocess.segment"),
+        ("one", "at least two realizations to compare, got one", "shorter period"),
+        ("short", "derivatives are known at 16 samples of a realization at 100 Hz, it takes 30", "0.12 s of context"),
+        ("huge", "got values up to 1e\\+200", "damaged"),
+    ],
+)
+def test_what_cannot_be_diagnosed_is_told(given, expected, advice, clean):
+    made = {
+        "one": lambda: clean.select([0]),
+        "short": lambda: tv.Ensemble(clean.angle[:, :40], clean.torque[:, :40], 100.0),
+        "huge": lambda: dataclasses.replace(clean, torque=clean.torque * 1e200 / np.abs(clean.torque).max()),
+    }
+    ensemble = made[given]() if isinstance(given, str) else given
+    with pytest.raises(tv.InputError, match=f"{expected}.*{advice}"):
+        tv.diagnose(ensemble)
+
+
+@given(factor=st.floats(0.2, 5))
+@settings(max_examples=5)
+def test_the_size_of_the_torque_changes_only_what_has_its_unit(factor, clean, diagnosis):
+    scaled = tv.diagnose(dataclasses.replace(clean, torque=factor * clean.torque))
+    for before, after in zip(diagnosis.checks, scaled.checks, strict=True):
+        own = before.unit == "N·m/rad" or before.name == "sampling-rate"
+        if not own:
+            assert after.found == before.found
+            assert after.value == pytest.approx(before.value, rel=1e-4, abs=1e-6, nan_ok=True)
+
+
+def test_the_order_of_rows_does_not_matter(clean, diagnosis):
+    shuffled = tv.diagnose(clean.select(np.random.default_rng(1).permutation(len(clean))))
+    for before, after in zip(diagnosis.checks, shuffled.checks, strict=True):
+        # Cross-validation and split halves go by rows; their verdict does not.
+        assert after.found == before.found
+        if before.name in ("drift", "wrong-period", "weak-answer", "delay", "torque-spikes"):
+            assert after.value == pytest.approx(before.value, rel=1e-6)
+
+
+def test_what_was_given_is_not_altered(clean):
+    before = clean.torque.copy()
+    tv.diagnose(clean)
+    np.testing.assert_array_equal(clean.torque, before)
+
+
+@given(
+    st.integers(0, 10_000), st.integers(2, 20), st.integers(60, 150), st.sampled_from([0, 12, 30]),
+    st.sampled_from([20.0, 100.0, 500.0]), st.integers(0, 4),
+)  # fmt: skip
+def test_whatever_comes_is_judged_or_told_why_not(seed, realizations, samples, context, rate, kind):
+    random = np.random.default_rng(seed)
+    angle = random.normal(size=(realizations, samples + 2 * context)) * 10.0 ** random.uniform(-6, 2)
+    angle = [angle, np.cumsum(angle, axis=1), np.sign(angle), np.tile(angle[:1], (realizations, 1)), angle][kind]
+    torque = random.normal(size=angle.shape) if kind % 2 else 3 * angle
+    if kind == 4:
+        torque = np.tile(torque[:1], (realizations, 1))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        diagnosis = tv.diagnose(tv.Ensemble(angle, torque, rate, context=context))
+    for check in diagnosis.checks:
+        assert check.judged or check.what.startswith("not judged: ")
+        assert not check.judged or np.isfinite(check.value)
+        assert not check.found or check.beyond
+    assert repr(diagnosis)
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_every_kind_tells_what_how_much_why_and_how(name):
+    kind = KINDS[name]
+    assert name == name.lower()
+    assert kind.title[0].isupper()
+    assert kind.unit
+    assert kind.wrong in ("above", "below")
+    assert len(kind.effect) > 30
+    assert len(kind.remedy) > 20
+
+
+def test_states_of_a_check():
+    states = [
+        Check("drift", 24.3, True, "").state,
+        Check("drift", 24.3, False, "").state,
+        Check("drift", -3.0, False, "").state,
+        Check("drift", float("nan"), False, "").state,
+    ]
+    assert states == ["found", "uncertain", "in order", "not judged"]
+    assert strength(Check("drift", 24.3, False, "")).endswith("but this may be chance")
+    assert strength(Check("weak-answer", 0.0, True, "")) == "0 %, at least 30 is in order"
+
+
+def test_it_takes_no_pictures():
+    """Heavy libraries are loaded for tables and pictures alone."""
+    import subprocess
+    import sys
+
+    program = (
+        "import sys, numpy as np, tvsysid as tv; x = np.random.default_rng(0).normal(size=(10, 100));"
+        "repr(tv.diagnose(tv.Ensemble(x, x + 1, 100.0)));"
+        "print({'matplotlib', 'pandas', 'xarray', 'jinja2'} & set(sys.modules) or 'light')"
+    )
+    shown = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout
+    assert shown.strip() == "light"

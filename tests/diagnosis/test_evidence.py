@@ -1,0 +1,117 @@
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import kstest, ttest_1samp
+from tests.faults import cut, late, simulated
+
+import tvsysid as tv
+from tvsysid.diagnosis.evidence import FOLDS, Evidence, chance, gained, innovations, lowered, without
+
+
+@given(st.integers(0, 1000), st.integers(8, 50), st.floats(-3, 3))
+def test_chance_is_that_of_students_t(seed, count, mean):
+    scores = np.random.default_rng(seed).normal(mean, size=count)
+    assert chance(scores) == pytest.approx(ttest_1samp(scores, 0).pvalue, rel=1e-6)
+
+
+def test_too_few_realizations_prove_nothing():
+    assert chance(np.full(7, 1.0) + 1e-9 * np.arange(7)) == 1.0
+
+
+def slow_gain(target, regressors):
+    """Fit to all other realizations, and count what is predicted of those left out."""
+    left = 0.0
+    for out in np.array_split(np.arange(len(target)), FOLDS):
+        kept = np.setdiff1d(np.arange(len(target)), out)
+        fitted = regressors[:, kept].reshape(len(regressors), -1).T
+        weights = np.linalg.lstsq(fitted, target[kept].ravel(), rcond=None)[0]
+        left += np.sum((target[out] - np.tensordot(weights, regressors[:, out], 1)) ** 2)
+    return 1 - left / np.sum(target**2)
+
+
+@given(st.integers(0, 100), st.integers(8, 20))
+def test_gain_is_that_of_cross_validation(seed, realizations):
+    random = np.random.default_rng(seed)
+    regressors = random.normal(size=(3, realizations, 30))
+    target = 0.3 * regressors[1] + random.normal(size=(realizations, 30))
+    share, _ = gained(target, regressors)
+    assert share == pytest.approx(slow_gain(target, regressors), abs=1e-6)
+
+
+def test_noise_foretells_nothing_and_its_chance_is_fair():
+    random = np.random.default_rng(1)
+    found = [gained(random.normal(size=(40, 50)), random.normal(size=(5, 40, 50))) for _ in range(200)]
+    shares = np.array([share for share, _ in found])
+    assert abs(shares.mean()) < 0.005
+    certain = np.mean([share > 0 and probability < 0.05 for share, probability in found])
+    assert certain < 0.05
+
+
+def test_chance_is_fair_for_slow_noise():
+    """The sum over a realization of slow noise times an independent input; Student's t holds, whatever the colour."""
+    random = np.random.default_rng(2)
+    noise = np.cumsum(random.normal(size=(300, 20, 100)), axis=2)
+    scores = np.einsum("nrt,nrt->nr", noise, random.normal(size=noise.shape))
+    assert kstest([chance(each) for each in scores], "uniform").pvalue > 0.01
+
+
+def test_without_leaves_nothing_that_the_regressors_explain(random):
+    regressors, target = random.normal(size=(4, 10, 50)), random.normal(size=(10, 50))
+    left = without(target, regressors)
+    np.testing.assert_allclose(np.einsum("art,rt->a", regressors, left), 0, atol=1e-6)
+
+
+def test_innovations_of_a_known_process(random):
+    """x(t) = 1.5 x(t-1) - 0.7 x(t-2) + e(t)."""
+    noise = random.normal(size=(20, 500))
+    signal = np.zeros_like(noise)
+    for t in range(2, 500):
+        signal[:, t] = 1.5 * signal[:, t - 1] - 0.7 * signal[:, t - 2] + noise[:, t]
+    np.testing.assert_allclose(innovations(signal, 2), noise[:, 2:], atol=0.15)
+
+
+@pytest.mark.parametrize(("rate", "context", "expected"), [(1000, 0.5, 100), (250, 0.4, 125), (100, 0.5, 100)])
+def test_a_high_rate_is_lowered_as_preprocessing_does(rate, context, expected):
+    recording = simulated(40.0) if rate == 1000 else tv.preprocess.decimate(simulated(40.0), rate)
+    low = lowered(tv.preprocess.segment(recording, 2.0, context))
+    assert low.sampling_rate == expected
+    same = tv.preprocess.segment(tv.preprocess.decimate(recording, expected), 2.0, context)
+    np.testing.assert_allclose(low.torque[:, low.core], same.torque[:, same.core], atol=1e-9)
+    np.testing.assert_array_equal(low.onsets, same.onsets)
+
+
+def test_a_rate_that_fits_no_whole_number_of_samples_stays():
+    ensemble = tv.Ensemble(*np.random.default_rng(0).normal(size=(2, 10, 499)), 1000.0)
+    assert lowered(ensemble) is ensemble
+
+
+def test_synchronised_evidence_is_that_of_the_record_without_delay():
+    recording = simulated(40.0)
+    plain, delayed = Evidence.of(cut(recording)), Evidence.of(cut(late(recording, 0.03)))
+    mended = delayed.synchronised(3)
+    assert mended.ensemble.context == plain.ensemble.context - 3
+    core = plain.ensemble.core
+    np.testing.assert_allclose(mended.torque[1:-1, mended.ensemble.core], plain.torque[1:-1, core], atol=0.02)
+    assert delayed.explained < 0.9 < mended.explained
+
+
+def test_the_mean_impedance_and_its_error_are_right():
+    """Over 40 simulations the errors are as large as the values scatter."""
+    found = [Evidence.of(cut(simulated(40.0, "prbs", "constant", seed=seed))).mean_impedance for seed in range(40)]
+    values, errors = (np.array(each) for each in zip(*found, strict=True))
+    np.testing.assert_allclose(values.mean(axis=0)[:2], [100, 2.2], rtol=0.03)
+    np.testing.assert_allclose(errors.mean(axis=0), values.std(axis=0, ddof=1), rtol=0.3)
+
+
+def test_the_order_is_that_of_recording(clean):
+    shuffled = clean.select(np.random.default_rng(0).permutation(len(clean)))
+    evidence = Evidence.of(shuffled)
+    assert (np.diff(evidence.ensemble.onsets[evidence.order]) > 0).all()
+
+
+def test_evidence_is_of_deviations(clean):
+    offset = dataclasses.replace(clean, torque=clean.torque + 3.0, angle=clean.angle - 1.0)
+    np.testing.assert_allclose(Evidence.of(offset).residual, Evidence.of(clean).residual, atol=1e-9)

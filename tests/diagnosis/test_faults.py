@@ -1,0 +1,151 @@
+"""Faults planted in simulated and in real records are found by name."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests import faults
+from tests.faults import changed, cut, simulated
+
+import tvsysid as tv
+
+
+def found(ensemble):
+    return {check.name: check for check in tv.diagnose(ensemble).findings}
+
+
+def uncut(recording, period):
+    return tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period))
+
+
+def noisy(ensemble):
+    noise = np.random.default_rng(0).standard_normal(ensemble.torque.shape)
+    return replace(ensemble, torque=ensemble.torque + 2 * ensemble.torque.std() * noise)
+
+
+EVERYWHERE = {
+    "clipped-torque": lambda record, period: uncut(faults.clipped(record, "torque"), period),
+    "angle-spikes": lambda record, period: cut(faults.spiked(record, "angle"), period),
+    "torque-spikes": lambda record, period: cut(faults.spiked(record, "torque"), period),
+    "lost-angle": lambda record, period: cut(faults.held(record, "angle"), period),
+    "lost-torque": lambda record, period: cut(faults.held(record, "torque"), period),
+    "delay": lambda record, period: cut(faults.late(record), period),
+    "drift": lambda record, period: cut(faults.softening(record, 0.5), period),
+    "unlike-realizations": lambda record, period: faults.mixed(cut(record, period)),
+    "same-perturbation": lambda record, period: tv.preprocess.subtract_mean(faults.repeated(record, period)),
+    "reversed-torque": lambda record, period: cut(changed(record, torque=-record.torque), period),
+    "mean-torque": lambda record, period: tv.preprocess.segment(
+        tv.preprocess.decimate(changed(record, torque=record.torque - record.torque.mean() + 5.0), 100), period
+    ),
+    "mean-angle": lambda record, period: tv.preprocess.segment(
+        tv.preprocess.decimate(changed(record, angle=record.angle - record.angle.mean() + 0.1), 100), period
+    ),
+    "angle-unit": lambda record, period: cut(changed(record, angle=np.degrees(record.angle)), period),
+    "torque-unit": lambda record, period: cut(changed(record, torque=1000 * record.torque), period),
+    "sampling-rate": lambda record, period: replace(cut(record, period), sampling_rate=10.0),
+    "few-realizations": lambda record, period: cut(record, period).select(np.arange(12)),
+    "weak-answer": lambda record, period: noisy(cut(record, period)),
+}
+"""Faults by the finding that names them."""
+
+
+@pytest.mark.parametrize("name", EVERYWHERE)
+@pytest.mark.parametrize(("perturbation", "profile"), [("noise", "sine"), ("prbs", "square")])
+def test_faults_in_simulated_records_are_named(name, perturbation, profile):
+    recording = simulated(perturbation=perturbation, profile=profile)
+    assert name in found(EVERYWHERE[name](recording, 2.0))
+
+
+@pytest.mark.parametrize("name", EVERYWHERE)
+@pytest.mark.parametrize("record", ["walking", "dorsiflexor"])
+def test_faults_in_real_records_are_named(recordings, name, record):
+    assert name in found(EVERYWHERE[name](*recordings[record]))
+
+
+@pytest.mark.parametrize(("perturbation", "profile"), [("noise", "sine"), ("prbs", "square")])
+def test_faults_that_take_a_behaviour_that_varies(perturbation, profile):
+    recording = simulated(perturbation=perturbation, profile=profile)
+    assert "misaligned-realizations" in found(faults.shifted(recording))
+    check = found(cut(recording, 1.9))["wrong-period"]
+    assert "with 2 s, beside what repeats every 1.9 s" in check.what
+
+
+def test_they_are_found_in_walking_too(recordings):
+    recording, period = recordings["walking"]
+    assert "misaligned-realizations" in found(faults.shifted(recording, period))
+    check = found(cut(recording, 1.3 * period))["wrong-period"]
+    assert check.value > 30
+
+
+def test_a_clipped_angle(recordings):
+    for recording, period in ((simulated(), 2.0), recordings["dorsiflexor"]):
+        assert "clipped-angle" in found(cut(faults.clipped(recording, "angle"), period))
+
+
+def test_clipping_is_seen_earlier_before_decimation():
+    recording = faults.clipped(simulated(), "torque", 2.0)
+    assert "clipped-torque" in found(uncut(recording, 2.0))
+    assert "clipped-torque" not in found(cut(recording, 2.0))
+
+
+@pytest.mark.parametrize("seconds", [-0.05, -0.02, 0.02, 0.06])
+def test_a_delay_is_measured(seconds):
+    for perturbation in ("noise", "prbs"):
+        findings = found(cut(faults.late(simulated(perturbation=perturbation), seconds)))
+        assert list(findings) == ["delay"]
+        assert findings["delay"].value == pytest.approx(1000 * seconds, abs=5)
+
+
+@pytest.mark.parametrize("perturbation", ["noise", "prbs"])
+def test_a_torque_that_moves_the_angle(perturbation):
+    findings = found(cut(faults.giving_way(perturbation=perturbation)))
+    assert "feedback" in findings
+    assert "delay" not in findings
+
+
+@pytest.mark.parametrize("perturbation", ["noise", "prbs"])
+def test_a_stiff_actuator_is_no_feedback(perturbation):
+    assert "feedback" not in found(cut(faults.giving_way(perturbation=perturbation, actuator=10_000.0)))
+
+
+def test_a_reflex():
+    assert set(found(faults.reflexive(8.0))) >= {"reflex"}
+
+
+def test_a_torque_that_is_zero_for_a_while():
+    check = found(cut(faults.zero(simulated(), "torque")))["lost-torque"]
+    assert "first in realization" in check.what
+
+
+def test_a_torque_that_is_zero_for_a_while_without_subtracted_mean():
+    ensemble = tv.preprocess.segment(tv.preprocess.decimate(faults.zero(simulated(), "torque"), 100), 2.0)
+    assert "lost-torque" in found(ensemble)
+
+
+def test_a_slow_perturbation_leaves_impedance_undetermined(random):
+    time = np.arange(20000) / 100
+    angle = 0.01 * np.sin(2 * np.pi * 0.3 * time) + 1e-7 * random.normal(size=time.size)
+    recording = tv.Recording(angle, 100 * angle + 0.1 * random.normal(size=time.size), 100.0)
+    assert list(found(tv.preprocess.subtract_mean(tv.preprocess.segment(recording, 4.0)))) == ["narrow-excitation"]
+
+
+def test_the_same_perturbation_with_its_mean():
+    findings = found(faults.repeated(simulated()))
+    assert {"same-perturbation", "mean-torque", "mean-angle"} <= set(findings)
+
+
+def test_strengths_grow_with_the_fault():
+    strengths = [tv.diagnose(cut(faults.softening(simulated(), share))).checks for share in (0.0, 0.2, 0.4, 0.6)]
+    drifts = [next(check.value for check in checks if check.name == "drift") for checks in strengths]
+    assert drifts == sorted(drifts, reverse=True)
+    # A torque that falls by 60 % in a straight line: 85 % of it in the first half, 55 % in the second.
+    assert drifts[-1] == pytest.approx(-100 * 30 / 85, abs=3)
+
+
+def test_the_realizations_that_differ_are_named():
+    ensemble = cut(simulated())
+    factors = np.ones(len(ensemble))
+    factors[[7, 30]] = 2.0
+    check = found(replace(ensemble, torque=ensemble.torque * factors[:, None]))["unlike-realizations"]
+    assert check.value == 2
+    assert "first realization 7" in check.what

@@ -1,0 +1,47 @@
+"""What the page on results lists is what a benchmark writes."""
+
+import re
+from pathlib import Path
+
+from tests.synthetic import responses_of, results_of, summary_of
+
+from tvsysid.benchmark.layout import MEASURED, layout_of
+from tvsysid.benchmark.scores import COLUMNS, UNITS
+from tvsysid.benchmark.study import Study
+from tvsysid.benchmark.trial import STAGES
+from tvsysid.figures import study_figures
+
+PAGE = (Path(__file__).parents[2] / "docs" / "results.md").read_text(encoding="utf-8")
+SECTIONS = dict(re.findall(r"^## (\S+)\n\n(.+?)(?=\n## |\Z)", PAGE, re.MULTILINE | re.DOTALL))
+
+
+def quoted(text):
+    return re.findall(r"`([^`]+)`", text)
+
+
+def test_columns_of_the_summary():
+    before, _, _ = SECTIONS["summary.csv"].partition("\n|")
+    assert [name for name in quoted(before) if name != "results.zarr"] == list(COLUMNS)
+
+
+def test_every_metric_is_explained_once():
+    told = []
+    for row in re.findall(r"^\| (`.+?) \|", SECTIONS["summary.csv"], re.MULTILINE):
+        first, *others = quoted(row)
+        told += [first, *(name.replace("...", first) for name in others)]
+    assert sorted(told) == sorted(UNITS)
+
+
+def test_every_variable_of_the_store_is_named():
+    names = set(MEASURED) | {
+        each.name for each in layout_of(Study()).fixed if "time" in each.dims and each.name != "time"
+    }
+    text = SECTIONS["results.zarr"]
+    assert names | {"checksums"} == set(quoted(text)) - {'xarray.open_zarr("results.zarr")'}
+    assert all(stage in text for stage in STAGES)
+
+
+def test_every_kind_of_figure_is_named():
+    results = results_of()
+    kinds = {stem.partition("-")[0] for stem in study_figures(results, summary_of(results), responses_of())}
+    assert {name.partition("-")[0] for name in quoted(SECTIONS["figures/"])} == kinds

@@ -1,0 +1,159 @@
+"""Faults planted into records and ensembles, each named after the finding that must name it."""
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+from scipy.signal import butter, cont2discrete, lfilter, ss2tf
+
+import tvsysid as tv
+
+RATE = 1000
+
+
+@lru_cache(maxsize=16)
+def simulated(duration=150.0, perturbation="noise", profile="sine", snr_db=10.0, seed=1):
+    """Recording of a simulated joint at 1 kHz."""
+    kinds = {"noise": tv.simulate.FilteredNoise(), "prbs": tv.simulate.PRBS()}
+    profiles = {
+        "square": tv.simulate.SquareWave(),
+        "sine": tv.simulate.SineWave(),
+        "constant": tv.simulate.Constant(100.0),
+    }
+    return tv.simulate.joint(
+        duration, stiffness=profiles[profile], perturbation=kinds[perturbation], snr_db=snr_db, seed=seed
+    ).recording
+
+
+def cut(recording, period=2.0, rate=100.0):
+    """Ensemble as it is usually prepared."""
+    return tv.preprocess.subtract_mean(tv.preprocess.segment(tv.preprocess.decimate(recording, rate), period))
+
+
+def changed(recording, angle=None, torque=None, **changes):
+    given = {"angle": angle, "torque": torque}
+    return replace(recording, **{name: x for name, x in given.items() if x is not None}, channels={}, **changes)
+
+
+def places(recording, count, length, seed=5):
+    """Slices of so many seconds here and there in a record, never two in one place."""
+    random = np.random.default_rng(seed)
+    samples = round(length * recording.sampling_rate)
+    slots = random.choice(len(recording) // samples, count, replace=False)
+    return [slice(slot * samples, (slot + 1) * samples) for slot in slots]
+
+
+# Faults of a record, before it is decimated and cut.
+
+
+def clipped(recording, which, level=1.0):
+    """A sensor whose range ends at so many standard deviations."""
+    values = getattr(recording, which)
+    centre, limit = values.mean(), level * values.std()
+    return changed(recording, **{which: np.clip(values, centre - limit, centre + limit)})
+
+
+def spiked(recording, which, count=12, height=12.0):
+    """Single samples far off."""
+    values = getattr(recording, which).copy()
+    for place in places(recording, count, 1.0):
+        # Three samples of the record: a spike that a filter leaves as one of the decimated record.
+        middle = (place.start + place.stop) // 2
+        values[middle - 1 : middle + 2] += height * values.std()
+    return changed(recording, **{which: values})
+
+
+def held(recording, which, count=8, length=0.6):
+    """A signal that stays where it is for a while."""
+    values = getattr(recording, which).copy()
+    for place in places(recording, count, length):
+        values[place] = values[place.start]
+    return changed(recording, **{which: values})
+
+
+def zero(recording, which, count=8, length=0.6):
+    """A signal that is zero for a while."""
+    values = getattr(recording, which).copy()
+    for place in places(recording, count, length):
+        values[place] = 0.0
+    return changed(recording, **{which: values})
+
+
+def late(recording, seconds=0.03):
+    """A torque recorded later than the angle."""
+    return changed(recording, torque=np.roll(recording.torque, round(seconds * recording.sampling_rate)))
+
+
+def softening(recording, share=0.3):
+    """A torque that falls from start to end, as that of a muscle that tires."""
+    return changed(recording, torque=recording.torque * np.linspace(1.0, 1.0 - share, len(recording)))
+
+
+def giving_way(duration=150.0, perturbation="noise", actuator=100.0, snr_db=5.0, seed=1, stiffness=100.0):
+    """A joint on a soft actuator, which noise in the torque moves: (M + I) x'' + (B + b) x' + (K + k) x = K d - n."""
+    random = np.random.default_rng(seed)
+    kinds = {"noise": tv.simulate.FilteredNoise(), "prbs": tv.simulate.PRBS()}
+    mass, viscosity, inertia = 0.05, 2.2, 0.02
+    damping = 1.4 * np.sqrt(actuator * mass)
+    samples = round((duration + 3) * RATE)
+    drive = kinds[perturbation].generate(samples, RATE, random)
+    noise = lfilter(*butter(2, 40.0, fs=RATE), random.standard_normal(samples))
+    system = np.array([[0, 1], [-(actuator + stiffness) / (mass + inertia), -(damping + viscosity) / (mass + inertia)]])
+    entry = np.array([[0], [1 / (mass + inertia)]])
+    outputs = np.vstack([np.eye(2), system[1]])
+    discrete = cont2discrete((system, entry, outputs, np.array([[0], [0], entry[1]])), 1 / RATE, "foh")
+    numerators, denominator = ss2tf(*discrete[:4])
+
+    def moved(force):
+        return np.stack([lfilter(numerator, denominator, force) for numerator in numerators])
+
+    joint = np.array([stiffness, viscosity, inertia])
+    imposed = moved(actuator * drive)
+    imposed *= np.radians(0.5) / imposed[0].std()
+    noise *= np.std(joint @ imposed) / noise.std() * 10 ** (-snr_db / 20)
+    motion = imposed + moved(-noise)
+    torque = joint @ motion + noise
+    return tv.Recording(motion[0, 2000:], torque[2000:], RATE, start=-0.5)
+
+
+def reflexive(gain=5.0, seed=1):
+    """A virtual participant with a stretch reflex, prepared."""
+    traits = replace(tv.simulate.Traits.of(seed), reflex_gain=gain)
+    return tv.preprocess.prepare(tv.simulate.participant(seed, traits).noise.recording).ensemble
+
+
+# Faults of an ensemble.
+
+
+def shifted(recording, period=2.0, share=0.2, seconds=0.3):
+    """Some realizations cut too early or too late."""
+    ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), period, context=1.0)
+    random = np.random.default_rng(3)
+    moves = np.where(random.random(len(ensemble)) < share, random.choice([-1, 1], len(ensemble)), 0)
+    moves = np.round(moves * seconds * ensemble.sampling_rate).astype(int)
+    index = 50 + np.arange(ensemble.samples + 100) + moves[:, None]
+    return tv.preprocess.subtract_mean(
+        replace(
+            ensemble,
+            angle=np.take_along_axis(ensemble.angle, index, 1),
+            torque=np.take_along_axis(ensemble.torque, index, 1),
+            context=50,
+        )
+    )
+
+
+def mixed(ensemble, share=0.15, factor=1.6):
+    """Some realizations in which the same angle is answered by more torque."""
+    every = max(2, round(1 / share))
+    factors = np.where(np.arange(len(ensemble)) % every == 1, factor, 1.0)
+    return replace(ensemble, torque=ensemble.torque * factors[:, None])
+
+
+def repeated(recording, period=2.0, noise=1e-5, seed=4):
+    """One realization's perturbation over and over, recorded with a little noise of the angle's sensor."""
+    random = np.random.default_rng(seed)
+    ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), period)
+    angle = np.tile(ensemble.angle[0], (len(ensemble), 1)) + noise * random.standard_normal(ensemble.angle.shape)
+    torque = np.tile(ensemble.torque[0], (len(ensemble), 1))
+    torque = torque + 0.3 * ensemble.torque.std() * random.standard_normal(torque.shape)
+    return replace(ensemble, angle=angle, torque=torque)

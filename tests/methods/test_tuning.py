@@ -1,0 +1,310 @@
+import dataclasses
+import math
+import pickle
+import warnings
+
+import numpy as np
+import pytest
+from benchmarks import plain
+
+import tvsysid as tv
+from tvsysid.methods import birf, halves, kbr
+from tvsysid.numerics.differentiation import differentiate
+
+METHODS = [tv.EnsembleIRF(), tv.ShortDataSegments(), tv.BasisIRF(), tv.EnsembleSpectral(), tv.KernelRegression()]
+
+
+@pytest.fixture(autouse=True)
+def _doubts_are_not_the_point():
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", tv.DoubtfulWarning)
+        yield
+
+
+@pytest.fixture
+def few_deals(monkeypatch):
+    """Halves dealt less often, for haste."""
+    monkeypatch.setattr(halves, "DEALS", 2)
+
+
+each_method = pytest.mark.parametrize("method", METHODS, ids=lambda method: method.key)
+
+
+@each_method
+def test_a_tuned_method_is_the_method_with_other_settings_and_the_evidence_for_them(ensemble_of, method):
+    ensemble = ensemble_of(40.0, "square", "noise")
+    tuned = method.tuned(ensemble)
+    evidence = tuned.evidence
+    assert method.evidence is None
+    assert tuned == dataclasses.replace(method, **evidence.settings)
+    assert repr(tuned) == repr(dataclasses.replace(method, **evidence.settings))
+    assert dataclasses.replace(tuned).evidence is None  # other settings, no evidence
+    # What was tried first are the settings that the method had.
+    assert dataclasses.replace(method, **evidence.tried[0]) == method
+    better = evidence.values.max() if evidence.better == "higher" else evidence.values.min()
+    assert evidence.values[evidence.chosen] == better or evidence.chosen == 0
+    assert evidence.gain >= 0
+    assert len(evidence.tried) == len(evidence.values) == len(evidence.positions) == len(evidence.lines)
+    table = evidence.to_pandas()
+    assert list(table.value) == list(evidence.values)
+    assert list(np.flatnonzero(table.chosen)) == [evidence.chosen]
+    assert f"{len(evidence.values)} tried" in repr(evidence)
+    # It identifies, and no worse than before.
+    truth = tv.simulate.SquareWave()(ensemble.time)
+    errors = [np.sqrt(np.mean((each.identify(ensemble).stiffness - truth) ** 2)) for each in (method, tuned)]
+    assert errors[1] <= 1.05 * errors[0]
+
+
+@each_method
+def test_tuning_repeats_and_leaves_its_input_alone(ensemble_of, few_deals, method):
+    ensemble = ensemble_of(40.0, "sine", "prbs")
+    angle, torque = ensemble.angle.copy(), ensemble.torque.copy()
+    first, second = method.tuned(ensemble, seed=3), method.tuned(ensemble, seed=3)
+    np.testing.assert_array_equal(first.evidence.values, second.evidence.values)
+    assert first == second
+    np.testing.assert_array_equal(ensemble.angle, angle)
+    np.testing.assert_array_equal(ensemble.torque, torque)
+    again = pickle.loads(pickle.dumps(first))
+    np.testing.assert_array_equal(again.evidence.values, first.evidence.values)
+    with pytest.raises(ValueError, match="read-only"):
+        first.evidence.values[0] = 0
+
+
+def test_the_seed_deals_the_halves(ensemble_of, few_deals):
+    ensemble = ensemble_of(40.0, "sine", "prbs")
+    one, other = (tv.EnsembleSpectral().tuned(ensemble, seed).evidence.values for seed in (0, 1))
+    assert not np.array_equal(one, other)
+
+
+@pytest.mark.parametrize(("perturbation", "limit"), [("noise", 1.2), ("prbs", 2.0)])
+def test_a_sine_wave_is_followed_nearly_as_if_its_shape_were_known(ensemble_of, perturbation, limit):
+    truth = tv.simulate.SineWave()
+    for method in (tv.BasisIRF(), tv.KernelRegression()):
+        errors = []
+        for seed in range(2):
+            ensemble = ensemble_of(150.0, "sine", perturbation, seed=seed)
+            model = method.tuned(ensemble).identify(ensemble)
+            errors.append(model.stiffness - truth(model.time))
+        assert np.sqrt(np.mean(np.square(errors))) < limit
+
+
+# Kernel regression: the marginal likelihood.
+
+
+def dense_log_density(ensemble, theta, decay, near):
+    """Restricted log density of the band's Fourier coefficients, with the dense kernel, but for a constant."""
+    l1, *gammas, noise = np.exp(theta)
+    signals = np.degrees(differentiate(plain.join(ensemble.angle, ensemble.context, 12), 100.0))
+    torque = plain.join(ensemble.torque, ensemble.context)
+    count = len(torque)
+    frequency = np.fft.rfftfreq(count, 1 / 100.0)
+    inside = frequency <= 20.0 + 1e-9
+    apart = np.subtract.outer(np.arange(count), np.arange(count)) / 100.0
+    kernel = np.exp(-(np.sin(np.pi * apart / 2.0) ** 2) / l1 - (apart / decay) ** 2)
+    place = (np.arange(count) + 0.5) / count
+    external = np.cos(np.pi * np.outer(np.arange(5), place))
+    in_time = sum(gamma * kernel * np.outer(signal, signal) for gamma, signal in zip(gammas, signals, strict=True))
+    in_time += np.mean(torque**2) * noise / near * external.T @ external
+    covariance = plain._fourier(plain._fourier(in_time, inside).T, inside)
+    covariance += noise * np.eye(len(covariance))
+    fixed, output = plain._fourier(signals, inside).T, plain._fourier(torque, inside)
+    inverse = np.linalg.inv(covariance)
+    information = fixed.T @ inverse @ fixed
+    projected = inverse - inverse @ fixed @ np.linalg.solve(information, fixed.T @ inverse)
+    determinants = np.linalg.slogdet(covariance)[1] + np.linalg.slogdet(information)[1]
+    return -0.5 * determinants - output @ projected @ output
+
+
+@pytest.mark.parametrize("decay", [math.inf, 15.0])
+def test_marginal_likelihood_is_that_of_the_dense_kernel(ensemble_of, decay):
+    ensemble = ensemble_of(20.0, "sine", "noise")
+    method = tv.KernelRegression()
+    stacks, start, stop = method._stacks(ensemble)
+    kernel = kbr.Kernel.of(2.0, 0.05, decay, start, stop, 100.0)
+    kept = np.ones((3, kernel.columns), dtype=bool)
+    likelihood = kbr._Likelihood.of(stacks, kernel, kept, method.band, 100.0, 0.15)
+    one = np.log([0.3, 0.5, 1e-4, 1e-8, 0.15])
+    other = np.log([0.1, 0.2, 1e-3, 1e-7, 0.2])
+    found = likelihood(one)[0] - likelihood(other)[0]
+    expected = dense_log_density(ensemble, one, decay, 0.15) - dense_log_density(ensemble, other, decay, 0.15)
+    assert found == pytest.approx(expected, abs=1e-3)
+    # Its slope is that of differences.
+    _, slope = likelihood(one)
+    for number in range(5):
+        step = 1e-4 * (np.arange(5) == number)
+        difference = (likelihood(one + step)[0] - likelihood(one - step)[0]) / 2e-4
+        assert slope[number] == pytest.approx(difference, rel=1e-4, abs=1e-3)
+
+
+def test_chosen_kernel_is_at_the_top_of_the_likelihood(ensemble_of):
+    ensemble = ensemble_of(40.0, "square", "noise")
+    method = tv.KernelRegression()
+    evidence = method.tuned(ensemble).evidence
+    stacks, start, stop = method._stacks(ensemble)
+    settings = evidence.settings
+    kernel = kbr.Kernel.of(2.0, 0.5 * settings["length_periodic"], math.inf, start, stop, 100.0)
+    kept = np.ones((3, kernel.columns), dtype=bool)
+    noise = method.identify(ensemble).diagnostics.details["noise_variance"]
+    likelihood = kbr._Likelihood.of(stacks, kernel, kept, method.band, 100.0, noise)
+    top = np.log([settings["length_periodic"], *settings["gamma"], noise])
+    top[4], best = likelihood.best_noise(top)
+    assert best == pytest.approx(evidence.values[evidence.chosen], abs=0.05)
+    for number in range(5):
+        for step in (-0.5, 0.5):
+            assert likelihood(top + step * (np.arange(5) == number))[0] < best + 0.02
+
+
+def test_a_drift_asks_for_a_decay():
+    def profile(time):
+        return 100 + 30 * np.sin(np.pi * time) + 0.8 * time
+
+    simulation = tv.simulate.joint(60, stiffness=profile, perturbation=tv.simulate.FilteredNoise(), snr_db=20, seed=3)
+    ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 2.0)
+    truth = np.stack([profile(onset + ensemble.time) for onset in ensemble.onsets])
+    tuned = tv.KernelRegression().tuned(ensemble)
+    assert tuned.length_decay < 300
+    stiffness, _, _ = tuned.identify(ensemble).impedance(ensemble)
+    assert np.sqrt(np.mean((stiffness - truth) ** 2)) < 2.5
+
+
+def test_one_gamma_is_three_alike(ensemble_of):
+    ensemble = ensemble_of(20.0, "sine", "noise")
+    one, three = (tv.KernelRegression(gamma=gamma).identify(ensemble) for gamma in (2.0, (2.0, 2.0, 2.0)))
+    np.testing.assert_array_equal(one.stiffness, three.stiffness)
+    stiff = tv.KernelRegression(gamma=(1e-12, 2.0, 2.0)).identify(ensemble)
+    assert np.ptp(stiff.stiffness) < 1e-3
+    with pytest.raises(tv.InputError, match="one number, or three"):
+        tv.KernelRegression(gamma=(1.0, 2.0))
+    with pytest.raises(tv.InputError, match="gamma must be positive"):
+        tv.KernelRegression(gamma=(1.0, 2.0, 0.0))
+
+
+# Windows and lags: halves.
+
+
+class Share:
+    """Stands for a method: a share of the mean torque, which stands for stiffness."""
+
+    def __init__(self, share):
+        self.share = share
+
+    def _identify(self, ensemble):
+        model = type("Model", (), {})()
+        model.stiffness = self.share * ensemble.torque[:, ensemble.core].mean(axis=0)
+        return model
+
+
+def test_halves_tell_the_mean_square_error(random, monkeypatch):
+    monkeypatch.setattr(halves, "reference_stiffness", lambda half, max_lag: half.torque.mean(axis=0))
+    monkeypatch.setattr(halves, "DEALS", 20)
+    truth, noise, count = 10 * np.sin(np.linspace(0, 6, 4000)), 8.0, 60
+    torque = truth + noise * random.normal(size=(count, len(truth)))
+    ensemble = tv.Ensemble(random.normal(size=torque.shape), torque, 100.0)
+    _, errors = halves.Halves(ensemble, 0.1, 0).errors([Share(1.0), Share(0.5)])
+    variance = noise**2 / count
+    assert errors[:, 0].mean() == pytest.approx(variance, rel=0.1)
+    assert errors[:, 1].mean() == pytest.approx(0.25 * np.mean(truth**2) + 0.25 * variance, rel=0.05)
+
+
+def test_halves_are_identified_from_alone(ensemble_of):
+    ensemble = ensemble_of(40.0, "sine", "noise")
+    compared = halves.Halves(ensemble, 0.12, 5)
+    method = tv.EnsembleSpectral()
+    first, second = (method._identify(half).stiffness for half in compared.halves[0])
+    reference = [halves.reference_stiffness(half, 0.12) for half in compared.halves[0]]
+    expected = np.mean((first - reference[0]) * (second - reference[1])) + np.mean((first - second) ** 2) / 4
+    _, errors = compared.errors([method])
+    assert errors[0, 0] == pytest.approx(expected)
+    onsets = np.concatenate([half.onsets for half in compared.halves[0]])
+    np.testing.assert_array_equal(np.sort(onsets), ensemble.onsets)
+
+
+def test_the_reference_is_short_data_segments_with_a_window_that_determines_it(ensemble_of):
+    ensemble = ensemble_of(40.0, "sine", "noise")  # 20 realizations: 5 samples make 100 for 25 lags
+    expected = tv.ShortDataSegments(window=0.04).identify(ensemble).stiffness
+    np.testing.assert_allclose(halves.reference_stiffness(ensemble, 0.12), expected)
+
+
+def test_settings_that_do_not_fit_the_data_are_not_tried(few_deals):
+    noise = tv.simulate.FilteredNoise()
+    simulation = tv.simulate.joint(30, stiffness=tv.simulate.Constant(), perturbation=noise, snr_db=10, seed=1)
+    ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 0.3, 0.1)
+    tried = tv.ShortDataSegments(max_lag=0.08).tuned(ensemble).evidence.tried
+    assert max(settings["window"] for settings in tried) < 0.3
+
+
+@pytest.mark.parametrize(
+    ("method", "message"),
+    [
+        (tv.ShortDataSegments(), "5 are too few; give at least 8"),
+        (tv.BasisIRF(prior="none"), "least squares has no evidence"),
+    ],
+)
+def test_what_cannot_be_tuned_is_refused(ensemble_of, method, message):
+    with pytest.raises(tv.InputError, match=message):
+        method.tuned(ensemble_of(40.0).select(np.arange(5)))
+    with pytest.raises(tv.InputError, match="tuned: expected an Ensemble, got ndarray"):
+        method.tuned(np.zeros((10, 200)))
+
+
+# In a study.
+
+
+def test_a_method_that_tunes_itself(ensemble_of):
+    ensemble = ensemble_of(40.0, "square", "noise")
+    itself = tv.methods.parse("birf:tuned=true")
+    assert itself == tv.methods.Tuned(tv.BasisIRF()) == tv.methods.create("birf", tuned=True)
+    assert (itself.key, itself.title, itself.assumptions) == (
+        "birf",
+        "Basis impulse response function, tuned",
+        tv.BasisIRF.assumptions,
+    )
+    tuned = tv.BasisIRF().tuned(ensemble)
+    model = itself.identify(ensemble)
+    np.testing.assert_array_equal(model.stiffness, tuned.identify(ensemble).stiffness)
+    assert model.method == repr(tuned)
+    assert tv.methods.parse("sds:window=0.2,tuned=false") == tv.ShortDataSegments(window=0.2)
+    begun = tv.methods.parse("kbr:preset=experiment,tuned=true").method
+    assert begun == tv.KernelRegression.preset("experiment")
+
+
+def test_a_method_that_tunes_itself_keeps_the_contract():
+    checks = tv.benchmark.check_method(tv.methods.Tuned(tv.BasisIRF()))
+    assert [f"{check.name}: {check.message}" for check in checks if not check.passed] == []
+
+
+@pytest.mark.parametrize(
+    ("create", "message"),
+    [
+        (lambda: tv.methods.parse("sds:tuned=perhaps"), "tuned must be true or false, got 'perhaps'"),
+        (lambda: tv.methods.create("sds", tuned="yes"), "tuned must be true or false, got 'yes'"),
+        (lambda: tv.methods.Tuned("sds"), "expected one of the package's methods, got 'sds'"),
+    ],
+)
+def test_wrong_ways_to_ask_for_tuning_are_refused(create, message):
+    with pytest.raises(tv.InputError, match=message):
+        create()
+
+
+# Basis: what samples are worth.
+
+
+@pytest.mark.parametrize(("alike", "share"), [(1, 1.0), (10, 0.1)])
+def test_samples_of_noise_that_lasts_are_worth_less(random, alike, share):
+    noise = np.repeat(random.normal(size=(60, 400 // alike)), alike, axis=1)
+    ensemble = tv.Ensemble(np.ones_like(noise) + 1e-9 * random.normal(size=noise.shape), noise, 100.0)
+
+    class Silent:
+        def predict(self, other):
+            return np.zeros_like(other.torque)
+
+    assert birf._independent_share(ensemble, Silent()) == pytest.approx(share, rel=0.15)
+
+
+def test_a_basis_is_chosen_by_its_function_not_by_its_size(ensemble_of):
+    # With noise that lasts, the torque of a person, evidence of as many independent samples asks for every wiggle.
+    ensemble = ensemble_of(80.0, "sine", "noise", 40.0)
+    random = np.random.default_rng(8)
+    steps = np.repeat(random.normal(size=(len(ensemble), 15)), 20, axis=1)
+    disturbed = dataclasses.replace(ensemble, torque=ensemble.torque + 0.3 * steps)
+    assert tv.BasisIRF().tuned(disturbed).basis == tv.FourierSeries(1)

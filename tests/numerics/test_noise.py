@@ -1,0 +1,102 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.linalg import toeplitz
+from scipy.signal import lfilter
+
+from tvsysid.numerics import noise
+from tvsysid.numerics.differentiation import derivative_weights
+
+DECAY = 0.6
+FILTERS = derivative_weights(4)
+
+
+def coloured(random, shape, decay=DECAY):
+    """First-order autoregressive noise of unit variance, started in its stationary state."""
+    white = np.sqrt(1 - decay**2) * random.normal(size=shape)
+    white[:, 0] /= np.sqrt(1 - decay**2)
+    return lfilter([1.0], [1.0, -decay], white, axis=1)
+
+
+@pytest.mark.parametrize("lags", [0, 3, 30])
+def test_covariances_are_means_of_products(random, lags):
+    x, y = random.normal(size=(3, 20)), random.normal(size=(3, 20))
+    auto = noise.autocovariance(x, lags)
+    cross = noise.cross_covariance(x, y, lags)
+    assert auto.shape == (lags + 1,)
+    for d in range(lags + 1):
+        pairs = [(r, i) for r in range(3) for i in range(20 - d)]
+        products = [x[r, i] * x[r, i + d] for r, i in pairs]
+        later = [x[r, i] * y[r, i + d] for r, i in pairs]
+        earlier = [x[r, i + d] * y[r, i] for r, i in pairs]
+        for found, values in ((auto[d], products), (cross[lags + d], later), (cross[lags - d], earlier)):
+            assert found == pytest.approx(np.mean(values) if values else 0.0, abs=1e-12)
+
+
+def test_white_noise_changes_no_variance(random):
+    angle = noise.autocovariance(coloured(random, (5, 200), 0.95), 30)
+    np.testing.assert_allclose(noise.colour_factors(FILTERS, angle, np.eye(11)[0]), 1.0, atol=1e-9)
+
+
+def test_one_regressor_has_the_textbook_factor():
+    # An AR(1) regressor under AR(1) noise: (1 + ab) / (1 - ab) times the variance under white noise.
+    lags = np.arange(80)
+    found = noise.colour_factors(np.ones((1, 1)), 0.9**lags, 0.6 ** lags[:60])
+    assert found[0] == pytest.approx((1 + 0.54) / (1 - 0.54), rel=1e-9)
+
+
+def test_factors_are_those_of_the_dense_sandwich(random):
+    angle, correlation = 0.9 ** np.arange(60), 0.6 ** np.arange(12)
+    # Expected moments of a very long record, sample by sample.
+    reach = len(correlation) - 1
+    moments = FILTERS @ toeplitz(angle[:9]) @ FILTERS.T
+    middle = np.zeros((3, 3))
+    for d in range(-reach, reach + 1):
+        shifted = angle[np.abs(d + np.arange(9)[:, None] - np.arange(9))]
+        middle += correlation[abs(d)] * FILTERS @ shifted @ FILTERS.T
+    inverse = np.linalg.inv(moments)
+    expected = np.diag(inverse @ middle @ inverse) / np.diag(inverse)
+    np.testing.assert_allclose(noise.colour_factors(FILTERS, angle, correlation), expected, rtol=1e-6)
+
+
+def test_the_variance_of_a_fit_is_foretold(random):
+    angle = coloured(random, (4, 400), 0.9)
+    regressors = angle.ravel()
+    errors = [float(coloured(random, (4, 400)).ravel() @ regressors / (regressors @ regressors)) for _ in range(1500)]
+    correlation = DECAY ** np.arange(30)
+    factor = noise.colour_factors(np.ones((1, 1)), noise.autocovariance(angle, 40), correlation)[0]
+    assert factor > 2
+    assert np.var(errors) * (regressors @ regressors) == pytest.approx(factor, rel=0.1)
+
+
+@given(st.floats(0.1, 10.0), st.floats(0.01, 100.0))
+def test_units_of_angle_and_time_do_not_matter(size, rate):
+    angle, correlation = 0.9 ** np.arange(60), 0.6 ** np.arange(12)
+    scaled = FILTERS * rate ** np.arange(3.0)[:, None]
+    np.testing.assert_allclose(
+        noise.colour_factors(scaled, size * angle, correlation),
+        noise.colour_factors(FILTERS, angle, correlation),
+        rtol=1e-6,
+    )
+
+
+def test_regressor_correlation_is_what_a_fit_takes_from_the_residual(random):
+    # White noise, two regressors: products of the residual at a distance are lowered by that much in the mean.
+    filters = derivative_weights(3)[:2]
+    angle = coloured(random, (1, 2000), 0.9)
+    correlation = noise.regressor_correlation(filters, 0.9 ** np.arange(20), 5)
+    assert correlation[0] == pytest.approx(1.0, abs=1e-9)
+    regressors = np.stack([np.convolve(angle[0], row, mode="valid") for row in filters], axis=1)
+    count = len(regressors)
+    hat = regressors @ np.linalg.pinv(regressors)
+    lowered = [np.trace(hat, d) / (count - d) for d in range(6)]
+    np.testing.assert_allclose(2 / count * correlation, lowered, atol=0.15 / count)
+
+
+@pytest.mark.parametrize("band", [(0.0, 0.5), (0.0, 0.2), (0.1, 0.15)])
+def test_power_in_a_band_is_the_mean_of_the_spectrum(band):
+    frequencies = band[0] + (np.arange(20_000) + 0.5) / 20_000 * (band[1] - band[0])
+    spectrum = (1 - 0.6**2) / (1 - 1.2 * np.cos(2 * np.pi * frequencies) + 0.6**2)
+    assert noise.power_in_band(0.6 ** np.arange(60), *band) == pytest.approx(spectrum.mean(), rel=1e-6)
+    assert noise.power_in_band(np.eye(9)[0], *band) == 1.0

@@ -1,0 +1,68 @@
+import numpy as np
+import pytest
+
+from tvsysid import impedance
+from tvsysid.numerics import moments, pseudoinverse
+from tvsysid.numerics.differentiation import differentiate
+
+LAGS, RATE = 6, 100.0
+
+
+@pytest.fixture
+def joint(random):
+    """Angle and torque of a joint of second order with noise, and the angle's derivatives."""
+    angle = np.cumsum(random.normal(size=(60, 60)), axis=1) / 100
+    signals = differentiate(angle, RATE, LAGS)
+    torque = np.pad(np.einsum("m,mrt->rt", [80.0, 2.0, 0.02], signals), ((0, 0), (LAGS, LAGS)))
+    return angle, torque + 0.01 * random.normal(size=torque.shape), signals
+
+
+def test_fit_to_a_full_response_is_least_squares_on_the_derivatives(joint):
+    angle, torque, signals = joint
+    phi_uu, phi_uy, _, _ = moments.lagged_moments(angle, torque, LAGS)
+    solution = pseudoinverse.full(phi_uu, phi_uy)
+    matrix, fitted, beyond = impedance.second_order_readout(phi_uu, phi_uy, solution.inverse, RATE)
+    found = np.einsum("tml,tl->tm", matrix, phi_uy)
+    np.testing.assert_allclose(found[:, 0], solution.weights.sum(axis=1), rtol=1e-9)
+    for time in (0, 20, 47):
+        regressors, output = signals[:, :, time].T, torque[:, LAGS + time]
+        expected = np.linalg.lstsq(regressors, output, rcond=None)[0]
+        np.testing.assert_allclose(found[time, 1:], expected[1:], rtol=1e-6)
+        assert fitted[time] == pytest.approx(np.mean((regressors @ expected) ** 2), rel=1e-6)
+        inputs = angle[:, time : time + 2 * LAGS + 1]
+        left = output - regressors @ expected
+        explained = inputs @ np.linalg.lstsq(inputs, left, rcond=None)[0]
+        assert beyond[time] == pytest.approx(np.mean(explained**2), rel=1e-4)
+
+
+def test_fit_needs_no_more_than_three_directions_of_the_input(joint):
+    angle, torque, _ = joint
+    phi_uu, phi_uy, _, _ = moments.lagged_moments(angle, torque, LAGS)
+    matrix, _, _ = impedance.second_order_readout(phi_uu, phi_uy, np.zeros_like(phi_uu), RATE)
+    whole, _, _ = impedance.second_order_readout(phi_uu, phi_uy, pseudoinverse.full(phi_uu, phi_uy).inverse, RATE)
+    np.testing.assert_array_equal(matrix[:, 1:], whole[:, 1:])
+    time = np.arange(60) / RATE
+    one = np.tile(np.sin(20 * time), (5, 1)) * np.arange(1, 6)[:, None]  # acceleration is in proportion to the angle
+    phi_uu, phi_uy, _, _ = moments.lagged_moments(one, torque[:5], LAGS)
+    matrix, _, _ = impedance.second_order_readout(phi_uu, phi_uy, np.zeros_like(phi_uu), RATE)
+    assert np.isnan(matrix[:, 1:]).all()
+
+
+def test_second_order_fit(random):
+    regressors = random.normal(size=(5, 40, 3)) * [1e-3, 1e-1, 10.0]
+    expected = np.array([100.0, 2.0, 0.02])
+    moments = regressors.transpose(0, 2, 1) @ regressors
+    cross = (regressors.transpose(0, 2, 1) @ (regressors @ expected)[..., None])[..., 0]
+    found, inverse = impedance.second_order_fit(moments, cross)
+    np.testing.assert_allclose(found, np.tile(expected, (5, 1)), rtol=1e-9)
+    np.testing.assert_allclose(inverse @ moments, np.tile(np.eye(3), (5, 1, 1)), atol=1e-7)
+    moments[2, 2], moments[2, :, 2] = moments[2, 0], moments[2, :, 0]
+    assert np.isnan(impedance.second_order_fit(moments, cross).impedance[2]).all()
+
+
+def test_agreement():
+    fitted, beyond, chance = np.array([3.0, 5.0]), np.array([1.0, 1.0]), np.array([0.5, 0.5])
+    assert impedance.agreement(fitted, beyond, chance) == pytest.approx(90.0)
+    assert impedance.agreement(fitted, chance, beyond) == 100.0
+    assert impedance.agreement(np.array([np.nan, 5.0]), beyond, chance) == pytest.approx(100 * (1 - 0.5 / 6))
+    assert np.isnan(impedance.agreement(fitted * np.nan, beyond, chance))

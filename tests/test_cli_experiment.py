@@ -62,6 +62,7 @@ def test_virtual_participants(tvsysid, tmp_path):
     page = (folder / "report.html").read_text()
     assert "tvsysid experiment --virtual 1 --method birf" in page
     summary = pd.read_csv(folder / "summary.csv")
+    assert "P1-prbs" in (folder / "diagnosis.html").read_text()
     assert set(summary.metric) >= {"random_error", "vaf", "bandpassed_vaf", "bias_error"}
     excluded = pd.read_csv(folder / "exclusions.csv")
     assert len(excluded) == 600

@@ -304,6 +304,8 @@ def experiment(
 
     - `exclusions.csv`: what became of each realization: by how much it was shifted, which step excluded it and why;
 
+    - `diagnosis.html`: what is doubtful about each recording, what it does to the result, and what to do;
+
     - `claims.csv`: what the paper says of its experiment, with figures and verdict;
 
     - `prepared/`: the ensembles that were identified (NetCDF; `tvsysid.recordings.load_ensemble` reads them);
@@ -1002,9 +1004,10 @@ def _write_experiment(experiment: Any, results: Any, prepared: Any, out: Path, c
     """Write tables, ensembles, figures and report, and print the essence; whether every analysis gave a result."""
     import pandas as pd
 
+    from tvsysid.diagnosis import diagnose
     from tvsysid.experiment import exclusions, judge, stiffness_over_time, summarize
     from tvsysid.recordings import whole_file, write_ensemble
-    from tvsysid.report import experiment_troubles, write_experiment_report
+    from tvsysid.report import experiment_troubles, write_diagnosis, write_experiment_report
 
     with _waiting("scoring and drawing"):
         results = results.load()
@@ -1022,6 +1025,9 @@ def _write_experiment(experiment: Any, results: Any, prepared: Any, out: Path, c
             if item.ensemble is not None:
                 write_ensemble(out / "prepared" / f"{item.recorded.label}.nc", item.ensemble)
         illustrations = _experiment_pictures(experiment, results, summary, prepared, out / "figures")
+        diagnoses = {item.recorded.label: diagnose(item.ensemble) for item in prepared if item.ensemble is not None}
+        if diagnoses:
+            write_diagnosis(out / "diagnosis.html", diagnoses, command)
         write_experiment_report(out / "report.html", results, summary, claims, excluded, illustrations, command)
     for perturbation in dict.fromkeys(summary.perturbation):
         output.print(_experiment_table(summary[summary.perturbation == perturbation], str(perturbation)))
@@ -1031,7 +1037,13 @@ def _write_experiment(experiment: Any, results: Any, prepared: Any, out: Path, c
     labels = set(results.recording.values.tolist())  # those that failed altogether were told before
     met = [trouble for trouble in experiment_troubles(results) if trouble["method"] not in labels]
     complete = _print_met(results, met, "analyses", "recordings") and not any(item.failure for item in prepared)
-    names = ["report.html", *tables, "prepared/", f"figures/ ({len(illustrations)})", STORE]
+    for label, diagnosis in diagnoses.items():
+        if diagnosis.findings:
+            found = ", ".join(finding.name for finding in diagnosis.findings)
+            text = f"{label}: {found}: what it does to the result, and what to do, is in diagnosis.html"
+            errors.print(f"[yellow]warning:[/] {escape(text)}", highlight=False, soft_wrap=True)
+    pages = ["report.html", *(["diagnosis.html"] if diagnoses else [])]
+    names = [*pages, *tables, "prepared/", f"figures/ ({len(illustrations)})", STORE]
     _say_written(out, names)
     return complete
 

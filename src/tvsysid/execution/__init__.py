@@ -9,6 +9,7 @@ from tvsysid.execution.task import (
     identified,
     label_of,
     pickled,
+    single_thread,
     versions,
 )
 from tvsysid.execution.workers import carry_out_missing, cores, processes
@@ -31,6 +32,7 @@ __all__ = [
     "pickled",
     "processes",
     "read_store",
+    "single_thread",
     "title_of",
     "versions",
 ]

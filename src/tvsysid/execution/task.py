@@ -9,6 +9,7 @@ import threading
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -75,8 +76,14 @@ def carry_out(task: Task) -> Outcome:
     if (here := versions()) != task.versions:
         raise InputError(f"run: a worker has other software: {differences(task.versions, here)}")
     # Warnings are caught and BLAS is limited for a whole process: one task at a time in it.
-    with _ONE_AT_A_TIME, _blas().limit(limits=1):
+    with _ONE_AT_A_TIME, single_thread():
         return task.work()
+
+
+def single_thread() -> AbstractContextManager[Any]:
+    """BLAS with one thread, for the last bits of what it gives depend on their number."""
+    limited: AbstractContextManager[Any] = _blas().limit(limits=1)
+    return limited
 
 
 _blas = cache(ThreadpoolController)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid.errors import DoubtfulWarning, InputError
+from tvsysid.execution import single_thread
 from tvsysid.experiment.experiment import Experiment, Recorded
 from tvsysid.preprocess import Account, Preparation, prepare
 from tvsysid.recordings import read_usable_trials
@@ -100,7 +101,8 @@ def prepared_recordings(
     for recorded in experiment.recordings:
         if progress is not None:
             progress(len(done), len(experiment.recordings))
-        done.append(_prepared(experiment, recorded))
+        with single_thread():  # so that the same recordings have the same digest everywhere
+            done.append(_prepared(experiment, recorded))
     return tuple(done)
 
 

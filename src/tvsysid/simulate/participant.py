@@ -255,7 +255,8 @@ def _trials(traits: Traits, perturbation: Perturbation, late: float, random: np.
     for trial in drive:
         trial[rest:-rest] = perturbation.generate(samples - 2 * rest, RATE, for_angle)
     angle, velocity, acceleration = _Actuator(RATE)(drive.ravel())
-    scale = RMS_ANGLE / math.sqrt(float(np.dot(angle, angle)) / (TRIALS * (samples - 2 * rest)))
+    # Not by BLAS, whose last bits depend on the number of threads.
+    scale = RMS_ANGLE / math.sqrt(float(np.sum(np.square(angle))) / (TRIALS * (samples - 2 * rest)))
     angle, velocity, acceleration = scale * angle, scale * velocity, scale * acceleration
 
     voluntary = np.concatenate([_voluntary_torque(traits, time, late, for_person) for _ in range(TRIALS)])

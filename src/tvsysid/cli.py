@@ -141,6 +141,16 @@ ContextOption = Annotated[
 ]
 
 
+SeedOption = Annotated[int | None, typer.Option(metavar="N", help="Seed; the same seed gives the same numbers. [0]")]
+WorkersOption = Annotated[
+    int | None, typer.Option(metavar="N", help="Processes; as many as there are cores by default.")
+]
+SchedulerOption = Annotated[
+    str | None,
+    typer.Option(metavar="ADDRESS", help="Run on a Dask cluster instead, such as tcp://host:8786 (tvsysid[dask])."),
+]
+
+
 @app.callback(invoke_without_command=True)
 def tvsysid(
     version: Annotated[bool, typer.Option("--version", help="Print the version and stop.")] = False,
@@ -186,16 +196,9 @@ def benchmark(
     ] = None,
     method: MethodOption = [],
     trials: Annotated[int | None, typer.Option(metavar="N", help="Monte-Carlo trials of each scenario. [20]")] = None,
-    seed: Annotated[
-        int | None, typer.Option(metavar="N", help="Seed; the same seed gives the same numbers. [0]")
-    ] = None,
-    workers: Annotated[
-        int | None, typer.Option(metavar="N", help="Processes; as many as there are cores by default.")
-    ] = None,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(metavar="ADDRESS", help="Run on a Dask cluster instead, such as tcp://host:8786 (tvsysid[dask])."),
-    ] = None,
+    seed: SeedOption = None,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Print what would be run, with an estimate of time and size, and stop.")
     ] = False,
@@ -274,16 +277,9 @@ def experiment(
         typer.Option(metavar="N", help="Realizations in a bootstrap; repeatable. [75 and 150; 20 and 40 for kbr]"),
     ] = None,
     bootstraps: Annotated[int | None, typer.Option(metavar="N", help="Bootstraps of each. [100]")] = None,
-    seed: Annotated[
-        int | None, typer.Option(metavar="N", help="Seed; the same seed gives the same numbers. [0]")
-    ] = None,
-    workers: Annotated[
-        int | None, typer.Option(metavar="N", help="Processes; as many as there are cores by default.")
-    ] = None,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(metavar="ADDRESS", help="Run on a Dask cluster instead, such as tcp://host:8786 (tvsysid[dask])."),
-    ] = None,
+    seed: SeedOption = None,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results.")] = Path("tvsysid-experiment"),
 ) -> None:
     """Identify the stiffness of several participants, and how much it varies.
@@ -1063,8 +1059,10 @@ def _experiment_pictures(experiment: Any, results: Any, summary: Any, prepared: 
     for name, each in illustrations.items():
         for ending in ("png", "pdf", "svg"):
             save(each.figure, folder / f"{name}.{ending}")
+    drawn = {who: illustrations["participant"].figure}
     for participant in dict.fromkeys(results.participant.values.tolist()):
-        figure = participant_in_detail(results, participant, f"Participant {participant} in detail")
+        title = f"Participant {participant} in detail"
+        figure = drawn.get(participant) or participant_in_detail(results, participant, title)
         for ending in ("png", "pdf"):
             save(figure, folder / "participants" / f"{participant}.{ending}")
     return illustrations

@@ -6,7 +6,6 @@ import difflib
 import hashlib
 import itertools
 import json
-import tomllib
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, TypeVar
@@ -15,7 +14,7 @@ import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator
 
 from tvsysid.errors import InputError
-from tvsysid.execution import label_of
+from tvsysid.execution import label_of, settings_in
 from tvsysid.methods import METHODS, parse
 from tvsysid.simulate import PRBS, Constant, CovaryingViscosity, FilteredNoise, SineWave, SquareWave
 from tvsysid.simulate.joint import Perturbation, Profile
@@ -211,13 +210,7 @@ class Study(_Settings):
         InputError
             For a file that is missing or no TOML, or a wrong study; names the file and the key.
         """
-        try:
-            with Path(path).open("rb") as file:
-                found = tomllib.load(file)
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise InputError(f"{path}: not a TOML file: {error}") from error
-        except OSError as error:
-            raise InputError(f"{path}: {error.strerror}; give a TOML file") from error
+        found = settings_in(path)
         try:
             return cls(**_overridden(found, settings))
         except InputError as error:

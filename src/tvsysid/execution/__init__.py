@@ -1,5 +1,6 @@
 """How any study is carried out: tasks go to workers, what comes back to a store, and what is there is not redone."""
 
+from tvsysid.execution.settings import settings_in
 from tvsysid.execution.store import Fixed, Layout, Place, Store, Variable, open_store, read_store, title_of
 from tvsysid.execution.task import (
     Outcome,
@@ -32,6 +33,7 @@ __all__ = [
     "pickled",
     "processes",
     "read_store",
+    "settings_in",
     "single_thread",
     "title_of",
     "versions",

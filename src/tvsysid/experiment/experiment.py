@@ -5,7 +5,6 @@ from __future__ import annotations
 import difflib
 import hashlib
 import json
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,7 +15,7 @@ import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from tvsysid.errors import InputError
-from tvsysid.execution import label_of
+from tvsysid.execution import label_of, settings_in
 from tvsysid.methods import parse
 
 VIRTUAL = (1, 2, 3, 4, 5, 6)
@@ -222,13 +221,7 @@ class Experiment(_Settings):
         InputError
             For a file that is missing or no TOML, or a wrong experiment; names the file and the key.
         """
-        try:
-            with Path(path).open("rb") as file:
-                found = tomllib.load(file)
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise InputError(f"{path}: not a TOML file: {error}") from error
-        except OSError as error:
-            raise InputError(f"{path}: {error.strerror}; give a TOML file") from error
+        found = settings_in(path)
         try:
             return cls(**{"folder": Path(path).parent, **found, **settings})
         except InputError as error:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tvsysid.experiment.claims import EXCLUDED, REPORTED, SURVIVED
 from tvsysid.figures.analyses import unique
 from tvsysid.figures.words import told
 from tvsysid.report.tables import Cell, number, verdicts
@@ -36,12 +37,14 @@ COUNTS = {
 }
 """Heading of each count of realizations."""
 PAPER = {
-    "noise": ("300", "0 to 3", "4 to 12", "17 to 29", "260 ± 12"),
-    "prbs": ("300", "5 to 40", "3 to 10", "15 to 20", "255 ± 14"),
+    perturbation: (
+        f"{REPORTED}",
+        *(f"{low} to {high}" for low, high in excluded.values()),
+        "{:g} ± {:g}".format(*SURVIVED[perturbation]),
+    )
+    for perturbation, excluded in EXCLUDED.items()
 }
-"""Counts that van de Ruit et al. 2021 report for either perturbation (sections 4.1.5 and 4.4)."""
-REPORTED = 300
-"""Realizations recorded from each of the paper's participants under either perturbation."""
+"""Counts that van de Ruit et al. 2021 report for either perturbation (sections 4.1.5 and 4.4), in that order."""
 
 
 def over_participants(values: NDArray[np.float64], decimals: int | None) -> Cell:

@@ -23,7 +23,7 @@ from tvsysid.methods.base import (
 )
 from tvsysid.methods.correlations import impulse_response_model
 from tvsysid.methods.evidence import Evidence
-from tvsysid.methods.residuals import colour, residual
+from tvsysid.methods.residuals import colour, residual, second_order_agreement
 from tvsysid.models import Diagnostics, ImpulseResponseModel, Model, SecondOrderModel, Spread
 from tvsysid.numerics.bands import arc_length
 from tvsysid.numerics.bases import Basis, CubicBSplines, FourierSeries, HaarWavelets, evaluate
@@ -88,7 +88,8 @@ class BasisIRF(Method):
     coefficient, they count it as known to be zero.
 
     Viscosity and inertia of ``"irf"`` are those of a second-order fit to the impulse response, weighted by the
-    angle's mean correlations; the diagnostics' ``second_order_agreement`` says how well that explains it.
+    angle's mean correlations. The diagnostics' ``second_order_agreement`` says how well that, or the parametric model,
+    explains the torque that answers to the angle.
     """
 
     max_lag: float = 0.12
@@ -210,11 +211,12 @@ class BasisIRF(Method):
         missing = missing_edge(HALF_WIDTH, ensemble)
         # Angle, velocity and acceleration are sums of lagged angles, so their moments follow.
         derivative = derivative_filters(HALF_WIDTH, ensemble.sampling_rate)
-        parts = [
-            (derivative @ phi_uu @ derivative.T, phi_uy @ derivative.T, squares)
-            for _, phi_uu, phi_uy, squares in _moments(ensemble, HALF_WIDTH)
-        ]
-        moments, cross, squares = (np.concatenate(values) for values in zip(*parts, strict=True))
+        parts, lagged = [], np.zeros((derivative.shape[1],) * 2)
+        for _, phi_uu, phi_uy, squares in _moments(ensemble, HALF_WIDTH):
+            parts.append((phi_uu @ derivative.T, phi_uy, squares))
+            lagged += phi_uu.sum(axis=0)
+        mixed, answers, squares = (np.concatenate(values) for values in zip(*parts, strict=True))
+        moments, cross = derivative @ mixed, answers @ derivative.T
         square = float(squares.sum())
         rms = np.sqrt(np.maximum(np.mean(np.diagonal(moments, axis1=1, axis2=2), axis=0), np.finfo(float).tiny))
         moments, cross = moments / np.outer(rms, rms), cross / rms
@@ -233,6 +235,17 @@ class BasisIRF(Method):
         coefficients, covariance = posterior.mean * unit, posterior.covariance * np.outer(unit, unit)
         places = np.split(np.arange(len(coefficients)), (count, 2 * count))
         impedance = np.stack([e @ coefficients[at] for e, at in zip(expansions, places, strict=True)])
+        explained = float(np.sum((cross * rms).T * impedance))
+        fitted = float(np.einsum("mt,tmk,kt->", impedance, moments * np.outer(rms, rms), impedance))
+        details = {
+            "second_order_agreement": second_order_agreement(
+                fitted / len(inner),
+                np.mean(answers - np.einsum("tlm,mt->tl", mixed, impedance), axis=0),
+                lagged / len(inner),
+                (square - 2 * explained + fitted) / len(inner),
+                len(ensemble) * len(inner),
+            )
+        }
 
         def spread() -> Spread:
             left = residual(ensemble, impedance.T @ derivative, HALF_WIDTH)
@@ -251,7 +264,7 @@ class BasisIRF(Method):
             coefficients=coefficients,
             covariance=covariance,
             labels=(*names, "inertia"),
-            diagnostics=_diagnostics(posterior),
+            diagnostics=_diagnostics(posterior, details),
             spread=spread,
         )
 
@@ -318,7 +331,7 @@ def _spread(
     return Spread(deviation, np.full(deviation.shape, left.size - effective), (arcs[0], arcs[1], arcs[2]))
 
 
-def _diagnostics(posterior: Posterior, details: dict[str, float] | None = None) -> Diagnostics:
+def _diagnostics(posterior: Posterior, details: dict[str, float]) -> Diagnostics:
     return Diagnostics(
         posterior.effective,
         details={
@@ -326,6 +339,6 @@ def _diagnostics(posterior: Posterior, details: dict[str, float] | None = None) 
             "log_evidence": posterior.log_evidence,
             "iterations": posterior.iterations,
             "converged": float(posterior.converged),
-            **(details or {}),
+            **details,
         },
     )

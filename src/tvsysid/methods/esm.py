@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.linalg import toeplitz
 
 from tvsysid.errors import InputError
-from tvsysid.impedance import agreement, derivative_filters, second_order_fit
+from tvsysid.impedance import derivative_filters, second_order_fit
 from tvsysid.methods.base import (
     EXCITED_ABOVE,
     Method,
@@ -26,7 +26,7 @@ from tvsysid.methods.base import (
 )
 from tvsysid.methods.evidence import Evidence
 from tvsysid.methods.halves import evidence_by_halves
-from tvsysid.methods.residuals import LONGEST_COLOUR, Colour, colour
+from tvsysid.methods.residuals import LONGEST_COLOUR, Colour, colour, second_order_agreement
 from tvsysid.models import Diagnostics, FrequencyResponseModel, Spread
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.moments import convolve_lags
@@ -233,7 +233,15 @@ def _segment_fit(ensemble: Ensemble, power: Array, missing: tuple[int, int], rea
     overlap = _overlap(power, len(tint.noise))
     factors = Colour(tint.noise * overlap / overlap[0], tint.angle).factors(filters)
     freedom = np.full(white.shape, count * power.sum() ** 2 / overlap[0] - 3)
-    shared = _agreement(fit, remainder, signals[0, :, known], tint.angle, min(centre, (len(tint.angle) - 1) // 2))
+    lags = min(centre, (len(tint.angle) - 1) // 2)
+    # The response itself would not do for a comparison, because leakage takes more from it than higher dynamics.
+    shared = second_order_agreement(
+        float(np.mean(fit**2)),
+        cross_covariance(signals[0, :, known], remainder, lags),
+        toeplitz(tint.angle[: 2 * lags + 1]),
+        float(np.mean(remainder**2)),
+        remainder.size,
+    )
     return _Fit(impedance, factors * white, freedom, shared)
 
 
@@ -269,20 +277,3 @@ def _variance_at_rest(angle: Array, torque: Array, window: Array, stiffness: Arr
     with np.errstate(divide="ignore", invalid="ignore"):
         spread = np.sum(squares * left**2 / (1 - squares / total), axis=0) / total**2
     return np.where(np.isfinite(spread), spread, np.nan)
-
-
-def _agreement(fit: Array, remainder: Array, angle: Array, autocovariance: Array, lags: int) -> float:
-    """Share of the torque that angles explain which the fit explains; the rest answers to lagged angles.
-
-    The response itself would not do for a comparison, because leakage takes more from it than dynamics of higher order.
-    """
-    cross = cross_covariance(angle, remainder, lags)
-    moments = toeplitz(autocovariance[: 2 * lags + 1])
-    answer = float(cross @ np.linalg.pinv(moments, rcond=ROUNDING, hermitian=True) @ cross)
-    chance = len(cross) * float(np.mean(remainder**2)) / remainder.size
-    fitted = float(np.mean(fit**2))
-    return agreement(*(np.array([value]) for value in (fitted, answer, chance)))
-
-
-ROUNDING = 1e-9
-"""Share of the largest eigenvalue below which directions of lagged angles are rounding."""

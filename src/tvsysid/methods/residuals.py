@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tvsysid.impedance import agreement
 from tvsysid.numerics.moments import convolve_lags
 from tvsysid.numerics.noise import autocovariance, colour_factors, regressor_correlation
 from tvsysid.signals import Ensemble
@@ -93,5 +94,36 @@ def correlation(left: Array, taken: Array) -> Array:
     return np.asarray(np.concatenate([[1.0], covariance[1:] / variance + taken[1:]]))
 
 
+def second_order_agreement(fitted: float, cross: Array, moments: Array, left: float, samples: int) -> float:
+    """Share of the torque that angles explain which a second-order fit explains; the rest answers to lagged angles.
+
+    The response to lagged angles is the same at all times: what a fit leaves because it smooths a change of stiffness
+    has no mean response, and does not count.
+
+    Parameters
+    ----------
+    fitted
+        Mean square of the fit.
+    cross
+        Mean products of lagged angles and what the fit leaves, shape (lag,).
+    moments
+        Mean products of lagged angles, shape (lag, lag).
+    left
+        Mean square of what the fit leaves.
+    samples
+        How many there are, realizations times times.
+
+    Returns
+    -------
+    float
+        In per cent; see :func:`tvsysid.impedance.agreement`.
+    """
+    answer = float(cross @ np.linalg.pinv(moments, rcond=ROUNDING, hermitian=True) @ cross)
+    chance = len(cross) * left / samples
+    return agreement(*(np.array([value]) for value in (fitted, answer, chance)))
+
+
+ROUNDING = 1e-9
+"""Share of the largest eigenvalue below which directions of lagged angles are rounding."""
 LEAST_LEFT = 0.1
 """Share of the noise that a residual is taken to hold at least."""

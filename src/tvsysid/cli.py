@@ -397,17 +397,19 @@ def identify(
     Reads angle and torque (`tvsysid inspect FILE` shows the names in a file), decimates, cuts the record into
     realizations of one period, subtracts the mean over realizations, and identifies by each method.
 
+    A band holds the truth 95 times in 100 as far as noise goes; what a method smooths away is not in it.
+
     VAF is the share of the recorded torque that the model predicts for the very data it was identified from: a method
     with many parameters has a high one even where its stiffness is noise.
 
     Writes to the folder:
 
-    - `stiffness.csv`: time_s, method, stiffness (N·m/rad), viscosity (N·m·s/rad), inertia (kg·m²) and
-    time_varying_vaf (%);
+    - `stiffness.csv`: time_s, method, stiffness (N·m/rad), viscosity (N·m·s/rad) and inertia (kg·m²), each with its
+    95 % band (`stiffness_lower`, `stiffness_upper`, …), and time_varying_vaf (%);
 
     - `models.nc`: all that was identified, a group for each method (NetCDF; `xarray.open_datatree` reads it);
 
-    - `stiffness.png` and `.pdf`: stiffness and time-varying VAF over time;
+    - `stiffness.png` and `.pdf`: the same over time, bands as shades;
 
     - with `--tune`, `tuning.csv`, `.png` and `.pdf`: the settings that were tried, and how each did.
 
@@ -416,7 +418,7 @@ def identify(
     from threadpoolctl import threadpool_limits
 
     from tvsysid import preprocess
-    from tvsysid.figures import identified_stiffness, save
+    from tvsysid.figures import identified_impedance, save
     from tvsysid.methods import parse
     from tvsysid.metrics import time_varying_vaf, vaf
     from tvsysid.recordings import whole_file, write_models
@@ -435,6 +437,7 @@ def identify(
         ensemble = preprocess.subtract_mean(preprocess.segment(recording, period, context))
         output.print(f"{file.name}: {ensemble!r}", highlight=False)
         models: dict[str, Model] = {}
+        bands: dict[str, dict[str, Any]] = {}
         evidence: dict[str, Evidence] = {}
         # Small matrices: BLAS threads would only wait for each other.
         with _progress("identifying") as advance, threadpool_limits(1):
@@ -444,17 +447,19 @@ def identify(
                 if tune:
                     best, evidence[label] = _tuned(label, item, ensemble)
                 models[label] = _identified(label, best, ensemble)
+                bands[label] = _bands_of(label, models[label])
     measured = ensemble.torque[:, ensemble.core]
     predictions = {label: model.predict(ensemble) for label, model in models.items()}
     over_time = {label: time_varying_vaf(measured, predicted) for label, predicted in predictions.items()}
     shares = {label: vaf(measured, predicted) for label, predicted in predictions.items()}
     with whole_file(out / "stiffness.csv") as table:
-        _stiffness_table(models, over_time).to_csv(table, index=False, float_format="%.6g")
+        _stiffness_table(models, bands, over_time).to_csv(table, index=False, float_format="%.6g")
     write_models(out / "models.nc", {label.replace("/", "_"): model for label, model in models.items()})
-    figure = identified_stiffness(models, over_time, f"{file.name}: {len(ensemble)} realizations of {period:g} s")
+    title = f"{file.name}: {len(ensemble)} realizations of {period:g} s, with 95 % bands"
+    figure = identified_impedance(models, bands, over_time, title)
     for ending in ("png", "pdf"):
         save(figure, out / f"stiffness.{ending}")
-    output.print(_identification_table(models, shares, ensemble))
+    output.print(_identification_table(models, bands, shares, ensemble))
     written = ["stiffness.csv", "models.nc", "stiffness.png", "stiffness.pdf"]
     if evidence:
         written += _write_tuning(evidence, out)
@@ -1251,7 +1256,7 @@ def _write_tuning(evidence: dict[str, Evidence], out: Path) -> list[str]:
     from tvsysid.recordings import whole_file
 
     for label, item in evidence.items():
-        output.print(f"{label}: {item!r}", highlight=False, soft_wrap=True, markup=False)
+        output.print(f"{label}: {item}", highlight=False, soft_wrap=True, markup=False)
     tables = []
     for label, item in evidence.items():
         table = item.to_pandas()
@@ -1265,18 +1270,35 @@ def _write_tuning(evidence: dict[str, Evidence], out: Path) -> list[str]:
     return ["tuning.csv", "tuning.png", "tuning.pdf"]
 
 
-def _identification_table(models: dict[str, Model], shares: dict[str, Any], ensemble: Ensemble) -> Table:
+def _bands_of(label: str, model: Model) -> dict[str, Any]:
+    """Lower and upper 95 % band of each quantity; that a method that tells of its random error has none is told."""
+    error = model.random_error
+    if error is not None and error.absent:
+        warnings.warn(f"{label}: no band: {error.absent}", DoubtfulWarning, stacklevel=2)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DoubtfulWarning)
+        return {
+            "stiffness": model.stiffness_band(),
+            "viscosity": model.viscosity_band(),
+            "inertia": model.inertia_band(),
+        }
+
+
+def _identification_table(
+    models: dict[str, Model], bands: dict[str, dict[str, Any]], shares: dict[str, Any], ensemble: Ensemble
+) -> Table:
     import numpy as np
 
-    table = Table(title=f"{len(ensemble)} realizations of {ensemble.duration:g} s", title_justify="left")
+    title = f"stiffness, inertia and VAF: {len(ensemble)} realizations of {ensemble.duration:g} s"
+    table = Table(title=title, title_justify="left")
     table.add_column("method", overflow="fold")
     for heading in (
-        "stiffness, mean\n(N·m/rad)",
-        "lowest, at\n(N·m/rad, s)",
-        "highest, at\n(N·m/rad, s)",
+        "mean\n(N·m/rad)",
+        "95 % band\n(N·m/rad)",
+        "lowest, at\n(N·m/rad,s)",
+        "highest, at\n(N·m/rad,s)",
         "inertia\n(kg·m²)",
         "VAF\n(%)",
-        "time\n(ms)",
     ):
         table.add_column(heading, justify="right")
     for label, model in models.items():
@@ -1284,14 +1306,16 @@ def _identification_table(models: dict[str, Model], shares: dict[str, Any], ense
         extremes = []
         for place in (np.nanargmin(stiffness), np.nanargmax(stiffness)):
             extremes.append(f"{stiffness[place]:.1f}, {time[place]:.2f}")
+        lower, upper = bands[label]["stiffness"]
+        width = (upper - lower) / 2
         known = model.inertia[np.isfinite(model.inertia)]
         table.add_row(
             label,
             f"{np.nanmean(stiffness):.1f}",
+            f"± {np.nanmean(width):.1f}" if np.isfinite(width).any() else "-",
             *extremes,
             f"{known.mean():.4f}" if len(known) else "-",
             f"{np.nanmean(shares[label]):.1f}",
-            f"{1000 * model.diagnostics.seconds:.0f}",
         )
     return table
 
@@ -1366,22 +1390,17 @@ def _outlines(channels: dict[str, Any]) -> dict[str, Any]:
     return drawn
 
 
-def _stiffness_table(models: dict[str, Model], over_time: dict[str, Any]) -> pd.DataFrame:
+def _stiffness_table(
+    models: dict[str, Model], bands: dict[str, dict[str, Any]], over_time: dict[str, Any]
+) -> pd.DataFrame:
     import pandas as pd
 
-    tables = [
-        pd.DataFrame(
-            {
-                "time_s": model.time,
-                "method": label,
-                "stiffness": model.stiffness,
-                "viscosity": model.viscosity,
-                "inertia": model.inertia,
-                "time_varying_vaf": over_time[label],
-            }
-        )
-        for label, model in models.items()
-    ]
+    tables = []
+    for label, model in models.items():
+        columns = {"time_s": model.time, "method": label}
+        for name, (lower, upper) in bands[label].items():
+            columns |= {name: getattr(model, name), f"{name}_lower": lower, f"{name}_upper": upper}
+        tables.append(pd.DataFrame(columns | {"time_varying_vaf": over_time[label]}))
     return pd.concat(tables, ignore_index=True)
 
 

@@ -7,7 +7,7 @@ from tvsysid.figures.coverage import coverage_over_time
 from tvsysid.figures.diagnosis import diagnosis_illustration, diagnosis_panels
 from tvsysid.figures.excerpts import recorded_signals
 from tvsysid.figures.experiment import experiment_figures, representative
-from tvsysid.figures.identification import identified_stiffness
+from tvsysid.figures.identification import identified_impedance
 from tvsysid.figures.illustration import Illustration
 from tvsysid.figures.participants import participant_in_detail, stiffness_of_participants, stiffness_with_bands
 from tvsysid.figures.preparation import preparation_steps
@@ -26,7 +26,7 @@ __all__ = [
     "error_against_amount",
     "error_against_truth",
     "experiment_figures",
-    "identified_stiffness",
+    "identified_impedance",
     "impulse_responses",
     "lines",
     "method_comparison",

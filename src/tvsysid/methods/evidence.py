@@ -69,11 +69,17 @@ class Evidence:
         difference = float(self.values[self.chosen] - self.values[0])
         return difference if self.better == "higher" else 0.0 - difference
 
-    def __repr__(self) -> str:
+    def __str__(self) -> str:
+        tried = f"; {len(self.values)} tried"
+        if self.chosen == 0:
+            return f"{_told(self.settings)} as given: nothing else has a clearly better {self.criterion}{tried}"
         return (
-            f"Evidence({_told(self.settings)}: {self.criterion} better by {self.gain:.3g} {self.unit} than with "
-            f"{_told(self.tried[0])}; {len(self.values)} tried)"
+            f"{_told(self.settings)} instead of {_told(self.tried[0])}: {self.criterion} better by {self.gain:.3g} "
+            f"{self.unit}{tried}"
         )
+
+    def __repr__(self) -> str:
+        return f"Evidence({self})"
 
     def to_pandas(self) -> pd.DataFrame:
         """A row for each trial: settings, criterion, its value and unit, standard error, and whether it was chosen."""
@@ -92,4 +98,11 @@ class Evidence:
 
 
 def _told(settings: Mapping[str, Any]) -> str:
-    return ", ".join(f"{name}={value!r}" for name, value in settings.items())
+    return ", ".join(f"{name}={_short(value)}" for name, value in settings.items())
+
+
+def _short(value: Any) -> str:
+    """Numbers with four digits."""
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    return f"({', '.join(map(_short, value))})" if isinstance(value, tuple) else repr(value)

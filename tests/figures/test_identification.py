@@ -1,0 +1,56 @@
+"""Figure of what was identified from one recording."""
+
+import numpy as np
+import pytest
+from tests.conftest import ensemble_of
+
+import tvsysid as tv
+from tvsysid.figures import identified_impedance
+from tvsysid.figures.style import lines
+
+
+@pytest.fixture(scope="module")
+def drawn():
+    ensemble = ensemble_of(150.0, "sine", "prbs")
+    models = {key: tv.methods.create(key).identify(ensemble) for key in ("sds", "kbr")}
+    bands = {
+        label: {name: getattr(model, f"{name}_band")() for name in ("stiffness", "viscosity", "inertia")}
+        for label, model in models.items()
+    }
+    vaf = {label: np.full(ensemble.samples, 90.0) for label in models}
+    figure = identified_impedance(models, bands, vaf, "a recording")
+    return models, bands, {axes.get_ylabel().split(" (")[0]: axes for axes in figure.axes}
+
+
+def test_each_quantity_has_its_axes_with_unit(drawn):
+    _, _, axes = drawn
+    assert set(axes) == {"stiffness", "viscosity", "inertia", "time-varying VAF"}
+    assert "N·m·s/rad" in axes["viscosity"].get_ylabel()
+    assert axes["inertia"].get_xlabel() == "time within a realization (s)"
+
+
+@pytest.mark.parametrize("name", ["stiffness", "viscosity", "inertia"])
+def test_lines_are_the_estimates_and_shades_the_bands(drawn, name):
+    models, bands, axes = drawn
+    for line, shade, (label, model) in zip(axes[name].lines, axes[name].collections, models.items(), strict=True):
+        np.testing.assert_array_equal(line.get_ydata(), getattr(model, name))
+        assert line.get_color() == lines(list(models))[label][0]
+        lower, upper = bands[label][name]
+        corners = shade.get_paths()[0].vertices[:, 1]
+        assert corners.min() == pytest.approx(lower.min())
+        assert corners.max() == pytest.approx(upper.max())
+
+
+def test_what_no_method_identified_is_said():
+    time = np.arange(200) / 100
+    nothing = np.full(200, np.nan)
+    model = tv.methods.adopted(
+        type("Mine", (), {"stiffness": np.full(200, 100.0), "predict": lambda self, e: e.torque[:, e.core]})(),
+        "mine",
+        ensemble_of(40.0),
+    )
+    bands = {"mine": dict.fromkeys(("stiffness", "viscosity", "inertia"), (nothing, nothing))}
+    figure = identified_impedance({"mine": model}, bands, {"mine": np.full_like(time, 90.0)})
+    told = {axes.get_ylabel().split(" (")[0]: [text.get_text() for text in axes.texts] for axes in figure.axes}
+    assert told["viscosity"] == told["inertia"] == ["not identified"]
+    assert told["stiffness"] == []

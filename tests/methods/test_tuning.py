@@ -206,6 +206,15 @@ def test_halves_tell_the_mean_square_error(random, monkeypatch):
     assert errors[:, 1].mean() == pytest.approx(0.25 * np.mean(truth**2) + 0.25 * variance, rel=0.05)
 
 
+def test_evidence_is_shown_in_words_and_as_a_table(ensemble_of):
+    tuned = tv.ShortDataSegments().tuned(ensemble_of(40.0))
+    shown = tuned.evidence._repr_html_()
+    assert str(tuned.evidence) in shown
+    assert shown.count("<tr") == len(tuned.evidence.values) + 1
+    unchanged = dataclasses.replace(tuned.evidence, chosen=0)
+    assert str(unchanged).startswith("max_lag=0.12, window=0.1 as given: nothing else has a clearly better mean square")
+
+
 def test_halves_are_identified_from_alone(ensemble_of):
     ensemble = ensemble_of(40.0, "sine", "noise")
     compared = halves.Halves(ensemble, 0.12, 5)

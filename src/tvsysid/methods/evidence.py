@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
@@ -80,6 +81,10 @@ class Evidence:
 
     def __repr__(self) -> str:
         return f"Evidence({self})"
+
+    def _repr_html_(self) -> str:
+        table = self.to_pandas().to_html(index=False, na_rep="", float_format="{:.4g}".format)
+        return f"<p>{html.escape(str(self))}</p>{table}"
 
     def to_pandas(self) -> pd.DataFrame:
         """A row for each trial: settings, criterion, its value and unit, standard error, and whether it was chosen."""

@@ -200,7 +200,8 @@ def test_halves_tell_the_mean_square_error(random, monkeypatch):
     truth, noise, count = 10 * np.sin(np.linspace(0, 6, 4000)), 8.0, 60
     torque = truth + noise * random.normal(size=(count, len(truth)))
     ensemble = tv.Ensemble(random.normal(size=torque.shape), torque, 100.0)
-    _, errors = halves.Halves(ensemble, 0.1, 0).errors([Share(1.0), Share(0.5)])
+    compared = halves.Halves(ensemble, 0.1, 0)
+    errors = compared.errors(np.array([compared.estimates(Share(share)) for share in (1.0, 0.5)]))
     variance = noise**2 / count
     assert errors[:, 0].mean() == pytest.approx(variance, rel=0.1)
     assert errors[:, 1].mean() == pytest.approx(0.25 * np.mean(truth**2) + 0.25 * variance, rel=0.05)
@@ -222,7 +223,7 @@ def test_halves_are_identified_from_alone(ensemble_of):
     first, second = (method._identify(half).stiffness for half in compared.halves[0])
     reference = [halves.reference_stiffness(half, 0.12) for half in compared.halves[0]]
     expected = np.mean((first - reference[0]) * (second - reference[1])) + np.mean((first - second) ** 2) / 4
-    _, errors = compared.errors([method])
+    errors = compared.errors(compared.estimates(method)[None])
     assert errors[0, 0] == pytest.approx(expected)
     onsets = np.concatenate([half.onsets for half in compared.halves[0]])
     np.testing.assert_array_equal(np.sort(onsets), ensemble.onsets)
@@ -240,6 +241,36 @@ def test_settings_that_do_not_fit_the_data_are_not_tried(few_deals):
     ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 0.3, 0.1)
     tried = tv.ShortDataSegments(max_lag=0.08).tuned(ensemble).evidence.tried
     assert max(settings["window"] for settings in tried) < 0.3
+
+
+def test_settings_are_compared_over_the_times_that_all_of_them_know(ensemble_of):
+    whole = ensemble_of(40.0, "sine", "prbs")
+    bare = tv.Ensemble(whole.angle[:, whole.core], whole.torque[:, whole.core], whole.sampling_rate)
+    compared = halves.Halves(bare, 0.12, 0)
+    narrow, wide = (compared.estimates(tv.EnsembleSpectral(window=window)) for window in (0.3, 0.7))
+    known = np.isfinite(wide).all(axis=(0, 1))
+    assert known.sum() < np.isfinite(narrow).all(axis=(0, 1)).sum()
+    both = compared.errors(np.array([narrow, wide]))
+    alone = compared.errors(np.where(known, narrow, np.nan)[None])
+    np.testing.assert_allclose(both[:, 0], alone[:, 0])
+    evidence = tv.EnsembleSpectral().tuned(bare).evidence
+    assert max(settings["window"] for settings in evidence.tried) == 0.7
+
+
+@pytest.mark.parametrize(
+    "method",
+    [
+        tv.ShortDataSegments(window=5.0),
+        tv.ShortDataSegments(max_lag=1.6),
+        tv.EnsembleSpectral(window=5.0),
+        tv.EnsembleIRF(max_lag=1.6),
+    ],
+)
+def test_settings_given_that_do_not_fit_are_refused_as_by_identification(ensemble_of, method):
+    ensemble = ensemble_of(40.0)
+    for verb in (method.identify, method.tuned):
+        with pytest.raises(tv.InputError, match=r"\d+ samples.* a realization (has|of) 200 .*give (a )?shorter one"):
+            verb(ensemble)
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ docs/tuning.md, with figures.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
 from tvsysid.impedance import static_stiffness
-from tvsysid.methods.base import Method, missing_edge, padded, whole_samples
+from tvsysid.methods.base import Method, fitting_lags, missing_edge, padded
 from tvsysid.methods.correlations import solve_windows
 from tvsysid.methods.evidence import Evidence
 from tvsysid.numerics.pseudoinverse import truncated
@@ -40,6 +40,8 @@ BEYOND = 1.0
 """Standard deviations over deals by which settings must be better than those given to be chosen."""
 FEWEST = 8
 """Realizations below which halves say nothing."""
+KNOWN = 0.5
+"""Share of the times that the settings given know which others must know too."""
 DETERMINED = 4
 """Samples for each lag from which on the reference is determined."""
 
@@ -68,34 +70,31 @@ class Halves:
         self.halves = [(ensemble.select(hand == 0), ensemble.select(hand == 1)) for hand in hands]
         self.references = self._of_halves(lambda half: reference_stiffness(half, max_lag))
 
-    def errors(self, methods: Sequence[Method]) -> tuple[list[Method], Array]:
-        """Estimated mean square error of stiffness by each deal; NaN for methods that do not fit the ensemble.
+    def estimates(self, method: Method) -> Array:
+        """Stiffness from each half, shape (deal, half, time); raises what the method does."""
+        return self._of_halves(lambda half: method._identify(half).stiffness)
 
-        Returns
-        -------
-        list, Array
-            The methods that do, and the errors in (N·m/rad)², shape (deal, method).
+    def errors(self, stiffness: Array) -> Array:
+        """Estimated mean square error in (N·m/rad)², shape (deal, method).
+
+        Parameters
+        ----------
+        stiffness
+            Estimates of all methods that are to be compared, shape (method, deal, half, time): the error is a mean over
+            the times that all of them know.
         """
-        fitting, estimates = [], []
-        for method in methods:
-            try:
-                estimates.append(self._of_halves(lambda half, method=method: method._identify(half).stiffness))
-            except InputError:
-                continue
-            fitting.append(method)
-        stiffness = np.stack(estimates, axis=2)  # (deal, half, method, time)
         known = np.isfinite(stiffness).all(axis=(0, 1, 2)) & np.isfinite(self.references).all(axis=(0, 1))
-        off = stiffness[..., known] - self.references[:, :, None, known]
-        apart = stiffness[:, 0][..., known] - stiffness[:, 1][..., known]
-        return fitting, np.mean(off[:, 0] * off[:, 1], axis=-1) + np.mean(apart**2, axis=-1) / 4
+        off = stiffness[..., known] - self.references[..., known]
+        apart = stiffness[:, :, 0, known] - stiffness[:, :, 1, known]
+        return np.asarray(np.mean(off[:, :, 0] * off[:, :, 1], axis=-1) + np.mean(apart**2, axis=-1) / 4).T
 
-    def _of_halves(self, estimate: Any) -> Array:
+    def _of_halves(self, estimate: Callable[[Ensemble], Array]) -> Array:
         return np.array([[estimate(half) for half in pair] for pair in self.halves])
 
 
 def reference_stiffness(ensemble: Ensemble, max_lag: float) -> Array:
     """Stiffness as :class:`ShortDataSegments` gives it, over the shortest window that determines it; shape (time,)."""
-    lags = max(1, whole_samples(max_lag, ensemble))
+    lags = fitting_lags("tuned", max_lag, ensemble)
     samples = DETERMINED * (2 * lags + 1) / len(ensemble)
     half = min(math.ceil(max(0.0, (samples - 1) / 2)), (ensemble.samples - 1) // 2)
     solution = solve_windows(ensemble, lags, half, lambda at, *correlations: truncated(*correlations))
@@ -121,30 +120,41 @@ def evidence_by_halves(
     """
     halves = Halves(ensemble, max_lag, seed)
     tried: list[Mapping[str, Any]] = [{name: getattr(method, name) for name in grids}]
-    _, found = halves.errors([method])
-    errors, chosen = [found[:, 0]], 0
+    estimates, chosen = [halves.estimates(method)], 0
+    enough = KNOWN * _known(estimates[0])
     for name, grid in grids.items():
         settings = tried[chosen]
-        methods = [replace(method, **{**settings, name: value}) for value in grid if value != settings[name]]
-        fitting, found = halves.errors(methods)
-        tried += [{each: getattr(candidate, each) for each in grids} for candidate in fitting]
-        errors += list(found.T)
-        gains = errors[chosen] - np.array(errors)
-        best = int(np.argmax(gains.mean(axis=1)))
-        if gains[best].mean() > BEYOND * gains[best].std(ddof=1):
+        for value in grid:
+            if value == settings[name]:
+                continue
+            try:
+                found = halves.estimates(replace(method, **{**settings, name: value}))
+            except InputError:  # it does not fit the ensemble
+                continue
+            if _known(found) >= enough:
+                tried.append({**settings, name: value})
+                estimates.append(found)
+        errors = halves.errors(np.array(estimates))
+        gains = errors[:, chosen, None] - errors
+        best = int(np.argmax(gains.mean(axis=0)))
+        if gains[:, best].mean() > BEYOND * gains[:, best].std(ddof=1):
             chosen = best
     axis = list(grids)[-1]
     others = [name for name in grids if name != axis]
-    table = np.array(errors)
     return Evidence(
         criterion="mean square error of stiffness, by halves",
         unit="(N·m/rad)²",
         better="lower",
         tried=tuple(tried),
-        values=table.mean(axis=1),
-        standard_errors=(table - table[0]).std(axis=1, ddof=1),
+        values=errors.mean(axis=0),
+        standard_errors=(errors - errors[:, :1]).std(axis=0, ddof=1),
         chosen=chosen,
         axis=f"{axis} (s)",
         positions=np.array([settings[axis] for settings in tried]),
         lines=tuple(", ".join(f"{name} {settings[name]:g} s" for name in others) for settings in tried),
     )
+
+
+def _known(estimates: Array) -> int:
+    """Number of times that estimates know in all halves."""
+    return int(np.isfinite(estimates).all(axis=(0, 1)).sum())

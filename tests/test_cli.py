@@ -1,3 +1,4 @@
+import shlex
 import sys
 
 import numpy as np
@@ -398,6 +399,21 @@ def test_identify_with_settings_from_the_data(tvsysid, tmp_path):
     assert (folder / "tuning.png").stat().st_size > 5000
     with xr.open_datatree(folder / "models.nc", engine="h5netcdf") as tree:
         assert tree["birf"].attrs["method"].startswith("BasisIRF(max_lag=0.12, basis=HaarWavelets(functions=4)")
-    code, _, err = tvsysid("identify", "joint.mat", *IDENTIFY, "--method", "birf:tuned=true", "--tune")
+    (again,) = (line for line in out.splitlines() if line.startswith("the same again: "))
+    kept = pd.read_csv(folder / "stiffness.csv")
+    code, out, err = tvsysid("identify", "joint.mat", *IDENTIFY, *shlex.split(again.partition(": ")[2]))
+    assert (code, err) == (0, "")
+    repeated = pd.read_csv(folder / "stiffness.csv")
+    np.testing.assert_array_equal(repeated.stiffness, kept.stiffness)
+    # As in a study, one method may choose its settings and another not.
+    code, out, err = tvsysid("identify", "joint.mat", *IDENTIFY, "--method", "birf:tuned=true", "--method", "sds")
+    assert (code, err) == (0, "")
+    assert "the same again: --method 'birf:basis=HaarWavelets(functions=4)'\n" in out
+
+
+def test_a_method_of_ones_own_cannot_be_tuned(tvsysid, tmp_path):
+    (tmp_path / "untunable.py").write_text("class Mine:\n    def identify(self, ensemble):\n        return None\n")
+    tvsysid("simulate", "joint.mat", "--duration", 40)
+    code, _, err = tvsysid("identify", "joint.mat", *IDENTIFY, "--method", "untunable:Mine", "--tune")
     assert code == 2
     assert "leave out --tune, and write key:tuned=true" in err

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from tvsysid.benchmark import Check
     from tvsysid.diagnosis import Diagnosis
-    from tvsysid.methods import Evidence, Method
+    from tvsysid.methods import Method
     from tvsysid.models import Model
     from tvsysid.signals import Ensemble, Recording
 
@@ -419,7 +419,7 @@ def identify(
 
     from tvsysid import preprocess
     from tvsysid.figures import identified_impedance, save
-    from tvsysid.methods import parse
+    from tvsysid.methods import Tuned, parse
     from tvsysid.metrics import time_varying_vaf, vaf
     from tvsysid.recordings import whole_file, write_models
 
@@ -430,7 +430,7 @@ def identify(
         if recording.sampling_rate > SLOW_RATE:
             errors.print(
                 f"[yellow]note:[/] identifying at {recording.sampling_rate:g} Hz may take minutes; "
-                "--decimate 100 is usual, and loses nothing of a joint",
+                "--decimate 100 is usual, and enough for a joint",
                 highlight=False,
                 soft_wrap=True,
             )
@@ -438,15 +438,14 @@ def identify(
         output.print(f"{file.name}: {ensemble!r}", highlight=False)
         models: dict[str, Model] = {}
         bands: dict[str, dict[str, Any]] = {}
-        evidence: dict[str, Evidence] = {}
+        tuned: dict[str, Method] = {}
         # Small matrices: BLAS threads would only wait for each other.
         with _progress("identifying") as advance, threadpool_limits(1):
             for number, (label, item) in enumerate(chosen.items()):
                 advance(number, len(chosen))
-                best = item
-                if tune:
-                    best, evidence[label] = _tuned(label, item, ensemble)
-                models[label] = _identified(label, best, ensemble)
+                if tune or isinstance(item, Tuned):
+                    tuned[label] = _tuned(label, item, ensemble)
+                models[label] = _identified(label, tuned.get(label, item), ensemble)
                 bands[label] = _bands_of(label, models[label])
     measured = ensemble.torque[:, ensemble.core]
     predictions = {label: model.predict(ensemble) for label, model in models.items()}
@@ -461,8 +460,8 @@ def identify(
         save(figure, out / f"stiffness.{ending}")
     output.print(_identification_table(models, bands, shares, ensemble))
     written = ["stiffness.csv", "models.nc", "stiffness.png", "stiffness.pdf"]
-    if evidence:
-        written += _write_tuning(evidence, out)
+    if tuned:
+        written += _write_tuning(tuned, out)
     _say_written(out, written)
 
 
@@ -1234,29 +1233,33 @@ def _identified(label: str, method: Any, ensemble: Ensemble) -> Model:
         raise InputError(f"method {label}: {told(error)}") from error
 
 
-def _tuned(label: str, method: Any, ensemble: Ensemble) -> tuple[Method, Evidence]:
-    """Method with settings chosen from the data, and what speaks for them."""
-    from tvsysid.methods import Method
+def _tuned(label: str, method: Any, ensemble: Ensemble) -> Method:
+    """Method with settings chosen from the data."""
+    from tvsysid.methods import Method, Tuned
 
+    if isinstance(method, Tuned):
+        method = method.method
     if not isinstance(method, Method):
         raise InputError(
             f"--tune: settings of {label} cannot be chosen from data; leave out --tune, and write key:tuned=true for "
             "those methods whose settings can"
         )
-    tuned = method.tuned(ensemble)
-    assert tuned.evidence is not None
-    return tuned, tuned.evidence
+    return method.tuned(ensemble)
 
 
-def _write_tuning(evidence: dict[str, Evidence], out: Path) -> list[str]:
+def _write_tuning(tuned: dict[str, Method], out: Path) -> list[str]:
     """Print what was chosen, and write all that was tried; names of the files."""
     import pandas as pd
 
     from tvsysid.figures import save, tuning_curves
+    from tvsysid.methods import typed
     from tvsysid.recordings import whole_file
 
+    evidence = {label: method.evidence for label, method in tuned.items() if method.evidence is not None}
     for label, item in evidence.items():
         output.print(f"{label}: {item}", highlight=False, soft_wrap=True, markup=False)
+    again = " ".join(f"--method {shlex.quote(typed(method))}" for method in tuned.values())
+    output.print(f"the same again: {again}", highlight=False, soft_wrap=True, markup=False)
     tables = []
     for label, item in evidence.items():
         table = item.to_pandas()

@@ -4,7 +4,8 @@ import textwrap
 import pytest
 
 import tvsysid as tv
-from tvsysid.methods import clashes, create, describe, key_of, names, parse
+from tvsysid.methods import clashes, create, describe, key_of, names, parse, typed
+from tvsysid.numerics.bases import CubicBSplines, FourierSeries
 
 MODULE = '''
 from dataclasses import dataclass
@@ -267,6 +268,40 @@ def test_unreadable_metadata_of_another_package_stops_nothing(installed):
 @pytest.mark.usefixtures("installed")
 def test_a_study_holds_the_five_whatever_is_installed():
     assert tv.benchmark.Study().methods == tuple(tv.methods.METHODS)
+
+
+@pytest.mark.parametrize(
+    "method",
+    [
+        tv.EnsembleIRF(max_lag=0.03),
+        tv.ShortDataSegments(max_lag=0.06, window=0.02),
+        tv.BasisIRF(basis=CubicBSplines(20, periodic=True), prior="ridge"),
+        tv.BasisIRF(basis=FourierSeries(3)),
+        tv.EnsembleSpectral(stiffness="fit"),
+        tv.KernelRegression(length_periodic=0.005646, gamma=(0.9495, 4.475e-07, 1.321e-15), band=(0.5, 20.0)),
+        tv.KernelRegression(period=2.0, gamma=3.0),
+    ],
+)
+def test_what_is_typed_makes_the_same_method(method):
+    assert parse(typed(method)) == method
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("birf:basis=Haar(4)", r"'birf:basis=Haar\(4\)': expected a basis such as CubicBSplines\(functions=10\), of "),
+        ("birf:basis=HaarWavelets", "expected a basis such as"),
+        ("birf:basis=__import__('os').getcwd()", "expected a basis such as"),
+        ("birf:basis=HaarWavelets(functions=open('x'))", "expected a basis such as"),
+        ("birf:basis=CubicBSplines(functions=2)", "functions must be a whole number of at least 4, got 2"),
+        ("kbr:gamma=(1,2,x)", r"gamma must be a number, got '\(1,2,x\)'"),
+        ("kbr:gamma=(1,2)", "gamma must be one number, or three"),
+        ("kbr:band=20", "band must be two frequencies in Hz"),
+    ],
+)
+def test_bases_and_several_numbers_that_cannot_be_read_are_told(text, message):
+    with pytest.raises(tv.InputError, match=message):
+        parse(text)
 
 
 @pytest.mark.usefixtures("installed")

@@ -63,7 +63,8 @@ def _draw(axes: Axes, evidence: Evidence) -> None:
             marker=".",
             label=name or "tried",
         )
-    marks = (("as given", 0, "o", 9), ("chosen", evidence.chosen, "*", 11))
+    kept = "kept: nothing is clearly better" if evidence.chosen == 0 else "chosen"
+    marks = (("as given", 0, "o", 9), (kept, evidence.chosen, "*", 11))
     for name, place, marker, size in marks:
         axes.plot(
             evidence.positions[place],

@@ -7,7 +7,7 @@ from tvsysid.methods.esm import EnsembleSpectral
 from tvsysid.methods.evidence import Evidence
 from tvsysid.methods.foreign import Identifies, adopted, told
 from tvsysid.methods.kbr import KernelRegression
-from tvsysid.methods.registry import METHODS, clashes, create, describe, key_of, names, parse
+from tvsysid.methods.registry import METHODS, clashes, create, describe, key_of, names, parse, typed
 from tvsysid.methods.sds import ShortDataSegments
 from tvsysid.methods.tuning import Tuned
 
@@ -30,4 +30,5 @@ __all__ = [
     "names",
     "parse",
     "told",
+    "typed",
 ]

@@ -19,6 +19,7 @@ from tvsysid.methods.foreign import Identifies
 from tvsysid.methods.kbr import KernelRegression
 from tvsysid.methods.sds import ShortDataSegments
 from tvsysid.methods.tuning import Tuned
+from tvsysid.numerics.bases import basis_from_text
 
 METHODS: dict[str, type[Method]] = {
     method.key: method for method in (EnsembleIRF, ShortDataSegments, BasisIRF, EnsembleSpectral, KernelRegression)
@@ -110,6 +111,10 @@ def parse(text: str) -> Identifies:
     --------
     >>> parse("esm:window=0.4,stiffness=fit")
     EnsembleSpectral(window=0.4, stiffness='fit')
+    >>> parse("birf:basis=HaarWavelets(functions=8)").basis
+    HaarWavelets(functions=8)
+    >>> parse("kbr:gamma=(4.5, 0.1, 1e-4)").gamma
+    (4.5, 0.1, 0.0001)
     >>> parse("birf:tuned=true").title
     'Basis impulse response function, tuned'
     >>> parse("tvsysid.methods:ShortDataSegments:window=0.2")
@@ -126,21 +131,51 @@ def parse(text: str) -> Identifies:
         target = _foreign(key)
         return foreign.make(key, target, foreign.converted(key, target, settings))
     _check_names(METHODS[key], settings)
-    for name in ("basis", "band"):
-        if name in settings:
-            raise InputError(f"method {text!r}: {name} can be set from Python only, with tvsysid.methods.create")
     for name, value in settings.items():
-        if isinstance(getattr(METHODS[key], name, None), float) or name == "period":
-            try:
-                settings[name] = TypeAdapter(float).validate_python(value)
-            except ValidationError as error:
-                raise InputError(f"method {text!r}: {name} must be a number, got {value!r}") from error
+        try:
+            settings[name] = _from_text(METHODS[key], name, value)
+        except InputError as error:
+            raise InputError(f"method {text!r}: {error}") from error
     if "tuned" in settings:
         try:
             settings["tuned"] = TypeAdapter(bool).validate_python(settings["tuned"])
         except ValidationError as error:
             raise InputError(f"method {text!r}: tuned must be true or false, got {settings['tuned']!r}") from error
     return create(key, **settings)
+
+
+def typed(method: Method) -> str:
+    """Word that :func:`parse` makes one of the package's own methods of: its key, and what differs from its defaults.
+
+    Examples
+    --------
+    >>> typed(ShortDataSegments(window=0.2))
+    'sds:window=0.2'
+    >>> typed(KernelRegression())
+    'kbr'
+    """
+    usual = type(method)()
+    changed = {item.name: getattr(method, item.name) for item in fields(method)}
+    words = [
+        f"{name}={value if isinstance(value, str) else repr(value)}".replace(" ", "")
+        for name, value in changed.items()
+        if value != getattr(usual, name)
+    ]
+    return ":".join(filter(None, (method.key, ",".join(words))))
+
+
+def _from_text(method: type[Method], name: str, text: str) -> Any:
+    """Value of a setting of one of the package's own methods from how it is typed, or shows itself."""
+    if name == "basis":
+        return basis_from_text(text)
+    try:
+        if text[:1] + text[-1:] in ("()", "[]"):
+            return TypeAdapter(tuple[float, ...]).validate_python(tuple(text[1:-1].split(",")))
+        if name in ("period", "band", "gamma") or isinstance(getattr(method, name, None), float):
+            return TypeAdapter(float).validate_python(text)
+    except ValidationError as error:
+        raise InputError(f"{name} must be a number, got {text!r}") from error
+    return text
 
 
 def key_of(text: str) -> str:

@@ -7,6 +7,7 @@ sample for a clamped basis; sample / samples, so that 1 is the next period's 0, 
 
 from __future__ import annotations
 
+import ast
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -220,3 +221,50 @@ class ChebyshevPolynomials:
     def __call__(self, time: Array) -> Array:
         """Values at normalised times, shape (time, function)."""
         return np.asarray(chebyshev.chebvander(2 * time - 1, self.functions - 1))
+
+
+BASES: tuple[type, ...] = (
+    CubicBSplines,
+    GaussianBumps,
+    HaarWavelets,
+    FourierSeries,
+    LegendrePolynomials,
+    ChebyshevPolynomials,
+)
+
+
+def basis_from_text(text: str) -> Basis:
+    """Basis from how it shows itself; nothing is executed.
+
+    Parameters
+    ----------
+    text
+        Name and settings.
+
+    Raises
+    ------
+    InputError
+        For an unknown name or setting, or a value that does not fit.
+
+    Examples
+    --------
+    >>> basis_from_text("CubicBSplines(functions=12, periodic=True)")
+    CubicBSplines(functions=12, periodic=True)
+    >>> basis_from_text("FourierSeries(3)")
+    FourierSeries(harmonics=3)
+    """
+    known = {kind.__name__: kind for kind in BASES}
+    try:
+        call = ast.parse(text.strip(), mode="eval").body
+        if not isinstance(call, ast.Call) or not isinstance(call.func, ast.Name):
+            raise ValueError("no name with settings in brackets")
+        values = [ast.literal_eval(value) for value in call.args]
+        named = {str(word.arg): ast.literal_eval(word.value) for word in call.keywords}
+        made: Basis = known[call.func.id](*values, **named)
+    except InputError:
+        raise
+    except (SyntaxError, ValueError, KeyError, TypeError) as error:
+        raise InputError(
+            f"expected a basis such as CubicBSplines(functions=10), of {', '.join(known)}; got {text!r}"
+        ) from error
+    return made

@@ -30,17 +30,21 @@ COLUMNS = BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="What tuned settings gain over the paper's.")
-    parser.add_argument("--preset", default="paper", choices=tv.benchmark.PRESETS)
+    parser.add_argument("--stiffness", nargs="+", help="of the study only these profiles")
+    parser.add_argument("--perturbations", nargs="+", help="only these")
+    parser.add_argument("--durations", nargs="+", type=float, help="only these, in s")
     parser.add_argument("--methods", nargs="+", default=list(tv.methods.METHODS))
     parser.add_argument("--trials", type=int, default=100)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--store", type=Path, help="folder that keeps the results")
     chosen = parser.parse_args()
     methods = [key + rest for key in chosen.methods for rest in ("", TUNED)]
-    study = tv.benchmark.Study.preset(chosen.preset, methods=methods, trials=chosen.trials)
+    part = {"stiffness": chosen.stiffness, "perturbation": chosen.perturbations, "duration_s": chosen.durations}
+    given = {name: values for name, values in part.items() if values}
+    study = tv.benchmark.Study.preset("paper", methods=methods, trials=chosen.trials, **given)
     console = Console(width=None if sys.stdout.isatty() else 150)
     with tempfile.TemporaryDirectory() as folder, Progress(*COLUMNS, disable=not sys.stdout.isatty()) as bar:
-        task = bar.add_task(chosen.preset)
+        task = bar.add_task("")
         results = tv.benchmark.run(
             study,
             store=chosen.store or Path(folder) / "results.zarr",

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 import tvsysid as tv
-from tvsysid.methods import kbr
+from tvsysid.methods import kbr, record
+from tvsysid.methods.kernel import Kernel
 
 
 def test_shifts_in_frequency_equal_products_in_time(ensemble_of, monkeypatch):
@@ -13,7 +14,7 @@ def test_shifts_in_frequency_equal_products_in_time(ensemble_of, monkeypatch):
     for method in (tv.KernelRegression(), tv.KernelRegression.preset("experiment", band=(1.0, 19.0))):
         fast = method.identify(ensemble)
         with monkeypatch.context() as patched:
-            patched.setattr(kbr._Run, "_shifted", kbr._Run._transformed)
+            patched.setattr(record.Run, "_shifted", record.Run._transformed)
             slow = method.identify(ensemble)
         np.testing.assert_allclose(fast.stiffness, slow.stiffness, rtol=1e-6)
         np.testing.assert_allclose(fast.inertia, slow.inertia, rtol=1e-4)
@@ -22,7 +23,7 @@ def test_shifts_in_frequency_equal_products_in_time(ensemble_of, monkeypatch):
 def test_block_size_changes_nothing(ensemble_of, monkeypatch):
     ensemble = ensemble_of(40.0, "sine", "noise")
     whole = tv.KernelRegression().identify(ensemble)
-    monkeypatch.setattr(kbr, "BLOCK", 97)
+    monkeypatch.setattr(record, "BLOCK", 97)
     np.testing.assert_allclose(tv.KernelRegression().identify(ensemble).stiffness, whole.stiffness, rtol=1e-7)
 
 
@@ -109,7 +110,7 @@ def test_prediction_is_at_the_phase_of_each_realization(duration, decay):
 def test_runs_transformed_together_equal_runs_one_by_one(ensemble_of, monkeypatch):
     ensemble = ensemble_of(100.0, "sine", "noise").select(np.arange(0, 50, 2))
     together = tv.KernelRegression().identify(ensemble)
-    monkeypatch.setattr(kbr, "STACK", 3)
+    monkeypatch.setattr(record, "STACK", 3)
     np.testing.assert_allclose(tv.KernelRegression().identify(ensemble).stiffness, together.stiffness, rtol=1e-8)
 
 
@@ -122,7 +123,7 @@ def test_presets_are_the_papers():
 
 
 def test_regressors_that_would_fill_the_memory_are_refused(ensemble_of, monkeypatch):
-    monkeypatch.setattr(kbr, "LARGEST", 1e6)
+    monkeypatch.setattr(record, "LARGEST", 1e6)
     with pytest.raises(tv.InputError, match="GiB; give realizations of whole periods"):
         tv.KernelRegression(period=1.7).identify(ensemble_of(40.0))
 
@@ -145,7 +146,7 @@ def test_features_that_the_data_cannot_see_do_not_matter(ensemble_of, monkeypatc
 
 def test_sums_of_features_need_no_features(random):
     for decay in (30.0, 1e6):
-        kernel = kbr.Kernel.of(2.0, 0.2, decay, 0.0, 40.0, 100.0)
+        kernel = Kernel.of(2.0, 0.2, decay, 0.0, 40.0, 100.0)
         coefficients = random.normal(size=3 * kernel.columns)
         phase, clock = np.linspace(3.3, 4.1, 9), np.linspace(10.0, 10.8, 9)
         expected = kernel(phase, clock) @ coefficients.reshape(3, -1).T

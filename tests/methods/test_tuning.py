@@ -8,7 +8,9 @@ import pytest
 from benchmarks import plain
 
 import tvsysid as tv
-from tvsysid.methods import birf, halves, kbr
+from tvsysid.methods import birf, halves
+from tvsysid.methods.kernel import Kernel
+from tvsysid.methods.likelihood import Likelihood
 from tvsysid.numerics.differentiation import differentiate
 
 METHODS = [tv.EnsembleIRF(), tv.ShortDataSegments(), tv.BasisIRF(), tv.EnsembleSpectral(), tv.KernelRegression()]
@@ -120,9 +122,9 @@ def test_marginal_likelihood_is_that_of_the_dense_kernel(ensemble_of, decay):
     ensemble = ensemble_of(20.0, "sine", "noise")
     method = tv.KernelRegression()
     stacks, start, stop = method._stacks(ensemble)
-    kernel = kbr.Kernel.of(2.0, 0.05, decay, start, stop, 100.0)
+    kernel = Kernel.of(2.0, 0.05, decay, start, stop, 100.0)
     kept = np.ones((3, kernel.columns), dtype=bool)
-    likelihood = kbr._Likelihood.of(stacks, kernel, kept, method.band, 100.0, 0.15)
+    likelihood = Likelihood.of(stacks, kernel, kept, method.band, 100.0, 0.15)
     one = np.log([0.3, 0.5, 1e-4, 1e-8, 0.15])
     other = np.log([0.1, 0.2, 1e-3, 1e-7, 0.2])
     found = likelihood(one)[0] - likelihood(other)[0]
@@ -142,10 +144,10 @@ def test_chosen_kernel_is_at_the_top_of_the_likelihood(ensemble_of):
     evidence = method.tuned(ensemble).evidence
     stacks, start, stop = method._stacks(ensemble)
     settings = evidence.settings
-    kernel = kbr.Kernel.of(2.0, 0.5 * settings["length_periodic"], math.inf, start, stop, 100.0)
+    kernel = Kernel.of(2.0, 0.5 * settings["length_periodic"], math.inf, start, stop, 100.0)
     kept = np.ones((3, kernel.columns), dtype=bool)
     noise = method.identify(ensemble).diagnostics.details["noise_variance"]
-    likelihood = kbr._Likelihood.of(stacks, kernel, kept, method.band, 100.0, noise)
+    likelihood = Likelihood.of(stacks, kernel, kept, method.band, 100.0, noise)
     top = np.log([settings["length_periodic"], *settings["gamma"], noise])
     top[4], best = likelihood.best_noise(top)
     assert best == pytest.approx(evidence.values[evidence.chosen], abs=0.05)

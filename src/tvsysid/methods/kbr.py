@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, Self
@@ -11,26 +12,25 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import firwin
 
-from tvsysid.errors import InputError
+from tvsysid.errors import DoubtfulWarning, InputError
 from tvsysid.impedance import derivative_filters
 from tvsysid.methods.base import EXCITED_ABOVE, Method, check_positive, missing_edge, padded
 from tvsysid.methods.evidence import Evidence
-from tvsysid.methods.kernel import ENDLESS, Kernel
-from tvsysid.methods.likelihood import LENGTHS, Likelihood, Tried
+from tvsysid.methods.kernel import ENDLESS, VISIBLE, Kernel
+from tvsysid.methods.likelihood import Tried
 from tvsysid.methods.record import (
     DEGREES,
     LARGEST,
-    Run,
+    Record,
     clocks_of,
+    lagged,
     powers_of,
-    runs_of,
-    stacked,
-    statistics_of,
     times_of,
     weak_prior,
 )
 from tvsysid.methods.residuals import colour, residual
-from tvsysid.models import Diagnostics, SecondOrderModel, Spread
+from tvsysid.methods.search import Search
+from tvsysid.models import QUANTITIES, Diagnostics, SecondOrderModel, Spread
 from tvsysid.numerics.bands import arc_length
 from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.numerics.gaussian import Fit, fit
@@ -46,35 +46,23 @@ PRESETS: dict[str, dict[str, float]] = {
 }
 """The paper's settings for its simulated (section 3.2.5) and its experimental study (section 4.2)."""
 
-VISIBLE = 0.03
-"""Share of the noise that a feature's part of the torque must be able to reach to be fitted at all."""
 GUESS = 1e-2
 """Share of the torque's power that the noise is taken to have at least, until it is known."""
-DECAYS = (4.0, 2.0, 1.0, 0.5, 0.25, 0.125)
-"""Decays that are tried, in lengths of the record."""
-START = 1e3
-"""Power of the torque that each coefficient makes, in noise variances, from which tuning sets out."""
-LEEWAY = 100.0
-"""Factor by which a decay may enlarge a prior variance."""
-MOST = 2000
-"""Coefficients beyond which a decay is not tried, and settings that were given are not compared."""
-CLEARLY = 5.0
-"""Log marginal likelihood by which a decay must be worse for shorter ones not to be tried."""
 
 
 @dataclass(frozen=True)
 class KernelRegression(Method):
     r"""Impedance whose change in time is smooth and nearly periodic, fitted in the frequency domain.
 
-    .. math:: y(t) = b_0(t)\,\theta + b_1(t)\,\dot\theta + b_2(t)\,\ddot\theta - f_{ext}(t), \qquad
+    .. math:: y(t) + a_1\,\dot y(t) = \sum_{m=0}^{N_b} b_m(t)\,\theta^{(m)} - f_{ext}(t), \qquad
               b_m = \bar b_m + \tilde b_m, \quad \tilde b_m \sim GP(0, K)
 
     .. math:: \min_{b} \sum_{k} \frac{|E(k)|^2}{\hat\sigma_E^2} + \sum_m \tilde b_m^T K^{-1} \tilde b_m, \qquad
               K(t, t') = \gamma\, e^{-\sin^2(\pi (t - t') / p) / l_1}\, e^{-(t - t')^2 / l_2^2}
 
-    (equations 13 to 17 of van de Ruit et al. 2021, with Na = 0 and Nb = 2; Cavallo et al. 2020, Lataire et al.
-    2017). E is the Fourier transform of the equation error over each unbroken run of realizations, divided by the root
-    of its number of samples.
+    (equations 13 to 17 of van de Ruit et al. 2021; Cavallo et al. 2020, Lataire et al. 2017). The b are stiffness,
+    viscosity and inertia: Na = 0 and Nb = 2, unless ``lag`` and ``order`` say otherwise. E is the Fourier transform of
+    the equation error over each unbroken run of realizations, divided by the root of its number of samples.
 
     Parameters
     ----------
@@ -91,9 +79,25 @@ class KernelRegression(Method):
         120 N·m/rad, and gives figures like the paper's. This is a convention, not a reconstruction.
     band
         Lowest and highest frequency in Hz of the equation error that is fitted.
+    order
+        Nb: 2 for inertia, viscosity and stiffness; 1 for a joint without inertia, which then is 0 and has no band; 0
+        for a spring. A third derivative has no name in an impedance and is not offered. With a lower order the last
+        gammas do not count.
+    lag
+        a_1 in s: a first-order lag that the torque has behind what the joint does, as a sensor or a filter makes it;
+        0 for none (Na = 0). It does not change.
 
     Notes
     -----
+    The lag is fitted as output error, since an equation error with the derivative of a noisy torque is biased: the
+    angle passes the lag (:func:`tvsysid.numerics.lowpass.low_pass`), and the impedance of what comes out is that of the
+    joint,
+
+    .. math:: y = \sum_m b_m(t)\,\left(\frac{\theta}{1 + a_1 s}\right)^{(m)} - f_{ext}(t)
+
+    This takes the lag and the change of b in the other order, which errs by about :math:`a_1 \dot b_m / b_m` as a share
+    of each term. :meth:`tuned` finds order and lag by evidence.
+
     The kernel is used in a low-rank form: Fourier series with known variances times eigenfunctions of the decay
     (:mod:`tvsysid.numerics.kernels`), which makes the problem a ridge regression with some 110 unknowns. Where a run
     holds whole periods, a product with a harmonic is a shift in frequency, so that only the signals times the
@@ -124,13 +128,15 @@ class KernelRegression(Method):
     length_decay: float = PRESETS["simulation"]["length_decay"]
     gamma: float | tuple[float, float, float] = PRESETS["simulation"]["gamma"]
     band: tuple[float, float] = (0.0, 20.0)
+    order: int = 2
+    lag: float = 0.0
 
     key: ClassVar[str] = "kbr"
     contiguous: ClassVar[bool] = True
     title: ClassVar[str] = "Kernel-based regression"
     assumptions: ClassVar[tuple[str, ...]] = (
         "Stiffness, viscosity and inertia change smoothly and nearly periodically, as the kernel says.",
-        "Inertia, viscosity and stiffness are all there is (second order).",
+        "Inertia, viscosity and stiffness are all there is (second order, or the order given), behind at most one lag.",
         "The record is continuous; single realizations serve, more improve the estimate.",
     )
 
@@ -151,6 +157,13 @@ class KernelRegression(Method):
             raise InputError(f"KernelRegression: band must be two frequencies in Hz, got {self.band!r}") from error
         if not 0 <= low < high < math.inf:
             raise InputError(f"KernelRegression: band must rise from 0 Hz or more, got {self.band!r}")
+        if type(self.order) is not int or not 0 <= self.order <= 2:
+            raise InputError(
+                "KernelRegression: order must be 0 (a spring), 1 (with viscosity) or 2 (with inertia too), got "
+                f"{self.order!r}"
+            )
+        if not isinstance(self.lag, (int, float)) or isinstance(self.lag, bool) or not 0 <= self.lag < math.inf:
+            raise InputError(f"KernelRegression: lag must be a finite time in s, 0 or more, got {self.lag!r}")
 
     @classmethod
     def preset(cls, name: Preset, **settings: Any) -> Self:
@@ -170,9 +183,11 @@ class KernelRegression(Method):
 
     def _identify(self, ensemble: Ensemble) -> KernelModel:
         period = self._period(ensemble)
-        stacks, start, stop = self._stacks(ensemble)
-        kernel = Kernel.of(period, self.length_periodic, self.length_decay, start, stop, ensemble.sampling_rate)
-        fit, kept = self._fit(stacks, kernel, ensemble.sampling_rate)
+        # An impedance behind a lag is the impedance of the lagged angle.
+        ensemble = lagged(ensemble, self.lag)
+        record = Record.of(ensemble, self.band, self.order)
+        kernel = record.kernel(period, self.length_periodic, self.length_decay)
+        fit, kept = self._fit(record, kernel)
 
         # Of coefficients that the data cannot see, the prior is all that is known.
         coefficients = np.zeros(kept.size)
@@ -185,7 +200,7 @@ class KernelRegression(Method):
         missing = missing_edge(HALF_WIDTH, ensemble) if all(len(run) == 1 for run in ensemble.runs) else 0
         clocks = clocks_of(ensemble)
         distinct = _distinct(ensemble, kernel)
-        impedance = np.zeros((ensemble.samples, 3))
+        impedance = np.zeros((ensemble.samples, self.order + 1))
         for realization in distinct:
             impedance += kernel.combined(*times_of(ensemble, realization, clocks), coefficients) / len(distinct)
 
@@ -193,8 +208,8 @@ class KernelRegression(Method):
             features = np.mean([kernel(*times_of(ensemble, r, clocks)) for r in distinct], axis=0)
             return _spread(ensemble, self.band, impedance, features, covariance, fit, missing)
 
-        inner = padded(impedance[missing : len(impedance) - missing], missing)
-        labels = tuple(f"{name} {j}" for name in ("stiffness", "viscosity", "inertia") for j in range(kernel.columns))
+        inner = padded(_with_zeros(impedance)[missing : len(impedance) - missing], missing)
+        labels = tuple(f"{name} {j}" for name in QUANTITIES[: self.order + 1] for j in range(kernel.columns))
         return KernelModel(
             method=repr(self),
             sampling_rate=ensemble.sampling_rate,
@@ -207,6 +222,7 @@ class KernelRegression(Method):
             labels=labels,
             kernel=kernel,
             phase=_common_phase(ensemble, period),
+            lag=self.lag,
             spread=spread,
             diagnostics=Diagnostics(
                 fit.effective, details={"noise_variance": fit.noise_variance, "iterations": fit.iterations}
@@ -215,26 +231,14 @@ class KernelRegression(Method):
 
     @property
     def _gammas(self) -> Array:
-        return np.broadcast_to(np.asarray(self.gamma, dtype=np.float64), 3)
+        return np.broadcast_to(np.asarray(self.gamma, dtype=np.float64), 3)[: self.order + 1]
 
     def _period(self, ensemble: Ensemble) -> float:
         return ensemble.duration if self.period is None else self.period
 
-    def _stacks(self, ensemble: Ensemble) -> tuple[list[Run], float, float]:
-        """Unbroken runs of the record, and its first and last time in s."""
-        runs = [Run.of(ensemble, realizations, clock) for realizations, clock in runs_of(ensemble)]
-        runs = [run for run in runs if run.torque.shape[1] >= 2]
-        if not runs or self.band[0] >= ensemble.sampling_rate / 2:
-            raise InputError(
-                f"KernelRegression: nothing is left of realizations of {ensemble.samples} samples at "
-                f"{ensemble.sampling_rate:g} Hz after {HALF_WIDTH} at either end for the derivatives, within a band of "
-                f"{self.band[0]:g} to {self.band[1]:g} Hz; give context, longer realizations or a lower band"
-            )
-        stop = max(run.clock.max() + run.torque.shape[1] / ensemble.sampling_rate for run in runs)
-        return list(stacked(runs)), min(run.clock.min() for run in runs), stop
-
-    def _fit(self, stacks: list[Run], kernel: Kernel, rate: float) -> tuple[Fit, NDArray[np.bool_]]:
-        """Fit the coefficients that the data can see, and say which these are, shape (3, column)."""
+    def _fit(self, record: Record, kernel: Kernel) -> tuple[Fit, NDArray[np.bool_]]:
+        """Fit the coefficients that the data can see, and say which these are, shape (coefficient, column)."""
+        stacks, rate = record.stacks, record.rate
         size = sum(run.torque.size for run in stacks)
         powers = powers_of(stacks)
         power = sum(float(np.vdot(run.torque, run.torque)) for run in stacks)
@@ -250,75 +254,37 @@ class KernelRegression(Method):
                     "a longer length_decay"
                 )
             precision = np.outer(1 / self._gammas, kernel.precision)[kept]
-            found = fit(statistics_of(stacks, kernel, kept, self.band, rate), precision, weak_prior(stacks))
+            found = fit(record.statistics(kernel, kept), precision, weak_prior(stacks))
             if found.noise_variance >= noise or kept.all():
                 return found, kept
             noise = 0.5 * found.noise_variance
 
     def _evidence(self, ensemble: Ensemble, seed: int) -> Evidence:
-        """Marginal likelihood: highest over l1 without decay, then with shorter and shorter decays.
+        """Marginal likelihood: of l1, gammas and decays, then of other orders and lags.
 
         ``seed`` is not needed: all starts are fixed.
         """
-        rate, period = ensemble.sampling_rate, self._period(ensemble)
-        stacks, start, stop = self._stacks(ensemble)
-        endless = Kernel.of(period, self.length_periodic, math.inf, start, stop, rate)
-        about = self._fit(stacks, endless, rate)[0].noise_variance
-        noise, powers = math.log(about), powers_of(stacks)
-
-        def likelihood_of(kernel: Kernel, gammas: Array) -> Likelihood | None:
-            kept = kernel.visible(gammas * powers, VISIBLE * about)
-            return None if int(kept.sum()) > MOST else Likelihood.of(stacks, kernel, kept, self.band, rate, about)
-
-        own = Kernel.of(period, self.length_periodic, self.length_decay, start, stop, rate)
-        given, before = likelihood_of(own, self._gammas), math.nan
-        theta = np.array([math.log(self.length_periodic), *np.log(self._gammas), noise])
-        if given is not None:
-            theta[4], before = given.best_noise(theta)
-        tried = [Tried(self.length_decay, theta, before)]
-
-        # No harmonic is shared by two lengths, but its variance: all lengths have one Gram matrix.
-        kernel = Kernel.of(period, LENGTHS[0], math.inf, start, stop, rate)
-        everything = np.ones((3, kernel.columns), dtype=bool)
-        strict = Likelihood.of(stacks, kernel, everything, self.band, rate, about)
-        # Of each coefficient so much that the torque it makes is a thousand times the noise.
-        loose = np.array([0.0, *(math.log(START) + noise - np.log(powers)), noise])
-        near = loose
-        for length in LENGTHS:
-            climbs = [strict.climb(theta, length) for theta in ((loose,) if near is loose else (loose, near))]
-            best = max(climbs, key=lambda climbed: climbed.value)
-            near = best.theta
-            tried.append(best)
-        tried.append(strict.climb(max(tried[1:], key=lambda climbed: climbed.value).theta))
-
-        for share in DECAYS:
-            best = max(tried[1:], key=lambda climbed: climbed.value)
-            decay = float(share * (stop - start))
-            kernel = Kernel.of(period, math.exp(best.theta[0]), decay, start, stop, rate)
-            likelihood = likelihood_of(kernel, LEEWAY * np.exp(best.theta[1:4])) if decay >= 2 * period else None
-            if likelihood is None:
-                break
-            tried.append(likelihood.climb(best.theta, decay=decay, leeway=math.log(LEEWAY)))
-            if tried[-1].value < best.value - CLEARLY:
-                break
-        values = np.array([each.value for each in tried])
+        period = self._period(ensemble)
+        record = Record.of(lagged(ensemble, self.lag), self.band, self.order)
+        noise = self._fit(record, record.kernel(period, self.length_periodic))[0].noise_variance
+        gammas = np.broadcast_to(np.asarray(self.gamma, dtype=np.float64), 3)
+        theta = np.array([math.log(self.length_periodic), *np.log(gammas), math.log(noise)])
+        given = Tried(self.order, self.lag, self.length_decay, theta, math.nan, "as given")
+        tried, chosen = Search(ensemble, period, self.band, noise).from_settings(given)
         return Evidence(
             criterion="log marginal likelihood",
             unit="nat",
             better="higher",
             tried=(
-                {name: getattr(self, name) for name in ("length_periodic", "length_decay", "gamma")},
+                {name: getattr(self, name) for name in tried[1].settings()},
                 *(each.settings() for each in tried[1:]),
             ),
-            values=values,
-            standard_errors=np.full(len(values), math.nan),
-            chosen=int(np.nanargmax(values)),
+            values=np.array([each.value for each in tried]),
+            standard_errors=np.full(len(tried), math.nan),
+            chosen=chosen,
             axis="length_periodic",
             positions=np.exp([each.theta[0] for each in tried]),
-            lines=(
-                "as given",
-                *(f"decay {each.decay:.3g} s" if each.decay < ENDLESS else "no decay" for each in tried[1:]),
-            ),
+            lines=tuple(each.line for each in tried),
         )
 
     def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
@@ -346,10 +312,13 @@ class KernelModel(SecondOrderModel):
         Features of time that the coefficients multiply.
     phase
         Phase in s at which all realizations that it was identified from begin; NaN if they begin at different ones.
+    lag
+        Time constant in s of the lag that the torque has behind what the joint does.
     """
 
     kernel: Kernel
     phase: float
+    lag: float = 0.0
 
     def impedance(self, ensemble: Ensemble) -> tuple[Array, Array, Array]:
         """Stiffness, viscosity and inertia at the ensemble's own times, (time,) or (realization, time)."""
@@ -359,7 +328,19 @@ class KernelModel(SecondOrderModel):
         values = np.stack(
             [self.kernel.combined(*times_of(ensemble, r, clocks), self.coefficients) for r in range(len(ensemble))]
         )
+        values = _with_zeros(values)
         return values[..., 0], values[..., 1], values[..., 2]
+
+    def _predict(self, ensemble: Ensemble) -> Array:
+        return super()._predict(lagged(ensemble, self.lag))
+
+    def _given_band(self, name: str, level: float) -> tuple[Array, Array] | None:
+        order = len(self.coefficients) // self.kernel.columns - 1
+        for quantity in QUANTITIES[order + 1 :]:
+            if quantity in name:
+                warnings.warn(f"{name}: the model has no {quantity} (order {order})", DoubtfulWarning, stacklevel=4)
+                return np.full(len(self.time), np.nan), np.full(len(self.time), np.nan)
+        return None
 
 
 def _inverse(precision: Array) -> Array:
@@ -376,11 +357,12 @@ def _spread(
     fit: Fit,
     missing: int,
 ) -> Spread:
-    """Random error of the impedance (time, 3) from the posterior, corrected for the noise's colour.
+    """Random error of the impedance (time, order + 1) from the posterior, corrected for the noise's colour.
 
-    The posterior takes the noise as white, as strong as it is in the mean over the band that was fitted.
+    The posterior takes the noise as white, as strong as it is in the mean over the band that was fitted. What the model
+    has not was not estimated, and has no random error.
     """
-    filters = derivative_filters(HALF_WIDTH, ensemble.sampling_rate)
+    filters = derivative_filters(HALF_WIDTH, ensemble.sampling_rate)[: impedance.shape[1]]
     edge = missing_edge(HALF_WIDTH, ensemble)
     inner = slice(edge, len(impedance) - edge)
     left = residual(ensemble, impedance[inner] @ filters, HALF_WIDTH)
@@ -389,12 +371,13 @@ def _spread(
     edges = (min(frequency / ensemble.sampling_rate, 0.5) for frequency in band)
     factors = tint.factors(filters) / max(power_in_band(tint.noise, *edges), LEAST_POWER)
     columns = features.shape[1]
-    parts = [slice(first, first + columns) for first in range(0, 3 * columns, columns)]
+    parts = [slice(first, first + columns) for first in range(0, len(covariance), columns)]
     covariances = [covariance[part, part] for part in parts]
     variances = [np.einsum("tj,jk,tk->t", features, one, features, optimize=True) for one in covariances]
-    deviation = np.sqrt(np.maximum(factors[:, None] * np.stack(variances), 0.0))
+    deviation = np.full((3, len(impedance)), np.nan)
+    deviation[: len(parts)] = np.sqrt(np.maximum(factors[:, None] * np.stack(variances), 0.0))
     deviation[:, :missing] = deviation[:, len(impedance) - missing :] = np.nan
-    arcs = [arc_length(features, one) for one in covariances]
+    arcs = [arc_length(features, one) for one in covariances] + [math.inf] * (3 - len(parts))
     return Spread(deviation, np.full(deviation.shape, np.inf), (arcs[0], arcs[1], arcs[2]))
 
 
@@ -410,6 +393,11 @@ def _in_band(filters: Array, band: tuple[float, float], rate: float) -> Array:
         return filters
     passing = firwin(2 * HALF_WIDTH + 1, edges, fs=rate, pass_zero=low == 0)
     return np.stack([np.convolve(row, passing) for row in filters])
+
+
+def _with_zeros(impedance: Array) -> Array:
+    """Stiffness, viscosity and inertia (..., 3), of which the last ones may be none."""
+    return np.pad(impedance, [(0, 0)] * (impedance.ndim - 1) + [(0, 3 - impedance.shape[-1])])
 
 
 def _common_phase(ensemble: Ensemble, period: float) -> float:

@@ -15,6 +15,8 @@ Array = NDArray[np.float64]
 
 ENDLESS = 120_000.0
 """Decay in s that stands for none: the paper's for its simulated study."""
+VISIBLE = 0.03
+"""Share of the noise that a feature's part of the torque must be able to reach to be fitted at all."""
 STRICT = 20.0
 """Length of the decay, in lengths of the record, from which on the kernel is taken as strictly periodic."""
 
@@ -102,9 +104,11 @@ class Kernel:
 
     def combined(self, phase: Array, clock: Array, coefficients: Array) -> Array:
         """Sums of features times coefficients (signal x column), without the features; shape (time, signal)."""
-        weights = np.zeros((2 * self.harmonics + 1, 3, 1 if self.decay is None else 1 + len(self.decay.variances)))
+        of_signals = coefficients.reshape(-1, self.columns)
+        slow = 1 if self.decay is None else 1 + len(self.decay.variances)
+        weights = np.zeros((2 * self.harmonics + 1, len(of_signals), slow))
         place, slowness = self._places
-        weights[place, :, slowness] = coefficients.reshape(3, self.columns).T
+        weights[place, :, slowness] = of_signals.T
         of_harmonics = np.tensordot(self.slow_features(clock), weights, axes=(0, 2))  # (time, harmonic, signal)
         return np.asarray(np.einsum("th,thm->tm", harmonic_features(phase, self.period, self.harmonics), of_harmonics))
 

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.fft import rfft
 from scipy.linalg import blas
@@ -16,6 +18,7 @@ from tvsysid.methods.kernel import Kernel
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.gaussian import Statistics
 from tvsysid.numerics.kernels import harmonic_features
+from tvsysid.numerics.lowpass import low_pass
 from tvsysid.numerics.spectra import half_cosine_spectrum
 from tvsysid.signals import Ensemble
 
@@ -36,7 +39,7 @@ LARGEST = 2**31
 class Run(NamedTuple):
     """Unbroken stretches of record of one length: angle and its derivatives (in degrees), torque, and when they were.
 
-    ``signals`` (order, run, time), ``torque`` (run, time), ``phase`` and ``clock`` (run,) in s of the first samples.
+    ``signals`` (derivative, run, time), ``torque`` (run, time); ``phase`` and ``clock`` (run,) in s at its start.
     """
 
     signals: Array
@@ -45,22 +48,17 @@ class Run(NamedTuple):
     clock: Array
 
     @classmethod
-    def of(cls, ensemble: Ensemble, realizations: NDArray[np.int64], clock: float) -> Run:
+    def of(cls, ensemble: Ensemble, realizations: NDArray[np.int64], clock: float, order: int) -> Run:
         """Join realizations that follow each other; the derivatives use the context at both ends, or lose samples."""
         assert ensemble.onsets is not None
         used = min(ensemble.context, HALF_WIDTH)
         start, stop = ensemble.core.start, ensemble.core.stop
-
-        def joined(x: Array) -> Array:
-            ends = x[realizations[0], start - used : start], x[realizations[-1], stop : stop + used]
-            return np.concatenate([ends[0], x[realizations, start:stop].ravel(), ends[1]])
-
         lost = HALF_WIDTH - used
         torque = ensemble.torque[realizations, start:stop].ravel()
         torque = torque[lost : len(torque) - lost]
-        signals = np.zeros((3, 0))
+        signals = np.zeros((order + 1, 0))
         if len(torque):
-            signals = differentiate(joined(ensemble.angle), ensemble.sampling_rate)
+            signals = differentiate(_joined(ensemble, realizations, used), ensemble.sampling_rate)[: order + 1]
             signals *= DEGREES
         shift = lost / ensemble.sampling_rate
         onset = float(ensemble.onsets[realizations[0]])
@@ -162,6 +160,74 @@ class Run(NamedTuple):
         return kernel.slow_features(clock.ravel()).reshape(-1, *clock.shape)
 
 
+def lagged(ensemble: Ensemble, lag: float) -> Ensemble:
+    """Ensemble whose angle has passed a first-order lag with this time constant in s, in each unbroken run.
+
+    Within a run the lag remembers the realizations before. A run's first sample, that of its context, is taken for the
+    end of a rest; see :func:`tvsysid.numerics.lowpass.low_pass`.
+    """
+    if lag == 0:
+        return ensemble
+    angle = np.empty_like(ensemble.angle)
+    for realizations in ensemble.runs:
+        passed = low_pass(_joined(ensemble, realizations, ensemble.context), lag, ensemble.sampling_rate)
+        angle[realizations] = sliding_window_view(passed, angle.shape[1])[:: ensemble.samples]
+    return replace(ensemble, angle=angle)
+
+
+def _joined(ensemble: Ensemble, realizations: NDArray[np.int64], context: int) -> Array:
+    """Angle of realizations that follow each other, with so much context at both ends."""
+    start, stop = ensemble.core.start, ensemble.core.stop
+    ends = ensemble.angle[realizations[0], start - context : start], ensemble.angle[realizations[-1], stop:]
+    return np.concatenate([ends[0], ensemble.angle[realizations, start:stop].ravel(), ends[1][:context]])
+
+
+class Record(NamedTuple):
+    """A record in ``stacks`` of unbroken runs, its first and last time ``start`` and ``stop`` in s, and its ``rate``.
+
+    The fit is to frequencies in the ``band``, in Hz.
+    """
+
+    stacks: list[Run]
+    start: float
+    stop: float
+    rate: float
+    band: tuple[float, float]
+
+    @classmethod
+    def of(cls, ensemble: Ensemble, band: tuple[float, float], order: int) -> Record:
+        """With derivatives of the angle up to an order.
+
+        Raises
+        ------
+        InputError
+            If nothing is left between the ends that the derivatives need, or within the band.
+        """
+        rate = ensemble.sampling_rate
+        runs = [Run.of(ensemble, realizations, clock, order) for realizations, clock in runs_of(ensemble)]
+        runs = [run for run in runs if run.torque.shape[1] >= 2]
+        if not runs or band[0] >= rate / 2:
+            raise InputError(
+                f"KernelRegression: nothing is left of realizations of {ensemble.samples} samples at "
+                f"{rate:g} Hz after {HALF_WIDTH} at either end for the derivatives, within a band of "
+                f"{band[0]:g} to {band[1]:g} Hz; give context, longer realizations or a lower band"
+            )
+        stop = max(run.clock.max() + run.torque.shape[1] / rate for run in runs)
+        return cls(list(stacked(runs)), min(run.clock.min() for run in runs), stop, rate, band)
+
+    def kernel(self, period: float, l1: float, l2: float = math.inf) -> Kernel:
+        """Features that matter over the record."""
+        return Kernel.of(period, l1, l2, self.start, self.stop, self.rate)
+
+    def up_to(self, order: int) -> Record:
+        """Record without the higher derivatives."""
+        return self._replace(stacks=[run._replace(signals=run.signals[: order + 1]) for run in self.stacks])
+
+    def statistics(self, kernel: Kernel, kept: NDArray[np.bool_]) -> Statistics:
+        """Of the features kept, within the band."""
+        return statistics_of(self.stacks, kernel, kept, self.band, self.rate)
+
+
 class Block(NamedTuple):
     """Regressors (column, run, bin) at some frequencies, the first of which is ``first`` in the band."""
 
@@ -174,7 +240,7 @@ def _slow_used(kernel: Kernel, kept: NDArray[np.bool_]) -> NDArray[np.int64]:
 
     They are the first ones, since their variances descend.
     """
-    used = np.zeros((3, kernel.harmonics + 1), dtype=np.int64)
+    used = np.zeros((len(kept), kernel.harmonics + 1), dtype=np.int64)
     for column, (harmonic, part, _) in enumerate(kernel.products[1:], start=1):
         if part == 0:
             used[:, harmonic] += kept[:, column]
@@ -234,8 +300,8 @@ def stacked(runs: list[Run]) -> Iterator[Run]:
 
 
 def powers_of(stacks: list[Run]) -> Array:
-    """Summed squares of angle, velocity and acceleration."""
-    return np.array([sum(float(np.sum(run.signals[order] ** 2)) for run in stacks) for order in range(3)])
+    """Summed squares of the angle and its derivatives."""
+    return np.array([sum(float(np.sum(run.signals[m] ** 2)) for run in stacks) for m in range(len(stacks[0].signals))])
 
 
 def weak_prior(stacks: list[Run]) -> float:

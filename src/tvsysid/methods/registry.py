@@ -130,11 +130,14 @@ def parse(text: str) -> Identifies:
         if name in settings:
             raise InputError(f"method {text!r}: {name} can be set from Python only, with tvsysid.methods.create")
     for name, value in settings.items():
-        if isinstance(getattr(METHODS[key], name, None), float) or name == "period":
+        default = getattr(METHODS[key], name, None)
+        number = float if name == "period" else type(default)
+        if number in (int, float):
             try:
-                settings[name] = TypeAdapter(float).validate_python(value)
+                settings[name] = TypeAdapter(number).validate_python(value)
             except ValidationError as error:
-                raise InputError(f"method {text!r}: {name} must be a number, got {value!r}") from error
+                kind = "a whole number" if number is int else "a number"
+                raise InputError(f"method {text!r}: {name} must be {kind}, got {value!r}") from error
     if "tuned" in settings:
         try:
             settings["tuned"] = TypeAdapter(bool).validate_python(settings["tuned"])

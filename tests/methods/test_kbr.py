@@ -1,11 +1,18 @@
 import dataclasses
+import pickle
 import warnings
 
 import numpy as np
 import pytest
+import xarray as xr
+from benchmarks import plain
 
 import tvsysid as tv
-from tvsysid.methods import kbr
+from tvsysid.methods import kbr, record
+from tvsysid.methods.kernel import Kernel
+from tvsysid.methods.record import lagged
+from tvsysid.numerics.differentiation import differentiate
+from tvsysid.numerics.lowpass import low_pass
 
 
 def test_shifts_in_frequency_equal_products_in_time(ensemble_of, monkeypatch):
@@ -13,7 +20,7 @@ def test_shifts_in_frequency_equal_products_in_time(ensemble_of, monkeypatch):
     for method in (tv.KernelRegression(), tv.KernelRegression.preset("experiment", band=(1.0, 19.0))):
         fast = method.identify(ensemble)
         with monkeypatch.context() as patched:
-            patched.setattr(kbr._Run, "_shifted", kbr._Run._transformed)
+            patched.setattr(record.Run, "_shifted", record.Run._transformed)
             slow = method.identify(ensemble)
         np.testing.assert_allclose(fast.stiffness, slow.stiffness, rtol=1e-6)
         np.testing.assert_allclose(fast.inertia, slow.inertia, rtol=1e-4)
@@ -22,7 +29,7 @@ def test_shifts_in_frequency_equal_products_in_time(ensemble_of, monkeypatch):
 def test_block_size_changes_nothing(ensemble_of, monkeypatch):
     ensemble = ensemble_of(40.0, "sine", "noise")
     whole = tv.KernelRegression().identify(ensemble)
-    monkeypatch.setattr(kbr, "BLOCK", 97)
+    monkeypatch.setattr(record, "BLOCK", 97)
     np.testing.assert_allclose(tv.KernelRegression().identify(ensemble).stiffness, whole.stiffness, rtol=1e-7)
 
 
@@ -109,7 +116,7 @@ def test_prediction_is_at_the_phase_of_each_realization(duration, decay):
 def test_runs_transformed_together_equal_runs_one_by_one(ensemble_of, monkeypatch):
     ensemble = ensemble_of(100.0, "sine", "noise").select(np.arange(0, 50, 2))
     together = tv.KernelRegression().identify(ensemble)
-    monkeypatch.setattr(kbr, "STACK", 3)
+    monkeypatch.setattr(record, "STACK", 3)
     np.testing.assert_allclose(tv.KernelRegression().identify(ensemble).stiffness, together.stiffness, rtol=1e-8)
 
 
@@ -122,7 +129,7 @@ def test_presets_are_the_papers():
 
 
 def test_regressors_that_would_fill_the_memory_are_refused(ensemble_of, monkeypatch):
-    monkeypatch.setattr(kbr, "LARGEST", 1e6)
+    monkeypatch.setattr(record, "LARGEST", 1e6)
     with pytest.raises(tv.InputError, match="GiB; give realizations of whole periods"):
         tv.KernelRegression(period=1.7).identify(ensemble_of(40.0))
 
@@ -145,8 +152,120 @@ def test_features_that_the_data_cannot_see_do_not_matter(ensemble_of, monkeypatc
 
 def test_sums_of_features_need_no_features(random):
     for decay in (30.0, 1e6):
-        kernel = kbr.Kernel.of(2.0, 0.2, decay, 0.0, 40.0, 100.0)
+        kernel = Kernel.of(2.0, 0.2, decay, 0.0, 40.0, 100.0)
         coefficients = random.normal(size=3 * kernel.columns)
         phase, clock = np.linspace(3.3, 4.1, 9), np.linspace(10.0, 10.8, 9)
         expected = kernel(phase, clock) @ coefficients.reshape(3, -1).T
         np.testing.assert_allclose(kernel.combined(phase, clock, coefficients), expected, rtol=1e-10)
+
+
+# Other orders, and a lag.
+
+
+def test_of_lower_order_it_is_least_squares_where_nothing_changes(ensemble_of):
+    ensemble = ensemble_of(20.0, "constant", "noise")
+    for order in (0, 1):
+        model = tv.KernelRegression(order=order, gamma=1e-20, band=(0.0, 15.0)).identify(ensemble)
+        signals = differentiate(plain.join(ensemble.angle, ensemble.context, 12), 100.0)[: order + 1]
+        torque = plain.join(ensemble.torque, ensemble.context)
+        external = np.cos(np.pi * np.outer(np.arange(5), (np.arange(2000) + 0.5) / 2000))
+        inside = np.fft.rfftfreq(2000, 0.01) <= 15.0 + 1e-9
+        regressors = plain._fourier(np.concatenate([signals, external]), inside).T
+        noise = model.diagnostics.details["noise_variance"]
+        prior = np.diag([0.0] * (order + 1) + [noise / np.mean(torque**2)] * 5)
+        expected = np.linalg.solve(regressors.T @ regressors + prior, regressors.T @ plain._fourier(torque, inside))
+        found = np.stack([model.stiffness, model.viscosity, model.inertia]).mean(axis=1)
+        np.testing.assert_allclose(found[: order + 1], expected[: order + 1], rtol=1e-6)
+        np.testing.assert_array_equal(found[order + 1 :], 0.0)
+
+
+def test_what_a_lower_order_leaves_out_is_none_and_has_no_band(ensemble_of, tmp_path):
+    ensemble = ensemble_of(40.0, "sine", "noise")
+    model = tv.KernelRegression(order=1).identify(ensemble)
+    np.testing.assert_array_equal(model.inertia, 0.0)
+    deviation = model.random_error.deviation
+    assert np.isfinite(deviation[:2]).all()
+    assert np.isnan(deviation[2]).all()
+    with pytest.warns(tv.DoubtfulWarning, match=r"inertia_band: the model has no inertia \(order 1\)"):
+        assert np.isnan(model.inertia_band()).all()
+    assert np.isfinite(model.viscosity_band()).all()
+    assert np.isfinite(model.simultaneous_stiffness_band()).all()
+    assert {label.split()[0] for label in model.labels} == {"stiffness", "viscosity"}
+    angle, velocity, _ = differentiate(ensemble.angle[:, 38:-38], 100.0)
+    torque = model.stiffness * angle + model.viscosity * velocity
+    np.testing.assert_allclose(model.predict(ensemble), torque, atol=1e-12)
+    again = pickle.loads(pickle.dumps(model))
+    np.testing.assert_array_equal(again.predict(ensemble), model.predict(ensemble))
+    tv.recordings.write_models(tmp_path / "models.nc", {"kbr": model})
+    with xr.open_datatree(tmp_path / "models.nc", engine="h5netcdf") as tree:
+        assert "order=1, lag=0.0" in tree["kbr"].attrs["method"]
+        np.testing.assert_array_equal(tree["kbr"].viscosity, model.viscosity)
+        np.testing.assert_array_equal(tree["kbr"].inertia, 0.0)
+
+
+def test_every_order_follows_a_stiffness_that_drifts(ensemble_of):
+    ensemble = ensemble_of(40.0, "sine", "noise", 20.0)
+    for order in (0, 1):
+        model = tv.KernelRegression.preset("experiment", order=order).identify(ensemble)
+        values = model.impedance(ensemble)
+        assert [value.shape for value in values] == [(20, 200)] * 3
+        np.testing.assert_array_equal(values[2], 0.0)
+        np.testing.assert_allclose(values[0].mean(axis=0), model.stiffness, rtol=1e-9)
+
+
+def lagging(ensemble_of, lag, **settings):
+    """The joint of an ensemble with its torque behind a lag, noise and all."""
+    ensemble = ensemble_of(**settings)
+    return dataclasses.replace(ensemble, torque=lagged(dataclasses.replace(ensemble, angle=ensemble.torque), lag).angle)
+
+
+@pytest.mark.parametrize("context", [0.0, 0.5])
+def test_a_lag_that_is_told_no_longer_biases(ensemble_of, context):
+    ensemble = lagging(ensemble_of, 0.008, duration=80.0, profile="sine", snr_db=40.0, context=context)
+    blind = tv.KernelRegression().identify(ensemble)
+    seeing = tv.KernelRegression(lag=0.008).identify(ensemble)
+    truth = tv.simulate.SineWave()(ensemble.time)
+    assert blind.viscosity.mean() < 1.7
+    assert blind.inertia.mean() < 0.008
+    assert seeing.viscosity.mean() == pytest.approx(2.2, abs=0.02)
+    assert seeing.inertia.mean() == pytest.approx(0.02, abs=0.0005)
+    # Stiffness changes by up to 2 % over the lag.
+    assert np.abs(seeing.stiffness - truth).max() < 3.0
+    inner = slice(1, -1)
+    vaf = [tv.metrics.vaf(ensemble.torque[inner, ensemble.core], m.predict(ensemble)[inner]) for m in (blind, seeing)]
+    assert 100 - vaf[1].mean() < 0.1 * (100 - vaf[0].mean())
+
+
+def test_a_prediction_passes_the_lag(ensemble_of):
+    ensemble = ensemble_of(40.0, "sine", "noise")
+    model = tv.KernelRegression(lag=0.01).identify(ensemble)
+    plainly = dataclasses.replace(model, lag=0.0)
+    np.testing.assert_array_equal(model.predict(ensemble), plainly.predict(lagged(ensemble, 0.01)))
+
+
+def test_a_lag_remembers_what_came_before_in_the_run(ensemble_of):
+    wide, bare = ensemble_of(40.0, context=0.5), ensemble_of(40.0, context=0.0)
+    expected = np.stack([low_pass(row, 0.01, 100.0) for row in wide.angle])
+    np.testing.assert_allclose(lagged(wide, 0.01).angle[:, 30:-12], expected[:, 30:-12], atol=1e-12)
+    # Without context, what came before are the realizations before.
+    kept = np.arange(20) != 7
+    gap = lagged(bare.select(kept), 0.01).angle
+    different = np.abs(gap - expected[kept][:, 50:-50]).max(axis=1) > 1e-6
+    assert list(np.flatnonzero(different)) == [0, 6, 7, 18]  # the ends of two runs
+    assert lagged(wide, 0.0) is wide
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"order": 3}, "order must be 0 .a spring., 1 .* got 3"),
+        ({"order": True}, "got True"),
+        ({"order": 1.0}, "got 1.0"),
+        ({"lag": -0.01}, "lag must be a finite time in s, 0 or more, got -0.01"),
+        ({"lag": np.nan}, "got nan"),
+        ({"lag": "long"}, "got 'long'"),
+    ],
+)
+def test_orders_and_lags_that_are_none_are_refused(settings, message):
+    with pytest.raises(tv.InputError, match=message):
+        tv.KernelRegression(**settings)

@@ -332,3 +332,10 @@ def test_colours_tell_methods_of_ones_own_apart():
 )
 def test_key_without_settings(text, key):
     assert key_of(text) == key
+
+
+def test_settings_of_kernel_regression_from_words():
+    assert parse("kbr:order=1,lag=0.01") == tv.KernelRegression(order=1, lag=0.01)
+    assert {"order = 2", "lag = 0.0"} <= set(describe("kbr").settings)
+    with pytest.raises(tv.InputError, match=r"order must be a whole number, got '1.5'"):
+        parse("kbr:order=1.5")

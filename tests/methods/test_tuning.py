@@ -8,8 +8,12 @@ import pytest
 from benchmarks import plain
 
 import tvsysid as tv
-from tvsysid.methods import birf, halves, kbr
+from tvsysid.methods import birf, halves
+from tvsysid.methods.likelihood import Likelihood
+from tvsysid.methods.record import Record, lagged
+from tvsysid.methods.search import CLEARLY
 from tvsysid.numerics.differentiation import differentiate
+from tvsysid.numerics.lowpass import low_pass
 
 METHODS = [tv.EnsembleIRF(), tv.ShortDataSegments(), tv.BasisIRF(), tv.EnsembleSpectral(), tv.KernelRegression()]
 
@@ -43,6 +47,7 @@ def test_a_tuned_method_is_the_method_with_other_settings_and_the_evidence_for_t
     assert dataclasses.replace(method, **evidence.tried[0]) == method
     better = evidence.values.max() if evidence.better == "higher" else evidence.values.min()
     assert evidence.values[evidence.chosen] == better or evidence.chosen == 0
+    assert tuned.key != "kbr" or (tuned.order, tuned.lag) == (2, 0.0)
     assert evidence.gain >= 0
     assert len(evidence.tried) == len(evidence.values) == len(evidence.positions) == len(evidence.lines)
     table = evidence.to_pandas()
@@ -91,10 +96,10 @@ def test_a_sine_wave_is_followed_nearly_as_if_its_shape_were_known(ensemble_of, 
 # Kernel regression: the marginal likelihood.
 
 
-def dense_log_density(ensemble, theta, decay, near):
-    """Restricted log density of the band's Fourier coefficients, with the dense kernel, but for a constant."""
+def dense_model(ensemble, theta, decay, near, order=2):
+    """Covariance of the band's Fourier coefficients twice over, what has no prior, the output, and the rest."""
     l1, *gammas, noise = np.exp(theta)
-    signals = np.degrees(differentiate(plain.join(ensemble.angle, ensemble.context, 12), 100.0))
+    signals = np.degrees(differentiate(plain.join(ensemble.angle, ensemble.context, 12), 100.0))[: order + 1]
     torque = plain.join(ensemble.torque, ensemble.context)
     count = len(torque)
     frequency = np.fft.rfftfreq(count, 1 / 100.0)
@@ -103,11 +108,21 @@ def dense_log_density(ensemble, theta, decay, near):
     kernel = np.exp(-(np.sin(np.pi * apart / 2.0) ** 2) / l1 - (apart / decay) ** 2)
     place = (np.arange(count) + 0.5) / count
     external = np.cos(np.pi * np.outer(np.arange(5), place))
-    in_time = sum(gamma * kernel * np.outer(signal, signal) for gamma, signal in zip(gammas, signals, strict=True))
-    in_time += np.mean(torque**2) * noise / near * external.T @ external
-    covariance = plain._fourier(plain._fourier(in_time, inside).T, inside)
-    covariance += noise * np.eye(len(covariance))
-    fixed, output = plain._fourier(signals, inside).T, plain._fourier(torque, inside)
+    changing = sum(gamma * kernel * np.outer(signal, signal) for gamma, signal in zip(gammas, signals, strict=False))
+    smooth = np.mean(torque**2) * external.T @ external
+
+    def in_band(covariance):
+        return plain._fourier(plain._fourier(covariance, inside).T, inside)
+
+    white = np.eye(2 * int(inside.sum()))
+    covariance = in_band(changing + noise / near * smooth) + noise * white
+    alone = in_band(smooth) + near * white
+    return covariance, plain._fourier(signals, inside).T, plain._fourier(torque, inside), alone
+
+
+def dense_log_density(ensemble, theta, decay, near):
+    """Restricted log density of the band's Fourier coefficients, with the dense kernel, but for a constant."""
+    covariance, fixed, output, _ = dense_model(ensemble, theta, decay, near)
     inverse = np.linalg.inv(covariance)
     information = fixed.T @ inverse @ fixed
     projected = inverse - inverse @ fixed @ np.linalg.solve(information, fixed.T @ inverse)
@@ -118,11 +133,9 @@ def dense_log_density(ensemble, theta, decay, near):
 @pytest.mark.parametrize("decay", [math.inf, 15.0])
 def test_marginal_likelihood_is_that_of_the_dense_kernel(ensemble_of, decay):
     ensemble = ensemble_of(20.0, "sine", "noise")
-    method = tv.KernelRegression()
-    stacks, start, stop = method._stacks(ensemble)
-    kernel = kbr.Kernel.of(2.0, 0.05, decay, start, stop, 100.0)
-    kept = np.ones((3, kernel.columns), dtype=bool)
-    likelihood = kbr._Likelihood.of(stacks, kernel, kept, method.band, 100.0, 0.15)
+    record = Record.of(ensemble, (0.0, 20.0), 2)
+    kernel = record.kernel(2.0, 0.05, decay)
+    likelihood = Likelihood.of(record, kernel, np.ones((3, kernel.columns), dtype=bool), 0.15)
     one = np.log([0.3, 0.5, 1e-4, 1e-8, 0.15])
     other = np.log([0.1, 0.2, 1e-3, 1e-7, 0.2])
     found = likelihood(one)[0] - likelihood(other)[0]
@@ -136,19 +149,132 @@ def test_marginal_likelihood_is_that_of_the_dense_kernel(ensemble_of, decay):
         assert slope[number] == pytest.approx(difference, rel=1e-4, abs=1e-3)
 
 
+def dense_log_evidence(ensemble, theta, near, order, lag):
+    """Log density under a proper prior of the constants, less the price of what is chosen, but for a constant."""
+    covariance, fixed, output, alone = dense_model(lagged(ensemble, lag), theta, math.inf, near, order)
+    count = len(output)
+    estimate = np.linalg.lstsq(
+        fixed.T @ np.linalg.solve(covariance, fixed), fixed.T @ np.linalg.solve(covariance, output), rcond=None
+    )[0]
+    # As much as one of the numbers tells of the constants, where nothing changes in time.
+    prior = count * np.linalg.inv(2 * fixed.T @ np.linalg.solve(alone, fixed))
+    whole = covariance / 2 + fixed @ prior @ fixed.T
+    left = output - fixed @ estimate
+    density = -0.5 * (np.linalg.slogdet(whole)[1] + left @ np.linalg.solve(whole, left))
+    return density - 0.5 * (order + 1 + (lag > 0)) * math.log(count)
+
+
+def test_evidence_of_orders_and_lags_is_that_of_the_dense_kernel_with_a_proper_prior(ensemble_of):
+    ensemble = ensemble_of(20.0, "sine", "noise")
+    theta = np.log([0.1, 0.5, 1e-4, 1e-8, 0.15])
+    found, expected = [], []
+    for lag in (0.0, 0.008):
+        record = Record.of(lagged(ensemble, lag), (0.0, 20.0), 2)
+        kernel = record.kernel(2.0, 0.1)
+        whole = Likelihood.of(record, kernel, np.ones((3, kernel.columns), dtype=bool), 0.15, lag)
+        for order in (0, 1, 2):
+            part = whole.up_to(order)
+            assert (part.order, part.lag) == (order, lag)
+            found.append(part.tried(theta, part(theta)[0], "").value)
+            expected.append(dense_log_evidence(ensemble, theta, 0.15, order, lag))
+    assert np.ptp(expected) > 100
+    np.testing.assert_allclose(np.subtract(found, found[0]), np.subtract(expected, expected[0]), atol=0.02)
+
+
+def test_evidence_of_constants_does_not_depend_on_their_units(ensemble_of):
+    record = Record.of(ensemble_of(20.0, "sine", "noise"), (0.0, 20.0), 2)
+    other = record._replace(
+        stacks=[
+            run._replace(signals=run.signals * np.array([1.0, 100.0, 1e-3])[:, None, None]) for run in record.stacks
+        ]
+    )
+    kernel = record.kernel(2.0, 0.1)
+    values = []
+    for each, gammas in ((record, [0.5, 1e-4, 1e-8]), (other, [0.5, 1e-8, 1e-2])):
+        likelihood = Likelihood.of(each, kernel, np.ones((3, kernel.columns), dtype=bool), 0.15)
+        values.append(likelihood(np.log([0.1, *gammas, 0.15]))[0] + likelihood.comparable())
+    assert values[0] == pytest.approx(values[1], abs=1e-5)
+
+
+def joint_of(duration, lag=0.0, **settings):
+    """Ensemble of a simulated joint whose torque passes a lag at the simulation's rate, before the noise."""
+    simulation = tv.simulate.joint(
+        duration,
+        **{"stiffness": tv.simulate.SineWave(), "perturbation": tv.simulate.PRBS(), "snr_db": 10, "seed": 1} | settings,
+    )
+    recording = simulation.recording
+    torque = low_pass(simulation.noiseless_torque, lag, 1000.0)
+    torque = torque + recording.torque - simulation.noiseless_torque
+    behind = tv.Recording(recording.angle, torque, 1000.0, recording.start)
+    return tv.preprocess.segment(tv.preprocess.decimate(behind, 100), 2.0, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("order", "given", "joint"),
+    [
+        (2, 0, {}),
+        (1, 2, {"inertia": 1e-12}),
+        (1, 0, {"inertia": 1e-12}),
+        (0, 2, {"inertia": 1e-12, "viscosity": 0.0}),
+    ],
+)
+def test_as_many_terms_as_the_joint_has(order, given, joint):
+    tuned = tv.KernelRegression(order=given).tuned(joint_of(40, **joint))
+    assert (tuned.order, tuned.lag) == (order, 0.0)
+    assert {f"order {other}" for other in range(3) if other != given} <= set(tuned.evidence.lines)
+
+
+def test_a_lag_of_the_torque_is_found():
+    ensemble = joint_of(40, lag=0.008, perturbation=tv.simulate.FilteredNoise(), snr_db=15)
+    given = tv.KernelRegression()
+    tuned = given.tuned(ensemble)
+    assert tuned.order == 2
+    assert tuned.lag == pytest.approx(0.008, rel=0.2)
+    assert f"lag {1e3 * tuned.lag:.3g} ms" in tuned.evidence.lines
+    without = dataclasses.replace(tuned, lag=0.0).identify(ensemble)
+    model = tuned.identify(ensemble)
+    assert without.viscosity.mean() < 1.8
+    assert without.inertia.mean() < 0.012
+    assert model.viscosity.mean() == pytest.approx(2.2, rel=0.05)
+    assert model.inertia.mean() == pytest.approx(0.02, rel=0.1)
+    # One that is given is kept, or goes where there is none.
+    assert tv.KernelRegression(lag=tuned.lag).tuned(ensemble).lag == tuned.lag
+    assert tv.KernelRegression(lag=0.02).tuned(joint_of(40)).lag == 0.0
+
+
+def test_an_order_or_a_lag_must_be_clearly_better(ensemble_of, monkeypatch):
+    ensemble = joint_of(40, inertia=1e-12)
+    evidence = tv.KernelRegression().tuned(ensemble).evidence
+    gain = evidence.values[evidence.chosen] - max(
+        value for value, settings in zip(evidence.values, evidence.tried, strict=True) if settings["order"] == 2
+    )
+    assert evidence.settings["order"] == 1
+    assert gain > CLEARLY
+    monkeypatch.setattr("tvsysid.methods.search.CLEARLY", gain + 0.1)
+    assert tv.KernelRegression().tuned(ensemble).order == 2
+
+
+def test_a_joint_that_drifts_keeps_its_decay_with_another_order():
+    def profile(time):
+        return 100 + 30 * np.sin(np.pi * time) + 0.8 * time
+
+    tuned = tv.KernelRegression().tuned(joint_of(60, stiffness=profile, snr_db=20, inertia=1e-12))
+    assert tuned.order == 1
+    assert tuned.length_decay < 300
+
+
 def test_chosen_kernel_is_at_the_top_of_the_likelihood(ensemble_of):
     ensemble = ensemble_of(40.0, "square", "noise")
     method = tv.KernelRegression()
     evidence = method.tuned(ensemble).evidence
-    stacks, start, stop = method._stacks(ensemble)
     settings = evidence.settings
-    kernel = kbr.Kernel.of(2.0, 0.5 * settings["length_periodic"], math.inf, start, stop, 100.0)
-    kept = np.ones((3, kernel.columns), dtype=bool)
+    record = Record.of(ensemble, (0.0, 20.0), 2)
+    kernel = record.kernel(2.0, 0.5 * settings["length_periodic"])
     noise = method.identify(ensemble).diagnostics.details["noise_variance"]
-    likelihood = kbr._Likelihood.of(stacks, kernel, kept, method.band, 100.0, noise)
+    likelihood = Likelihood.of(record, kernel, np.ones((3, kernel.columns), dtype=bool), noise)
     top = np.log([settings["length_periodic"], *settings["gamma"], noise])
     top[4], best = likelihood.best_noise(top)
-    assert best == pytest.approx(evidence.values[evidence.chosen], abs=0.05)
+    assert best + likelihood.comparable() == pytest.approx(evidence.values[evidence.chosen], abs=0.05)
     for number in range(5):
         for step in (-0.5, 0.5):
             assert likelihood(top + step * (np.arange(5) == number))[0] < best + 0.02

@@ -168,14 +168,18 @@ def _from_text(method: type[Method], name: str, text: str) -> Any:
     """Value of a setting of one of the package's own methods from how it is typed, or shows itself."""
     if name == "basis":
         return basis_from_text(text)
+    default = getattr(method, name, None)
+    several = text[:1] + text[-1:] in ("()", "[]")
+    number = float if several or name in ("period", "band", "gamma") else type(default)
+    if number not in (int, float):
+        return text
     try:
-        if text[:1] + text[-1:] in ("()", "[]"):
+        if several:
             return TypeAdapter(tuple[float, ...]).validate_python(tuple(text[1:-1].split(",")))
-        if name in ("period", "band", "gamma") or isinstance(getattr(method, name, None), float):
-            return TypeAdapter(float).validate_python(text)
+        return TypeAdapter(number).validate_python(text)
     except ValidationError as error:
-        raise InputError(f"{name} must be a number, got {text!r}") from error
-    return text
+        kind = "a whole number" if number is int else "a number"
+        raise InputError(f"{name} must be {kind}, got {text!r}") from error
 
 
 def key_of(text: str) -> str:

@@ -149,6 +149,35 @@ def log_evidence(statistics: Statistics, precision: Array, weak: float, noise: f
     )
 
 
+def unit_information(statistics: Statistics, noise: float) -> float:
+    r"""Log density of a unit-information prior of columns F at its mean, which is what the data say of them.
+
+    A restricted likelihood, in which the weights of F have unit density, is measured in their units, and cannot be
+    compared with one of other columns. Under the prior
+
+    .. math:: b \sim N\left(\hat b,\ N J^{-1}\right), \qquad J = \frac{2}{\sigma_0^2} F^T F
+
+    it can. The prior tells as much of b as one of the N numbers does under white noise: J is what all of them tell
+    together. As it is nearly flat where the likelihood is not small, the likelihood under it is the restricted one
+    times its density at the mean,
+
+    .. math:: \log\pi(\hat b) = \tfrac12 \log|F^T F| - \tfrac f2 \log(\pi N \sigma_0^2)
+
+    to within f / (2 N). What it costs to fit a constant is then half log N, as in Schwarz's criterion (Kass &
+    Wasserman 1995).
+
+    Parameters
+    ----------
+    statistics
+        Of the columns F, without nuisance terms.
+    noise
+        :math:`\sigma_0^2`, as for :func:`log_evidence`; one for all models that are compared.
+    """
+    gram = np.tril(statistics.gram) + np.tril(statistics.gram, -1).T
+    power = math.log(math.pi * statistics.number * noise)
+    return 0.5 * (float(np.linalg.slogdet(gram)[1]) - len(gram) * power)
+
+
 class _Place(NamedTuple):
     """A noise variance, how fast the gap between it and the one that its fit leaves closes, and how it was come by."""
 

@@ -1,0 +1,167 @@
+"""Marginal likelihood of a kernel's settings."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from tvsysid.methods.kernel import ENDLESS, Kernel
+from tvsysid.methods.record import Record, weak_prior
+from tvsysid.numerics.gaussian import Statistics, log_evidence, of_columns, unit_information, without_nuisance
+from tvsysid.numerics.kernels import log_harmonic_variances
+
+Array = NDArray[np.float64]
+
+LENGTHS = np.geomspace(0.002, 30.0, 12)
+"""Periodic lengths of which a tuned one is the best."""
+NOISES = 20
+"""Steps of the noise variance at most, for settings that are given."""
+FAINT = 1e-7
+"""Share of the noise below which a feature's part of the torque does not count in the likelihood."""
+
+
+class Tried(NamedTuple):
+    """Settings that were tried, and their log marginal likelihood.
+
+    ``theta`` holds the logs of l1, three gammas and the noise variance; a gamma beyond the ``order`` says nothing.
+    ``line`` is what they differ in from those given.
+    """
+
+    order: int
+    lag: float
+    decay: float
+    theta: Array
+    value: float
+    line: str
+
+    def settings(self) -> dict[str, Any]:
+        """As arguments of the method, to four digits."""
+        length, decay, lag, *gammas = (
+            float(f"{number:.4g}")
+            for number in (math.exp(self.theta[0]), self.decay, self.lag, *np.exp(self.theta[1:4]))
+        )
+        return {
+            "length_periodic": length,
+            "length_decay": decay,
+            "gamma": tuple(gammas),
+            "order": self.order,
+            "lag": lag,
+        }
+
+
+class Likelihood(NamedTuple):
+    r"""Log marginal likelihood as a function of the logs of l1, three gammas and the noise variance.
+
+    For one order, lag and decay, and so that others can be compared with them:
+
+    .. math:: \log p + \log \pi(\hat b) - \tfrac12 (M + 1 + L) \log N
+
+    The first is the restricted likelihood of :func:`tvsysid.numerics.gaussian.log_evidence`; the second makes it that
+    under a unit-information prior on the constants (:func:`tvsysid.numerics.gaussian.unit_information`); the third is
+    the price of what is fitted by its maximum and is not common to all models: M + 1 gammas, and a lag (L = 1) unless
+    it is 0. Within an order and lag the last two are constant.
+
+    Parameters
+    ----------
+    statistics
+        Of N numbers, the external terms eliminated.
+    coefficient, harmonic
+        Derivative and harmonic of each column, shape (column,).
+    fixed
+        Columns without prior, shape (column,).
+    noise
+        Noise variance about which the terms were eliminated, and of which the prior of the constants is.
+    lag, decay
+        In s.
+    """
+
+    statistics: Statistics
+    coefficient: NDArray[np.int64]
+    harmonic: NDArray[np.int64]
+    fixed: NDArray[np.bool_]
+    noise: float
+    lag: float
+    decay: float
+
+    @classmethod
+    def of(
+        cls,
+        record: Record,
+        kernel: Kernel,
+        kept: NDArray[np.bool_],
+        noise: float,
+        lag: float = 0.0,
+        decay: float = ENDLESS,
+    ) -> Likelihood:
+        """With the external terms eliminated for about this noise variance."""
+        coefficient, column = np.nonzero(kept)
+        harmonic = np.array([harmonic for harmonic, _, _ in kernel.products])[column]
+        statistics = without_nuisance(record.statistics(kernel, kept), weak_prior(record.stacks), noise)
+        return cls(statistics, coefficient, harmonic, column == 0, noise, lag, decay)
+
+    def up_to(self, order: int) -> Likelihood:
+        """Likelihood of the model without the higher derivatives."""
+        mask = self.coefficient <= order
+        return self._replace(
+            statistics=of_columns(self.statistics, mask),
+            coefficient=self.coefficient[mask],
+            harmonic=self.harmonic[mask],
+            fixed=self.fixed[mask],
+        )
+
+    @property
+    def order(self) -> int:
+        """Highest derivative of the angle."""
+        return int(self.coefficient.max())
+
+    def comparable(self) -> float:
+        """What makes the restricted likelihood one that can be compared with other orders' and lags'."""
+        fitted = self.order + 1 + (self.lag > 0)
+        price = 0.5 * fitted * math.log(self.statistics.number)
+        return unit_information(of_columns(self.statistics, self.fixed), self.noise) - price
+
+    def __call__(self, theta: Array) -> tuple[float, Array]:
+        """Restricted log likelihood, and its derivatives."""
+        logs, slopes = log_harmonic_variances(math.exp(theta[0]), int(self.harmonic.max()))
+        variances = np.where(self.fixed, 0.0, theta[1 + self.coefficient] + logs[self.harmonic])
+        with np.errstate(divide="ignore"):
+            strength = variances + np.log(np.diag(self.statistics.gram)) - theta[4]
+        seen = self.fixed | (strength > math.log(FAINT))
+        precision = np.where(self.fixed, 0.0, np.exp(-np.where(seen, variances, 0.0)))[seen]
+        found = log_evidence(of_columns(self.statistics, seen), precision, 1.0, math.exp(theta[4]))
+        by_gamma = np.bincount(self.coefficient[seen], found.by_variances, minlength=3)
+        by_length = float(found.by_variances @ slopes[self.harmonic[seen]])
+        return found.value, np.array([by_length, *by_gamma, found.by_noise])
+
+    def best_noise(self, theta: Array) -> tuple[float, float]:
+        """Log of the noise variance that suits the other settings best, and the restricted log likelihood."""
+        place = theta.copy()
+        for _ in range(NOISES):
+            value, slope = self(place)
+            # The likelihood of a log variance curves like that of so many numbers.
+            step = slope[4] / (0.5 * self.statistics.number)
+            if abs(step) < 1e-4:
+                break
+            place[4] += step
+        return float(place[4]), value
+
+    def climb(self, theta: Array, line: str, length: float | None = None, leeway: float = math.inf) -> Tried:
+        """Highest likelihood near a start; at one l1, if that is given, and with gammas no larger than by a leeway."""
+        lengths = np.log([LENGTHS[0], LENGTHS[-1]] if length is None else [length, length])
+        start = np.concatenate([[np.clip(theta[0], *lengths)], theta[1:]])
+        bounds = [tuple(lengths), *((gamma - 50, gamma + min(leeway, 15)) for gamma in theta[1:4]), (None, None)]
+
+        def descent(place: Array) -> tuple[float, Array]:
+            value, slope = self(place)
+            return -value, -slope
+
+        found = minimize(descent, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": 1e-9})
+        return self.tried(found.x, -float(found.fun), line)
+
+    def tried(self, theta: Array, value: float, line: str) -> Tried:
+        """Settings with their value, which is made comparable."""
+        return Tried(self.order, self.lag, self.decay, theta, value + self.comparable(), line)

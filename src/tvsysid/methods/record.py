@@ -1,0 +1,333 @@
+"""A record in unbroken runs, and what kernel-based regression needs of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+from scipy.fft import rfft
+from scipy.linalg import blas
+
+from tvsysid.errors import InputError
+from tvsysid.methods.kernel import Kernel
+from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
+from tvsysid.numerics.gaussian import Statistics
+from tvsysid.numerics.kernels import harmonic_features
+from tvsysid.numerics.lowpass import low_pass
+from tvsysid.numerics.spectra import half_cosine_spectrum
+from tvsysid.signals import Ensemble
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+DEGREES = math.degrees(1.0)
+BLOCK = 2048
+"""Frequencies whose regressors are held at once."""
+STACK = 32
+"""Runs of one length that are transformed together."""
+EXTERNAL_TERMS = 5
+"""Half-cosines over a run, the fastest of two cycles, that make up the smooth external term."""
+LARGEST = 2**31
+"""Bytes above which regressors, or their Gram matrix, are refused."""
+
+
+class Run(NamedTuple):
+    """Unbroken stretches of record of one length: angle and its derivatives (in degrees), torque, and when they were.
+
+    ``signals`` (derivative, run, time), ``torque`` (run, time); ``phase`` and ``clock`` (run,) in s at its start.
+    """
+
+    signals: Array
+    torque: Array
+    phase: Array
+    clock: Array
+
+    @classmethod
+    def of(cls, ensemble: Ensemble, realizations: NDArray[np.int64], clock: float, order: int) -> Run:
+        """Join realizations that follow each other; the derivatives use the context at both ends, or lose samples."""
+        assert ensemble.onsets is not None
+        used = min(ensemble.context, HALF_WIDTH)
+        start, stop = ensemble.core.start, ensemble.core.stop
+        lost = HALF_WIDTH - used
+        torque = ensemble.torque[realizations, start:stop].ravel()
+        torque = torque[lost : len(torque) - lost]
+        signals = np.zeros((order + 1, 0))
+        if len(torque):
+            signals = differentiate(_joined(ensemble, realizations, used), ensemble.sampling_rate)[: order + 1]
+            signals *= DEGREES
+        shift = lost / ensemble.sampling_rate
+        onset = float(ensemble.onsets[realizations[0]])
+        return cls(signals[:, None], torque[None], np.array([onset + shift]), np.array([clock + shift]))
+
+    def bins(self, band: tuple[float, float], rate: float) -> tuple[int, int]:
+        """First frequency in the band, and the one after the last."""
+        count = self.torque.shape[1]
+        low = math.ceil(band[0] * count / rate - 1e-9)
+        return low, min(math.floor(band[1] * count / rate + 1e-9), count // 2) + 1
+
+    def in_band(self, kernel: Kernel, kept: NDArray[np.bool_], low: int, high: int, rate: float) -> Iterator[Block]:
+        """Fourier coefficients of the regressors kept, shape (column, run, bin), in blocks of frequencies.
+
+        In blocks, so that memory does not grow with the record times the columns.
+        """
+        count = self.torque.shape[1]
+        periods = count / rate / kernel.period
+        shift = round(periods)
+        whole = abs(periods - shift) < 1e-9 * periods and high - 1 + kernel.harmonics * shift <= count // 2
+        yield from (self._shifted if whole else self._transformed)(kernel, kept, low, high, rate)
+
+    def _shifted(self, kernel: Kernel, kept: NDArray[np.bool_], low: int, high: int, rate: float) -> Iterator[Block]:
+        """Products with harmonics as shifts in frequency: exact where the run holds whole periods."""
+        runs, count = self.torque.shape
+        shift = round(count / rate / kernel.period)
+        reach = kernel.harmonics * shift
+        below = max(0, reach - low)
+        slow = self._slow(kernel, rate)
+        used = _slow_used(kernel, kept)
+        root = 1 / math.sqrt(count)
+
+        def reaching(x: Array) -> ComplexArray:
+            """Spectra from bin low - reach to high + reach."""
+            spectrum = rfft(x)
+            ends = spectrum[..., below:0:-1].conj(), spectrum[..., max(0, low - reach) : high + reach]
+            return np.asarray(np.concatenate(ends, axis=-1) * root, dtype=np.complex128)
+
+        # The constant, which comes first, needs no product.
+        spectra = [
+            np.concatenate([reaching(signal)[None], reaching(signal * slow[1 : 1 + most])])
+            if most
+            else reaching(signal)[None]
+            for signal, most in zip(self.signals, used.max(axis=1), strict=True)
+        ]  # (slow function, run, bin) of each signal
+        first = 0 if kernel.decay is None else 1
+        harmonics = np.arange(kernel.harmonics + 1)
+        turns = 0.5 * np.exp(2j * np.pi * np.outer(harmonics, self.phase) / kernel.period)[:, :, None]
+        length = max(1, BLOCK // runs)
+        for start in range(low, high, length):
+            bins = min(length, high - start)
+            out = np.empty((int(kept.sum()), runs, bins), dtype=np.complex128)
+            centre, row = start - low + reach, 0
+            for spectrum, counts in zip(spectra, used, strict=True):
+                constant = 1 + (counts[0] if first else 0)
+                out[row : row + constant] = spectrum[:constant, :, centre : centre + bins]
+                row += constant
+                for harmonic in harmonics[1:]:
+                    functions = slice(first, first + counts[harmonic])
+                    many = counts[harmonic]
+                    up, down = centre - harmonic * shift, centre + harmonic * shift
+                    below_it = spectrum[functions, :, up : up + bins] * turns[harmonic]
+                    above_it = spectrum[functions, :, down : down + bins] * turns[harmonic].conj()
+                    np.add(below_it, above_it, out=out[row : row + many])
+                    sine = out[row + many : row + 2 * many]
+                    np.subtract(above_it, below_it, out=sine)
+                    sine *= 1j
+                    row += 2 * many
+            yield Block(start - low, out)
+
+    def _transformed(
+        self, kernel: Kernel, kept: NDArray[np.bool_], low: int, high: int, rate: float
+    ) -> Iterator[Block]:
+        """Products with any features, each transformed."""
+        runs, count = self.torque.shape
+        columns = int(kept.sum())
+        size = 16 * columns * runs * (high - low)
+        if size > LARGEST:
+            raise InputError(
+                f"KernelRegression: {columns} regressors over {high - low} frequencies would take "
+                f"{size / 2**30:.1f} GiB; give realizations of whole periods, fewer of them, or a longer length_decay"
+            )
+        slow = self._slow(kernel, rate)
+        index = np.arange(count) / rate
+        periodic = np.stack([harmonic_features(phase + index, kernel.period, kernel.harmonics) for phase in self.phase])
+        out, row = np.empty((columns, runs, high - low), dtype=np.complex128), 0
+        for signal, mask in zip(self.signals, kept, strict=True):
+            for column in np.flatnonzero(mask):
+                harmonic, part, slowness = kernel.products[column]
+                feature = periodic[:, :, max(0, 2 * harmonic - 1 + part)] * slow[slowness]
+                out[row] = rfft(signal * feature)[:, low:high]
+                row += 1
+        out /= math.sqrt(count)
+        yield Block(0, out)
+
+    def _slow(self, kernel: Kernel, rate: float) -> Array:
+        """Slow functions over each run, shape (function, run, time)."""
+        clock = self.clock[:, None] + np.arange(self.torque.shape[1]) / rate
+        return kernel.slow_features(clock.ravel()).reshape(-1, *clock.shape)
+
+
+def lagged(ensemble: Ensemble, lag: float) -> Ensemble:
+    """Ensemble whose angle has passed a first-order lag with this time constant in s, in each unbroken run.
+
+    Within a run the lag remembers the realizations before. A run's first sample, that of its context, is taken for the
+    end of a rest; see :func:`tvsysid.numerics.lowpass.low_pass`.
+    """
+    if lag == 0:
+        return ensemble
+    angle = np.empty_like(ensemble.angle)
+    for realizations in ensemble.runs:
+        passed = low_pass(_joined(ensemble, realizations, ensemble.context), lag, ensemble.sampling_rate)
+        angle[realizations] = sliding_window_view(passed, angle.shape[1])[:: ensemble.samples]
+    return replace(ensemble, angle=angle)
+
+
+def _joined(ensemble: Ensemble, realizations: NDArray[np.int64], context: int) -> Array:
+    """Angle of realizations that follow each other, with so much context at both ends."""
+    start, stop = ensemble.core.start, ensemble.core.stop
+    ends = ensemble.angle[realizations[0], start - context : start], ensemble.angle[realizations[-1], stop:]
+    return np.concatenate([ends[0], ensemble.angle[realizations, start:stop].ravel(), ends[1][:context]])
+
+
+class Record(NamedTuple):
+    """A record in ``stacks`` of unbroken runs, its first and last time ``start`` and ``stop`` in s, and its ``rate``.
+
+    The fit is to frequencies in the ``band``, in Hz.
+    """
+
+    stacks: list[Run]
+    start: float
+    stop: float
+    rate: float
+    band: tuple[float, float]
+
+    @classmethod
+    def of(cls, ensemble: Ensemble, band: tuple[float, float], order: int) -> Record:
+        """With derivatives of the angle up to an order.
+
+        Raises
+        ------
+        InputError
+            If nothing is left between the ends that the derivatives need, or within the band.
+        """
+        rate = ensemble.sampling_rate
+        runs = [Run.of(ensemble, realizations, clock, order) for realizations, clock in runs_of(ensemble)]
+        runs = [run for run in runs if run.torque.shape[1] >= 2]
+        if not runs or band[0] >= rate / 2:
+            raise InputError(
+                f"KernelRegression: nothing is left of realizations of {ensemble.samples} samples at "
+                f"{rate:g} Hz after {HALF_WIDTH} at either end for the derivatives, within a band of "
+                f"{band[0]:g} to {band[1]:g} Hz; give context, longer realizations or a lower band"
+            )
+        stop = max(run.clock.max() + run.torque.shape[1] / rate for run in runs)
+        return cls(list(stacked(runs)), min(run.clock.min() for run in runs), stop, rate, band)
+
+    def kernel(self, period: float, l1: float, l2: float = math.inf) -> Kernel:
+        """Features that matter over the record."""
+        return Kernel.of(period, l1, l2, self.start, self.stop, self.rate)
+
+    def up_to(self, order: int) -> Record:
+        """Record without the higher derivatives."""
+        return self._replace(stacks=[run._replace(signals=run.signals[: order + 1]) for run in self.stacks])
+
+    def statistics(self, kernel: Kernel, kept: NDArray[np.bool_]) -> Statistics:
+        """Of the features kept, within the band."""
+        return statistics_of(self.stacks, kernel, kept, self.band, self.rate)
+
+
+class Block(NamedTuple):
+    """Regressors (column, run, bin) at some frequencies, the first of which is ``first`` in the band."""
+
+    first: int
+    regressors: ComplexArray
+
+
+def _slow_used(kernel: Kernel, kept: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """How many slow functions are kept of each harmonic, shape (signal, harmonic); the one without prior not counted.
+
+    They are the first ones, since their variances descend.
+    """
+    used = np.zeros((len(kept), kernel.harmonics + 1), dtype=np.int64)
+    for column, (harmonic, part, _) in enumerate(kernel.products[1:], start=1):
+        if part == 0:
+            used[:, harmonic] += kept[:, column]
+    return used
+
+
+def statistics_of(
+    stacks: list[Run], kernel: Kernel, kept: NDArray[np.bool_], band: tuple[float, float], rate: float
+) -> Statistics:
+    """Sums over real and imaginary parts of the frequencies in the band.
+
+    Each run has its own external terms; they are turned so that they are orthogonal in the band.
+    """
+    size, square, count = int(kept.sum()), 0.0, 0
+    gram, cross = np.zeros((size, size), order="F"), np.zeros(size)
+    mixed, shared, powers = [], [], []
+    for run in stacks:
+        low, high = run.bins(band, rate)
+        runs, samples = run.torque.shape
+        root = 1 / math.sqrt(samples)
+        terms = np.stack([half_cosine_spectrum(term, samples, low, high) for term in range(EXTERNAL_TERMS)]) * root
+        power, axes = np.linalg.eigh(terms.view(np.float64) @ terms.view(np.float64).T)
+        terms = axes.T @ terms
+        output = np.ascontiguousarray(rfft(run.torque)[:, low:high]) * root
+        between = np.zeros((size, runs, EXTERNAL_TERMS))
+        for first, products in run.in_band(kernel, kept, low, high, rate):
+            block = slice(first, first + products.shape[2])
+            regressors, target, within = (
+                np.ascontiguousarray(values).view(np.float64)
+                for values in (products, output[:, block], terms[:, block])
+            )
+            flat = regressors.reshape(size, -1)
+            gram = blas.dsyrk(1.0, flat.T, beta=1.0, c=gram, trans=1, lower=1, overwrite_c=1)
+            cross += flat @ target.ravel()
+            between += (regressors.reshape(-1, within.shape[1]) @ within.T).reshape(between.shape)
+        mixed.append(between.reshape(size, -1))
+        shared.append((output.view(np.float64) @ terms.view(np.float64).T).ravel())
+        powers.append(np.tile(np.maximum(power, 0.0), runs))
+        square += float(np.sum(np.abs(output) ** 2))
+        count += 2 * output.size
+    return Statistics(
+        gram, cross, square, count, np.concatenate(mixed, axis=1), np.concatenate(shared), np.concatenate(powers)
+    )
+
+
+def stacked(runs: list[Run]) -> Iterator[Run]:
+    """Runs of one length together."""
+    alike: dict[int, list[Run]] = {}
+    for run in runs:
+        alike.setdefault(run.torque.shape[1], []).append(run)
+    for group in alike.values():
+        for first in range(0, len(group), STACK):
+            signals, torque, phase, clock = zip(*group[first : first + STACK], strict=True)
+            yield Run(
+                np.concatenate(signals, axis=1), np.concatenate(torque), np.concatenate(phase), np.concatenate(clock)
+            )
+
+
+def powers_of(stacks: list[Run]) -> Array:
+    """Summed squares of the angle and its derivatives."""
+    return np.array([sum(float(np.sum(run.signals[m] ** 2)) for run in stacks) for m in range(len(stacks[0].signals))])
+
+
+def weak_prior(stacks: list[Run]) -> float:
+    """Prior precision of the external terms: one over the torque's mean square."""
+    power = sum(float(np.vdot(run.torque, run.torque)) for run in stacks)
+    return sum(run.torque.size for run in stacks) / (power or 1.0)
+
+
+def clocks_of(ensemble: Ensemble) -> Array:
+    """Onset in s of each realization on one clock, on which trials come one after the other."""
+    assert ensemble.onsets is not None
+    assert ensemble.trials is not None
+    span = float(np.ptp(ensemble.onsets)) + ensemble.duration
+    _, number = np.unique(ensemble.trials, return_inverse=True)
+    return ensemble.onsets + number * span
+
+
+def runs_of(ensemble: Ensemble) -> Iterator[tuple[NDArray[np.int64], float]]:
+    """Realizations of each unbroken run, and when it begins on the record's clock."""
+    clocks = clocks_of(ensemble)
+    for realizations in ensemble.runs:
+        yield realizations, float(clocks[realizations[0]])
+
+
+def times_of(ensemble: Ensemble, realization: int, clocks: Array | None = None) -> tuple[Array, Array]:
+    """Times of a realization's samples: since the trial's time 0, and on the record's clock."""
+    assert ensemble.onsets is not None
+    clocks = clocks_of(ensemble) if clocks is None else clocks
+    return ensemble.onsets[realization] + ensemble.time, clocks[realization] + ensemble.time

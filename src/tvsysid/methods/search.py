@@ -1,0 +1,216 @@
+"""Search for the settings of kernel-based regression that are most likely."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from tvsysid.methods.kernel import VISIBLE, Kernel
+from tvsysid.methods.likelihood import LENGTHS, Likelihood, Tried
+from tvsysid.methods.record import Record, lagged, powers_of
+from tvsysid.signals import Ensemble
+
+Array = NDArray[np.float64]
+
+HIGHEST = 2
+"""Order of an impedance: inertia, viscosity and stiffness."""
+DECAYS = (4.0, 2.0, 1.0, 0.5, 0.25, 0.125)
+"""Decays that are tried, in lengths of the record."""
+LAGS = (0.001, 0.002, 0.004, 0.008, 0.016, 0.032, 0.05)
+"""Lags in s that are tried, until the likelihood falls."""
+REFINED = 6
+"""Further lags about the best of them."""
+START = 1e3
+"""Power of the torque that each coefficient makes, in noise variances, from which tuning sets out."""
+LEEWAY = 100.0
+"""Factor by which a decay may enlarge a prior variance."""
+MOST = 2000
+"""Coefficients beyond which a decay is not tried, and settings that were given are not compared."""
+CLEARLY = 5.0
+"""Log marginal likelihood by which a decay must be worse for shorter ones not to be tried, and by which an order or a
+lag must be better than the one given."""
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """What settings are compared on.
+
+    Parameters
+    ----------
+    ensemble
+        Realizations.
+    period
+        Of the behaviour, in s.
+    band
+        Of the frequencies fitted, in Hz.
+    noise
+        Noise variance that the settings given leave, about.
+    """
+
+    ensemble: Ensemble
+    period: float
+    band: tuple[float, float]
+    noise: float
+
+    def from_settings(self, given: Tried) -> tuple[list[Tried], int]:
+        """All that was tried, those given first, and which is the best.
+
+        With the order and the lag given: l1 without decay, then shorter and shorter decays. Then, without decay, other
+        orders, other lags with the best order, and orders again if the lag has changed.
+        """
+        record = self._record(given.lag)
+        everything = self._without_decay(record, given.lag)
+        tried = [self._as_given(record, given), *self._lengths(record, everything.up_to(given.order))]
+        endless = max(tried[1:], key=_value)
+        tried += self._decays(record, tried[1:])
+        own = int(np.nanargmax([each.value for each in tried]))
+
+        other = list(self._orders(everything, endless))
+        best = _clearly_best(endless, other)
+        other += (lags := list(self._lags(best)))
+        if (later := _clearly_best(best, lags)) is not best:
+            anew = self._about(later, self._record(later.lag), later.lag)
+            other += (orders := list(self._orders(anew, later)))
+            best = _clearly_best(later, orders)
+        if best is not endless and tried[own].decay < endless.decay:
+            other += self._one_decay(self._record(best.lag), best, tried[own].decay)
+        alike = [place for place, each in enumerate(other) if (each.order, each.lag) == (best.order, best.lag)]
+        found = max(alike, key=lambda place: other[place].value, default=-1)
+        chosen = own
+        if best is not endless and other[found].value > tried[own].value + CLEARLY:
+            chosen = len(tried) + found
+        return tried + other, chosen
+
+    def _record(self, lag: float) -> Record:
+        return Record.of(lagged(self.ensemble, lag), self.band, HIGHEST)
+
+    def _likelihood(self, record: Record, kernel: Kernel, gammas: Array, lag: float, decay: float) -> Likelihood | None:
+        """Of the features that may be seen with these gammas; None if there are too many."""
+        kept = kernel.visible(gammas * powers_of(record.stacks), VISIBLE * self.noise)
+        return None if int(kept.sum()) > MOST else Likelihood.of(record, kernel, kept, self.noise, lag, decay)
+
+    def _loose(self, record: Record) -> Array:
+        """Of each coefficient so much that the torque it makes is a thousand times the noise."""
+        noise = math.log(self.noise)
+        return np.array([0.0, *(math.log(START) + noise - np.log(powers_of(record.stacks))), noise])
+
+    def _as_given(self, record: Record, given: Tried) -> Tried:
+        own = record.up_to(given.order)
+        kernel = record.kernel(self.period, math.exp(given.theta[0]), given.decay)
+        likelihood = self._likelihood(own, kernel, _gammas(given), given.lag, given.decay)
+        if likelihood is None:
+            return given
+        theta = given.theta.copy()
+        theta[4], value = likelihood.best_noise(theta)
+        return likelihood.tried(theta, value, given.line)
+
+    def _without_decay(self, record: Record, lag: float) -> Likelihood:
+        # No harmonic is shared by two lengths, but its variance: all lengths have one Gram matrix.
+        kernel = record.kernel(self.period, LENGTHS[0])
+        everything = np.ones((HIGHEST + 1, kernel.columns), dtype=bool)
+        return Likelihood.of(record, kernel, everything, self.noise, lag)
+
+    def _lengths(self, record: Record, strict: Likelihood) -> Iterator[Tried]:
+        """Best settings for each l1, and those for any."""
+        loose = self._loose(record)
+        near, best = loose, None
+        for length in LENGTHS:
+            climbs = [
+                strict.climb(theta, "no decay", length) for theta in ((loose,) if near is loose else (loose, near))
+            ]
+            here = max(climbs, key=_value)
+            near, best = here.theta, here if best is None else max(best, here, key=_value)
+            yield here
+        assert best is not None
+        yield strict.climb(best.theta, "no decay")
+
+    def _decays(self, record: Record, strict: list[Tried]) -> Iterator[Tried]:
+        """Best settings for shorter and shorter decays, as long as there is something to gain."""
+        best = max(strict, key=_value)
+        for share in DECAYS:
+            decay = float(share * (record.stop - record.start))
+            found = list(self._one_decay(record, best, decay)) if decay >= 2 * self.period else []
+            yield from found
+            if not found or found[0].value < best.value - CLEARLY:
+                break
+            best = max(best, found[0], key=_value)
+
+    def _one_decay(self, record: Record, best: Tried, decay: float) -> Iterator[Tried]:
+        """Best settings for a decay; none if that takes too many coefficients."""
+        own = record.up_to(best.order)
+        kernel = record.kernel(self.period, math.exp(best.theta[0]), decay)
+        likelihood = self._likelihood(own, kernel, LEEWAY * _gammas(best), best.lag, decay)
+        if likelihood is not None:
+            name = f"decay {decay:.3g} s"
+            yield likelihood.climb(best.theta, name, leeway=math.log(LEEWAY))
+
+    def _orders(self, likelihood: Likelihood, best: Tried) -> Iterator[Tried]:
+        """Best settings for each other order."""
+        loose = self._loose(self._record(likelihood.lag))
+        for order in range(HIGHEST + 1):
+            if order != best.order:
+                own, theta = likelihood.up_to(order), best.theta.copy()
+                theta[1 + best.order + 1 : 4] = loose[1 + best.order + 1 : 4]
+                theta[4], _ = own.best_noise(theta)
+                yield own.climb(theta, f"order {order}")
+
+    def _about(self, best: Tried, record: Record, lag: float) -> Likelihood:
+        """Likelihood without decay, about the best settings, for another lag."""
+        kernel = record.kernel(self.period, math.exp(best.theta[0]))
+        gammas = np.maximum(LEEWAY * np.exp(best.theta[1:4]), np.exp(self._loose(record)[1:4]))
+        kept = kernel.visible(gammas * powers_of(record.stacks), VISIBLE * self.noise)
+        return Likelihood.of(record, kernel, kept, self.noise, lag)
+
+    def _lags(self, best: Tried) -> Iterator[Tried]:
+        """Other lags, each twice the one before, with the best settings; and the best settings for the best of them.
+
+        The likelihood has one peak: where the shortest lag is worse than none, longer ones are so too.
+        """
+        tried = [self._at(best, 0.0) if best.lag else best]
+        yield from tried[: 1 if best.lag else 0]
+        for lag in LAGS:
+            tried.append(self._at(best, lag))
+            yield tried[-1]
+            if tried[-1].value < tried[-2].value:
+                break
+        top = max(tried, key=_value)
+        if top.value <= best.value:
+            return
+        if top.lag:
+            found: dict[float, Tried] = {}
+
+            def loss(lag: float) -> float:
+                found[lag] = self._at(best, lag)
+                return -found[lag].value
+
+            minimize_scalar(loss, bounds=(top.lag / 2, 2 * top.lag), method="bounded", options={"maxiter": REFINED})
+            yield from found.values()
+            top = max(top, *found.values(), key=_value)
+        likelihood = self._about(best, self._record(top.lag), top.lag).up_to(best.order)
+        yield likelihood.climb(top.theta, f"lag {1e3 * top.lag:.3g} ms" if top.lag else "no lag")
+
+    def _at(self, best: Tried, lag: float) -> Tried:
+        """Best settings but for a lag, with the noise that suits them."""
+        likelihood = self._about(best, self._record(lag), lag).up_to(best.order)
+        theta = best.theta.copy()
+        theta[4], value = likelihood.best_noise(theta)
+        return likelihood.tried(theta, value, "other lags")
+
+
+def _value(tried: Tried) -> float:
+    return tried.value
+
+
+def _gammas(tried: Tried) -> Array:
+    return np.asarray(np.exp(tried.theta[1 : 2 + tried.order]))
+
+
+def _clearly_best(best: Tried, others: list[Tried]) -> Tried:
+    """Best of some others if it is clearly better than what there is."""
+    top = max(others, key=_value, default=best)
+    return top if top.value > best.value + CLEARLY else best

@@ -54,6 +54,16 @@ def test_tonic_stiffness_from_enough_realizations_is_found_by_the_ensemble_alone
     assert model.stiffness.std() / model.stiffness.mean() < (0.25 if muscle == "plantarflexor" else 0.1)
 
 
+@pytest.mark.parametrize("muscle", ["dorsiflexor", "dorsiflexor_2"])
+def test_a_tuned_kernel_finds_that_tonic_stiffness_does_not_change(recordings_folder, muscle):
+    ensemble = tonic(recordings_folder, muscle)
+    given = tv.KernelRegression().identify(ensemble)
+    tuned = tv.KernelRegression().tuned(ensemble).identify(ensemble)
+    # Slow voluntary torque is no change of stiffness from one period to the next.
+    assert np.ptp(tuned.stiffness) < 0.02 * tuned.stiffness.mean()
+    assert tuned.stiffness.mean() == pytest.approx(given.stiffness.mean(), rel=0.02)
+
+
 def test_too_few_realizations_for_the_ensemble_alone_are_told(recordings_folder):
     with pytest.warns(tv.DoubtfulWarning, match="28 realizations are less than twice the 25 lags"):
         tv.EnsembleIRF().identify(tonic(recordings_folder, "dorsiflexor"))

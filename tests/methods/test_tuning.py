@@ -270,8 +270,8 @@ def test_chosen_kernel_is_at_the_top_of_the_likelihood(ensemble_of):
     settings = evidence.settings
     record = Record.of(ensemble, (0.0, 20.0), 2)
     kernel = record.kernel(2.0, 0.5 * settings["length_periodic"])
-    noise = method.identify(ensemble).diagnostics.details["noise_variance"]
-    likelihood = Likelihood.of(record, kernel, np.ones((3, kernel.columns), dtype=bool), noise)
+    noise, share = method._noise(ensemble)
+    likelihood = Likelihood.of(record, kernel, np.ones((3, kernel.columns), dtype=bool), noise, share=share)
     top = np.log([settings["length_periodic"], *settings["gamma"], noise])
     top[4], best = likelihood.best_noise(top)
     assert best + likelihood.comparable() == pytest.approx(evidence.values[evidence.chosen], abs=0.05)

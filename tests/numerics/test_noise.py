@@ -100,3 +100,26 @@ def test_power_in_a_band_is_the_mean_of_the_spectrum(band):
     spectrum = (1 - 0.6**2) / (1 - 1.2 * np.cos(2 * np.pi * frequencies) + 0.6**2)
     assert noise.power_in_band(0.6 ** np.arange(60), *band) == pytest.approx(spectrum.mean(), rel=1e-6)
     assert noise.power_in_band(np.eye(9)[0], *band) == 1.0
+
+
+def test_white_noise_is_worth_as_many_samples_as_there_are(random):
+    torque, signal = random.normal(size=(400, 200)), random.normal(size=(400, 200)).cumsum(axis=1)
+    assert noise.white_share(torque, signal, 100.0, (0.0, 20.0)) == pytest.approx(1.0, abs=0.02)
+    assert noise.white_share(0 * torque, signal, 100.0, (0.0, 20.0)) == 1.0
+
+
+def test_share_is_that_of_the_variance_of_a_fit(random):
+    pole, length, rate = 0.8, 1100, 100.0
+    torque = lfilter([1.0], [1.0, -pole], random.normal(size=(2000, length)), axis=1)[:, 100:]
+    signal = lfilter([1.0], [1.0, -0.9], random.normal(size=(2000, length)), axis=1)[:, 100:]
+    factor = np.einsum("rt,rt->r", torque, signal) / np.mean(np.einsum("rt,rt->r", signal, signal))
+    white = torque.var() / np.mean(np.einsum("rt,rt->r", signal, signal))
+    assert noise.white_share(torque, signal, rate, (0.0, 50.0)) == pytest.approx(white / factor.var(), rel=0.06)
+
+
+def test_noise_that_the_signal_does_not_meet_is_worth_no_more_than_white(random):
+    time = np.arange(300) / 100
+    slow, fast = np.sin(2 * np.pi * 2 * time), np.sin(2 * np.pi * 15 * time)
+    angle, torque = np.outer(random.normal(size=50), slow), np.outer(random.normal(size=50), fast)
+    assert noise.white_share(torque, angle, 100.0, (0.0, 20.0)) == 1.0
+    assert noise.white_share(angle, angle, 100.0, (0.0, 20.0)) < 0.1

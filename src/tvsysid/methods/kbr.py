@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -34,7 +34,7 @@ from tvsysid.models import QUANTITIES, Diagnostics, SecondOrderModel, Spread
 from tvsysid.numerics.bands import arc_length
 from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.numerics.gaussian import Fit, fit
-from tvsysid.numerics.noise import power_in_band
+from tvsysid.numerics.noise import power_in_band, white_share
 from tvsysid.signals import Ensemble
 
 Array = NDArray[np.float64]
@@ -262,15 +262,14 @@ class KernelRegression(Method):
     def _evidence(self, ensemble: Ensemble, seed: int) -> Evidence:
         """Marginal likelihood: of l1, gammas and decays, then of other orders and lags.
 
-        ``seed`` is not needed: all starts are fixed.
+        Noise that is not white in the band makes a record worth less than as many independent numbers, and is told by
+        what the settings given leave, without decay. ``seed`` is not needed: all starts are fixed.
         """
-        period = self._period(ensemble)
-        record = Record.of(lagged(ensemble, self.lag), self.band, self.order)
-        noise = self._fit(record, record.kernel(period, self.length_periodic))[0].noise_variance
+        noise, share = self._noise(ensemble)
         gammas = np.broadcast_to(np.asarray(self.gamma, dtype=np.float64), 3)
         theta = np.array([math.log(self.length_periodic), *np.log(gammas), math.log(noise)])
         given = Tried(self.order, self.lag, self.length_decay, theta, math.nan, "as given")
-        tried, chosen = Search(ensemble, period, self.band, noise).from_settings(given)
+        tried, chosen = Search(ensemble, self._period(ensemble), self.band, noise, share).from_settings(given)
         return Evidence(
             criterion="log marginal likelihood",
             unit="nat",
@@ -286,6 +285,15 @@ class KernelRegression(Method):
             positions=np.exp([each.theta[0] for each in tried]),
             lines=tuple(each.line for each in tried),
         )
+
+    def _noise(self, ensemble: Ensemble) -> tuple[float, float]:
+        """Variance of what these settings leave, without decay, and what one of its samples is worth in white ones."""
+        endless = replace(self, length_decay=ENDLESS)._identify(ensemble)
+        left = ensemble.torque[:, ensemble.core] - endless.predict(ensemble)
+        known = np.isfinite(left).all(axis=0)
+        angle = ensemble.angle[:, ensemble.core]
+        share = white_share(left[:, known], angle[:, known], ensemble.sampling_rate, self.band)
+        return endless.diagnostics.details["noise_variance"], share
 
     def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
         return self.band[1], max(self.band[0], EXCITED_ABOVE)

@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 
 from tvsysid.methods.kernel import ENDLESS, Kernel
 from tvsysid.methods.record import Record, weak_prior
-from tvsysid.numerics.gaussian import Statistics, log_evidence, of_columns, unit_information, without_nuisance
+from tvsysid.numerics.gaussian import Statistics, log_evidence, of_columns, of_share, unit_information, without_nuisance
 from tvsysid.numerics.kernels import log_harmonic_variances
 
 Array = NDArray[np.float64]
@@ -96,12 +96,13 @@ class Likelihood(NamedTuple):
         noise: float,
         lag: float = 0.0,
         decay: float = ENDLESS,
+        share: float = 1.0,
     ) -> Likelihood:
-        """With the external terms eliminated for about this noise variance."""
+        """With the external terms eliminated for about this noise variance; of a share of the numbers."""
         coefficient, column = np.nonzero(kept)
         harmonic = np.array([harmonic for harmonic, _, _ in kernel.products])[column]
         statistics = without_nuisance(record.statistics(kernel, kept), weak_prior(record.stacks), noise)
-        return cls(statistics, coefficient, harmonic, column == 0, noise, lag, decay)
+        return cls(of_share(statistics, share), coefficient, harmonic, column == 0, noise, lag, decay)
 
     def up_to(self, order: int) -> Likelihood:
         """Likelihood of the model without the higher derivatives."""

@@ -50,12 +50,15 @@ class Search:
         Of the frequencies fitted, in Hz.
     noise
         Noise variance that the settings given leave, about.
+    share
+        How many independent numbers one number of the record is worth.
     """
 
     ensemble: Ensemble
     period: float
     band: tuple[float, float]
     noise: float
+    share: float
 
     def from_settings(self, given: Tried) -> tuple[list[Tried], int]:
         """All that was tried, those given first, and which is the best.
@@ -92,7 +95,9 @@ class Search:
     def _likelihood(self, record: Record, kernel: Kernel, gammas: Array, lag: float, decay: float) -> Likelihood | None:
         """Of the features that may be seen with these gammas; None if there are too many."""
         kept = kernel.visible(gammas * powers_of(record.stacks), VISIBLE * self.noise)
-        return None if int(kept.sum()) > MOST else Likelihood.of(record, kernel, kept, self.noise, lag, decay)
+        return (
+            None if int(kept.sum()) > MOST else Likelihood.of(record, kernel, kept, self.noise, lag, decay, self.share)
+        )
 
     def _loose(self, record: Record) -> Array:
         """Of each coefficient so much that the torque it makes is a thousand times the noise."""
@@ -113,7 +118,7 @@ class Search:
         # No harmonic is shared by two lengths, but its variance: all lengths have one Gram matrix.
         kernel = record.kernel(self.period, LENGTHS[0])
         everything = np.ones((HIGHEST + 1, kernel.columns), dtype=bool)
-        return Likelihood.of(record, kernel, everything, self.noise, lag)
+        return Likelihood.of(record, kernel, everything, self.noise, lag, share=self.share)
 
     def _lengths(self, record: Record, strict: Likelihood) -> Iterator[Tried]:
         """Best settings for each l1, and those for any."""
@@ -164,7 +169,7 @@ class Search:
         kernel = record.kernel(self.period, math.exp(best.theta[0]))
         gammas = np.maximum(LEEWAY * np.exp(best.theta[1:4]), np.exp(self._loose(record)[1:4]))
         kept = kernel.visible(gammas * powers_of(record.stacks), VISIBLE * self.noise)
-        return Likelihood.of(record, kernel, kept, self.noise, lag)
+        return Likelihood.of(record, kernel, kept, self.noise, lag, share=self.share)
 
     def _lags(self, best: Tried) -> Iterator[Tried]:
         """Other lags, each twice the one before, with the best settings; and the best settings for the best of them.

@@ -24,14 +24,15 @@ class Statistics(NamedTuple):
     r"""What is needed of the data :math:`y = X w + T f + e`, with few nuisance terms T.
 
     ``gram`` :math:`X^T X`, of which only the lower triangle counts, Fortran-ordered; ``cross`` :math:`X^T y`;
-    ``square`` :math:`y^T y`; ``number``, the length of y. The nuisance terms are orthogonal: ``powers`` are their
-    squared lengths, ``mixed`` is :math:`X^T T`, shape (column, term), and ``shared`` :math:`T^T y`.
+    ``square`` :math:`y^T y`; ``number``, the length of y, or what it is worth. The nuisance terms are orthogonal:
+    ``powers`` are their squared lengths, ``mixed`` is :math:`X^T T`, shape (column, term), and ``shared``
+    :math:`T^T y`.
     """
 
     gram: Array
     cross: Array
     square: float
-    number: int
+    number: float
     mixed: Array
     shared: Array
     powers: Array
@@ -146,6 +147,16 @@ def log_evidence(statistics: Statistics, precision: Array, weak: float, noise: f
         -0.5 * (left * math.log(math.pi) + determinant) - quadratic / noise,
         np.where(fixed, 0.0, scaled_precision * solution.mean**2 - 0.5 * (1 - noise * scaled_precision * variances)),
         solution.residual / noise - 0.5 * (statistics.number - solution.effective),
+    )
+
+
+def of_share(statistics: Statistics, share: float) -> Statistics:
+    """What a share of the numbers would tell, alike: for numbers that are not independent. Without nuisance terms."""
+    return statistics._replace(
+        gram=share * statistics.gram,
+        cross=share * statistics.cross,
+        square=share * statistics.square,
+        number=share * statistics.number,
     )
 
 

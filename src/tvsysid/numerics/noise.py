@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.linalg import toeplitz
+from scipy.signal import welch
 
 Array = NDArray[np.float64]
 
@@ -125,6 +126,32 @@ def power_in_band(correlation: Array, low: float, high: float) -> float:
     lags = np.arange(1, len(correlation))
     mean = (np.sin(2 * np.pi * high * lags) - np.sin(2 * np.pi * low * lags)) / (2 * np.pi * lags * (high - low))
     return 1 + 2 * float(correlation[1:] @ mean)
+
+
+def white_share(noise: Array, signal: Array, sampling_rate: float, band: tuple[float, float]) -> float:
+    r"""How many samples of white noise one sample of this noise is worth to a fit of a signal, at most 1.
+
+    A factor fitted by least squares to frequencies in the band has the variance
+    :math:`\sum_f S(f) P(f) / (\sum_f S(f))^2`, with S and P the spectral densities of signal and noise. White noise
+    of the same power in the band gives as much from a share of the data,
+
+    .. math:: \frac{\bar P\, \sum_f S(f)}{\sum_f S(f)\, P(f)}
+
+    Parameters
+    ----------
+    noise, signal
+        Shape (realization, time).
+    sampling_rate
+        In Hz.
+    band
+        Lowest and highest frequency in Hz.
+    """
+    frequency, power = welch(noise, sampling_rate, nperseg=noise.shape[1], detrend=False, axis=1)
+    _, strength = welch(signal, sampling_rate, nperseg=noise.shape[1], detrend=False, axis=1)
+    inside = (frequency >= band[0]) & (frequency <= band[1])
+    power, strength = power.mean(axis=0)[inside], strength.mean(axis=0)[inside]
+    product = float(power @ strength)
+    return min(1.0, float(power.mean() * strength.sum()) / product) if product > 0 else 1.0
 
 
 def colour_factors(filters: Array, angle: Array, noise: Array) -> Array:

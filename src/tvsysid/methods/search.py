@@ -64,7 +64,7 @@ class Search:
         """All that was tried, those given first, and which is the best.
 
         With the order and the lag given: l1 without decay, then shorter and shorter decays. Then, without decay, other
-        orders, other lags with the best order, and orders again if the lag has changed.
+        orders, and other lags for each order.
         """
         record = self._record(given.lag)
         everything = self._without_decay(record, given.lag)
@@ -74,12 +74,9 @@ class Search:
         own = int(np.nanargmax([each.value for each in tried]))
 
         other = list(self._orders(everything, endless))
+        for each in (endless, *other):
+            other += self._lags(each, max(endless, *other, key=_value))
         best = _clearly_best(endless, other)
-        other += (lags := list(self._lags(best)))
-        if (later := _clearly_best(best, lags)) is not best:
-            anew = self._about(later, self._record(later.lag), later.lag)
-            other += (orders := list(self._orders(anew, later)))
-            best = _clearly_best(later, orders)
         if best is not endless and tried[own].decay < endless.decay:
             other += self._one_decay(self._record(best.lag), best, tried[own].decay)
         alike = [place for place, each in enumerate(other) if (each.order, each.lag) == (best.order, best.lag)]
@@ -164,17 +161,22 @@ class Search:
                 theta[4], _ = own.best_noise(theta)
                 yield own.climb(theta, f"order {order}")
 
-    def _about(self, best: Tried, record: Record, lag: float) -> Likelihood:
+    def _about(self, best: Tried, lag: float) -> Likelihood:
         """Likelihood without decay, about the best settings, for another lag."""
+        record = self._record(lag).up_to(best.order)
         kernel = record.kernel(self.period, math.exp(best.theta[0]))
-        gammas = np.maximum(LEEWAY * np.exp(best.theta[1:4]), np.exp(self._loose(record)[1:4]))
-        kept = kernel.visible(gammas * powers_of(record.stacks), VISIBLE * self.noise)
+        loose = np.exp(self._loose(record)[1:-1])
+        kept = kernel.visible(
+            np.maximum(LEEWAY * _gammas(best), loose) * powers_of(record.stacks), VISIBLE * self.noise
+        )
         return Likelihood.of(record, kernel, kept, self.noise, lag, share=self.share)
 
-    def _lags(self, best: Tried) -> Iterator[Tried]:
+    def _lags(self, best: Tried, rival: Tried) -> Iterator[Tried]:
         """Other lags, each twice the one before, with the best settings; and the best settings for the best of them.
 
-        The likelihood has one peak: where the shortest lag is worse than none, longer ones are so too.
+        The likelihood has one peak: where the shortest lag is worse than none, longer ones are so too. Next to the
+        peak, one of these lags has gained at least eight ninths of what the best of all gains; so the peak is
+        looked for only where it may come up to a rival.
         """
         tried = [self._at(best, 0.0) if best.lag else best]
         yield from tried[: 1 if best.lag else 0]
@@ -184,7 +186,7 @@ class Search:
             if tried[-1].value < tried[-2].value:
                 break
         top = max(tried, key=_value)
-        if top.value <= best.value:
+        if top.value + (top.value - best.value) / 8 <= rival.value:
             return
         if top.lag:
             found: dict[float, Tried] = {}
@@ -196,12 +198,11 @@ class Search:
             minimize_scalar(loss, bounds=(top.lag / 2, 2 * top.lag), method="bounded", options={"maxiter": REFINED})
             yield from found.values()
             top = max(top, *found.values(), key=_value)
-        likelihood = self._about(best, self._record(top.lag), top.lag).up_to(best.order)
-        yield likelihood.climb(top.theta, f"lag {1e3 * top.lag:.3g} ms" if top.lag else "no lag")
+        yield self._about(best, top.lag).climb(top.theta, f"lag {1e3 * top.lag:.3g} ms" if top.lag else "no lag")
 
     def _at(self, best: Tried, lag: float) -> Tried:
         """Best settings but for a lag, with the noise that suits them."""
-        likelihood = self._about(best, self._record(lag), lag).up_to(best.order)
+        likelihood = self._about(best, lag)
         theta = best.theta.copy()
         theta[4], value = likelihood.best_noise(theta)
         return likelihood.tried(theta, value, "other lags")

@@ -174,8 +174,8 @@ def unit_information(statistics: Statistics, noise: float) -> float:
 
     .. math:: \log\pi(\hat b) = \tfrac12 \log|F^T F| - \tfrac f2 \log(\pi N \sigma_0^2)
 
-    to within f / (2 N). What it costs to fit a constant is then half log N, as in Schwarz's criterion (Kass &
-    Wasserman 1995).
+    to about f / (2 N) where columns with a prior cannot take the place of F. What it costs to fit a constant is then
+    half log N, as in Schwarz's criterion (Kass & Wasserman 1995).
 
     Parameters
     ----------

@@ -22,7 +22,7 @@ def tonic(folder, muscle, period=2.0):
 
 def identified(method, ensemble, muscle):
     """Model; that strong reflexes are no second-order dynamics is told by the methods that can tell."""
-    if muscle != "plantarflexor" or method.key == "kbr":
+    if muscle != "plantarflexor":
         return method.identify(ensemble)
     with pytest.warns(tv.DoubtfulWarning, match="the joint is not of second order"):
         return method.identify(ensemble)

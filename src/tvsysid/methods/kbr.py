@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import toeplitz
 from scipy.signal import firwin
 
 from tvsysid.errors import DoubtfulWarning, InputError
@@ -28,13 +29,13 @@ from tvsysid.methods.record import (
     times_of,
     weak_prior,
 )
-from tvsysid.methods.residuals import colour, residual
+from tvsysid.methods.residuals import colour, residual, second_order_agreement
 from tvsysid.methods.search import Search
 from tvsysid.models import QUANTITIES, Diagnostics, SecondOrderModel, Spread
 from tvsysid.numerics.bands import arc_length
 from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.numerics.gaussian import Fit, fit
-from tvsysid.numerics.noise import power_in_band, white_share
+from tvsysid.numerics.noise import autocovariance, cross_covariance, power_in_band, white_share
 from tvsysid.signals import Ensemble
 
 Array = NDArray[np.float64]
@@ -116,7 +117,9 @@ class KernelRegression(Method):
     Its cost grows with the cube of the record where the decay is short against it: of 600 s at 30 s there are 3800
     coefficients, which take some 10 s.
 
-    The noise variance is estimated from the residual, with the effective number of parameters taken off.
+    The noise variance is estimated from the residual, with the effective number of parameters taken off. The
+    diagnostics' ``second_order_agreement`` says how much of the torque that answers to the angle a model of order 2
+    explains.
 
     The bands are those of the posterior, which takes the noise as white within the band, times a factor for its colour
     (:func:`tvsysid.numerics.noise.colour_factors`). The posterior counts what the prior smooths away only as far as the
@@ -210,7 +213,7 @@ class KernelRegression(Method):
 
         inner = padded(_with_zeros(impedance)[missing : len(impedance) - missing], missing)
         labels = tuple(f"{name} {j}" for name in QUANTITIES[: self.order + 1] for j in range(kernel.columns))
-        return KernelModel(
+        model = KernelModel(
             method=repr(self),
             sampling_rate=ensemble.sampling_rate,
             time=ensemble.time,
@@ -224,10 +227,12 @@ class KernelRegression(Method):
             phase=_common_phase(ensemble, period),
             lag=self.lag,
             spread=spread,
-            diagnostics=Diagnostics(
-                fit.effective, details={"noise_variance": fit.noise_variance, "iterations": fit.iterations}
-            ),
+            diagnostics=Diagnostics(fit.effective),
         )
+        details = {"noise_variance": fit.noise_variance, "iterations": fit.iterations}
+        if self.order == 2:
+            details["second_order_agreement"] = _agreement(model, ensemble)
+        return replace(model, diagnostics=replace(model.diagnostics, details=details))
 
     @property
     def _gammas(self) -> Array:
@@ -349,6 +354,21 @@ class KernelModel(SecondOrderModel):
                 warnings.warn(f"{name}: the model has no {quantity} (order {order})", DoubtfulWarning, stacklevel=4)
                 return np.full(len(self.time), np.nan), np.full(len(self.time), np.nan)
         return None
+
+
+def _agreement(model: KernelModel, ensemble: Ensemble) -> float:
+    """How much of the torque that answers to the angle, lagged if the model has a lag, it explains, in per cent."""
+    fit = SecondOrderModel._predict(model, ensemble)
+    known = np.isfinite(fit).all(axis=0)
+    angle, torque = (x[:, ensemble.core][:, known] for x in (ensemble.angle, ensemble.torque))
+    fit, left = fit[:, known], torque - fit[:, known]
+    return second_order_agreement(
+        float(np.mean(fit**2)),
+        cross_covariance(angle, left, HALF_WIDTH),
+        toeplitz(autocovariance(angle, 2 * HALF_WIDTH)),
+        float(np.mean(left**2)),
+        left.size,
+    )
 
 
 def _inverse(precision: Array) -> Array:

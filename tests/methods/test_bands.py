@@ -40,15 +40,29 @@ def lagged(ensemble, time, lags):
     return ensemble.angle[:, centre - lags : centre + lags + 1][:, ::-1]
 
 
+def prepared(ensemble, subtracted):
+    return tv.preprocess.subtract_mean(ensemble) if subtracted else ensemble
+
+
+def test_an_ensemble_without_its_mean_has_the_noise_of_one_realization_less():
+    ensemble = ensemble_of(40.0)
+    assert residuals.independent_realizations(ensemble) == 20
+    without = tv.preprocess.subtract_mean(ensemble)
+    assert residuals.independent_realizations(without) == 19
+    assert residuals.independent_realizations(without.select(np.arange(15))) == 15
+    assert residuals.independent_realizations(ensemble.select([3])) == 1
+
+
+@pytest.mark.parametrize("subtracted", [False, True])
 @pytest.mark.parametrize("solver", ["full", "lstsq"])
-def test_ensemble_response_has_the_variance_of_least_squares(solver):
-    ensemble = ensemble_of(150.0, "sine", "prbs")
+def test_ensemble_response_has_the_variance_of_least_squares(solver, subtracted):
+    ensemble = prepared(ensemble_of(150.0, "sine", "prbs"), subtracted)
     model = tv.EnsembleIRF(max_lag=0.04, solver=solver).identify(ensemble)
     lower, upper = model.stiffness_band(0.9)
     for time in (0, 57, 199):
         inputs, output = lagged(ensemble, time, 4), ensemble.torque[:, ensemble.context + time]
         weights = np.linalg.lstsq(inputs, output, rcond=None)[0]
-        freedom = len(output) - 9
+        freedom = len(output) - 9 - subtracted  # an intercept was fitted too
         variance = np.sum((output - inputs @ weights) ** 2) / freedom
         area = np.sqrt(variance * np.linalg.inv(inputs.T @ inputs).sum())
         assert model.stiffness[time] == pytest.approx(weights.sum(), rel=1e-8)
@@ -58,13 +72,22 @@ def test_ensemble_response_has_the_variance_of_least_squares(solver):
         np.testing.assert_allclose(model.random_error.deviation[1:, time], fit[1:], rtol=1e-5)
 
 
-@pytest.mark.parametrize("context", [0.5, 0.14, 0.0])
-def test_short_segments_have_the_variance_of_the_dense_sandwich(context):
-    ensemble = ensemble_of(40.0, "sine", "prbs", context=context)
+def test_the_rank_does_not_choose_its_own_noise():
+    # Of few realizations, a truncation leaves what suits it; all directions leave noise alone.
+    ensemble = ensemble_of(60.0, "sine", "noise")
+    truncated, full = (tv.EnsembleIRF(solver=solver).identify(ensemble) for solver in ("mdl", "full"))
+    assert truncated.diagnostics.rank.mean() < 24
+    np.testing.assert_allclose(truncated.random_error.deviation[1:], full.random_error.deviation[1:], rtol=1e-9)
+    np.testing.assert_array_equal(truncated.random_error.freedom, 30 - 25)
+
+
+@pytest.mark.parametrize(("context", "subtracted"), [(0.5, False), (0.14, False), (0.0, False), (0.14, True)])
+def test_short_segments_have_the_variance_of_the_dense_sandwich(context, subtracted):
+    ensemble = prepared(ensemble_of(40.0, "sine", "prbs", context=context), subtracted)
     lags, half = 12, 5
     model = tv.ShortDataSegments().identify(ensemble)
     windows = correlations.solve_windows(ensemble, lags, half, lambda _, *moments: correlations_of(*moments))
-    taken = np.eye(2 * half + 1)[0] * np.mean(windows.rank / windows.samples)
+    taken = np.eye(2 * half + 1)[0] * np.mean(windows.rank / windows.samples) * 20 / (20 - subtracted)
     colour = residuals.correlation(residuals.residual(ensemble, windows.weights, lags), taken)
     missing = max(0, lags - ensemble.context)
     margin = min(half, max(0, ensemble.context - lags))
@@ -111,17 +134,19 @@ def test_regression_without_prior_has_the_variance_of_least_squares_times_the_co
     assert factor.mean() > 1.2  # the noise is stronger where stiffness shows than on the average
 
 
-def test_response_at_rest_has_the_variance_of_a_regression_with_unequal_errors():
-    ensemble = ensemble_of(40.0, "sine", "prbs")
+@pytest.mark.parametrize("subtracted", [False, True])
+def test_response_at_rest_has_the_variance_of_a_regression_with_unequal_errors(subtracted):
+    ensemble = prepared(ensemble_of(40.0, "sine", "prbs"), subtracted)
     model = tv.EnsembleSpectral().identify(ensemble)
     for time in (0, 101, 199):
         segment = slice(ensemble.context + time - 15, ensemble.context + time + 15)
         inputs, outputs = ensemble.angle[:, segment] @ hann(30), ensemble.torque[:, segment] @ hann(30)
         slope = inputs @ outputs / (inputs @ inputs)
-        errors, leverage = outputs - slope * inputs, inputs**2 / (inputs @ inputs)
+        regressors = np.stack([inputs, np.ones(20)][: 1 + subtracted], axis=1)
+        errors, leverage = outputs - slope * inputs, np.diag(regressors @ np.linalg.pinv(regressors))
         variance = np.sum(inputs**2 * errors**2 / (1 - leverage)) / (inputs @ inputs) ** 2
         assert model.random_error.deviation[0, time] ** 2 == pytest.approx(variance, rel=1e-9)
-        width = stats.t.ppf(0.975, 19) * np.sqrt(variance)
+        width = stats.t.ppf(0.975, 19 - subtracted) * np.sqrt(variance)
         assert model.stiffness_band()[1][time] - model.stiffness[time] == pytest.approx(width, rel=1e-9)
 
 

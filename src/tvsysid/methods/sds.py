@@ -85,7 +85,7 @@ class ShortDataSegments(Method):
             windows.weights,
             windows.impedance,
             lags,
-            window_diagnostics(ensemble, windows, lags),
+            window_diagnostics(ensemble, windows, lags, half),
             lambda: window_spread(ensemble, lags, windows, coloured_variances(ensemble, lags, half, windows)),
         )
 

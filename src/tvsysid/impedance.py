@@ -148,7 +148,8 @@ def agreement(fitted: Array, beyond: Array, chance: Array) -> float:
 
 def _inverses(matrices: Array) -> Array:
     """Inverses of symmetric matrices, shape (time, 3, 3); NaN where there is none."""
-    scale = np.sqrt(np.maximum(np.diagonal(matrices, axis1=1, axis2=2), np.finfo(float).tiny))
+    power = np.diagonal(matrices, axis1=1, axis2=2)
+    scale = np.sqrt(np.where(power > 0, power, np.inf))  # what has no power is not determined
     scales = scale[:, :, None] * scale[:, None, :]
     scaled = matrices / scales
     determined = np.linalg.det(scaled) > SINGULAR

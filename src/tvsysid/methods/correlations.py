@@ -146,7 +146,9 @@ def window_spread(ensemble: Ensemble, lags: int, windows: Windows, variances: Ar
     """Random error from variances (time, 3) at the times whose lags lie within the context."""
     missing = missing_edge(lags, ensemble)
     freedom = np.broadcast_to(windows.freedom[:, None], variances.shape)
-    return Spread(padded(np.sqrt(variances), missing).T, padded(freedom, missing).T)
+    # A negative one is rounding: of hardly any motion within the lags, next to nothing is known.
+    deviations = np.sqrt(np.where(variances >= 0, variances, np.nan))
+    return Spread(padded(deviations, missing).T, padded(freedom, missing).T)
 
 
 def window_diagnostics(ensemble: Ensemble, windows: Windows, lags: int, half: int) -> Diagnostics:

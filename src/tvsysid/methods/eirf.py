@@ -19,6 +19,7 @@ from tvsysid.methods.correlations import (
 )
 from tvsysid.methods.evidence import Evidence
 from tvsysid.methods.halves import evidence_by_halves
+from tvsysid.methods.residuals import counted, independent_realizations
 from tvsysid.models import ImpulseResponseModel, Spread
 from tvsysid.numerics import pseudoinverse
 from tvsysid.numerics.pseudoinverse import Order, Solution
@@ -92,9 +93,9 @@ class EnsembleIRF(Method):
         windows = solve_windows(ensemble, lags, 0, solve)
         # Realizations lie seconds apart: whatever the noise's colour, it is white across them.
         spread = window_spread(ensemble, lags, windows, windows.white)
-        if len(ensemble) <= 2 * lags + 1:
+        if independent_realizations(ensemble) <= 2 * lags + 1:
             why = (
-                f"{len(ensemble)} realizations are no more than the {2 * lags + 1} lags: nothing tells the noise from "
+                f"{counted(ensemble)} are no more than the {2 * lags + 1} lags: nothing tells the noise from "
                 "what the joint does; record more, or shorten max_lag"
             )
             spread = Spread.none(ensemble.samples, why)

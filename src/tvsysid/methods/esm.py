@@ -26,7 +26,14 @@ from tvsysid.methods.base import (
 )
 from tvsysid.methods.evidence import Evidence
 from tvsysid.methods.halves import evidence_by_halves
-from tvsysid.methods.residuals import LONGEST_COLOUR, Colour, colour, independent_realizations, second_order_agreement
+from tvsysid.methods.residuals import (
+    LONGEST_COLOUR,
+    Colour,
+    colour,
+    counted,
+    independent_realizations,
+    second_order_agreement,
+)
 from tvsysid.models import Diagnostics, FrequencyResponseModel, Spread
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.moments import convolve_lags
@@ -39,6 +46,8 @@ Stiffness = Literal["dc", "fit"]
 
 FEWEST = 10
 """Realizations below which averaged spectra say little."""
+FEWEST_AT_REST = 2
+"""Independent realizations below which those leave nothing of the noise at 0 Hz."""
 OVERSAMPLED = 1e-6
 """Share of the angle's power in the upper half of the band below which it counts as sampled too fast."""
 EXCITED = 1e-6
@@ -127,12 +136,19 @@ class EnsembleSpectral(Method):
         frequencies = np.asarray(np.fft.rfftfreq(length, 1 / ensemble.sampling_rate), dtype=np.float64)
         fit = _segment_fit(ensemble, hann(length) ** 2, missing, (first, last))
         impedance, variance, freedom = fit.impedance, fit.variance, fit.freedom
+        absent = ""
         if self.stiffness == "dc":
             impedance, variance, freedom = impedance.copy(), variance.copy(), freedom.copy()
             impedance[:, 0] = response[:, 0].real
             independent = independent_realizations(ensemble)
             variance[:, 0] = _variance_at_rest(angle, torque, hann(length), impedance[:, 0], independent)
             freedom[:, 0] = max(independent - 1, 1)
+            if independent < FEWEST_AT_REST:
+                absent = (
+                    f"{counted(ensemble)} tell nothing of the noise at 0 Hz: there is one number of each; record more, "
+                    "or set stiffness to 'fit'"
+                )
+                variance[:, 0] = np.nan
         stiffness, viscosity, inertia = padded(impedance, *missing).T
         details = {"second_order_agreement": fit.agreement}
         return FrequencyResponseModel(
@@ -148,7 +164,7 @@ class EnsembleSpectral(Method):
             excited=padded(excited, *missing) > 0,
             segment=length,
             diagnostics=Diagnostics(float(length), details=details),
-            spread=Spread(padded(np.sqrt(variance), *missing).T, padded(freedom, *missing).T),
+            spread=Spread(padded(np.sqrt(variance), *missing).T, padded(freedom, *missing).T, absent=absent),
         )
 
     def _doubts(self, ensemble: Ensemble) -> Iterator[str]:

@@ -29,6 +29,13 @@ def independent_realizations(ensemble: Ensemble) -> int:
     return len(ensemble) - 1 if mean <= SUBTRACTED * size else len(ensemble)
 
 
+def counted(ensemble: Ensemble) -> str:
+    """How many realizations there are and what they are worth, in words."""
+    count, independent = len(ensemble), independent_realizations(ensemble)
+    said = f"{count} realization{'s' * (count > 1)}"
+    return said if independent == count else f"{said}, worth {independent} with their mean subtracted,"
+
+
 class Colour(NamedTuple):
     """Autocorrelation of the ``noise`` (lag,), and covariances of the ``regressors`` (lag, regressor, regressor)."""
 

@@ -103,10 +103,10 @@ def regressor_covariances(filters: Array, angle: Array, lags: int) -> Array:
     missing = max(0, width + lags - angle.shape[1])
     if missing:
         angle = np.pad(angle, ((0, 0), (missing - missing // 2, missing // 2)), mode="reflect", reflect_type="odd")
-    signals = np.moveaxis(sliding_window_view(angle, width, axis=1)[:, :, ::-1] @ filters.T, 2, 0)
-    count = signals.shape[2]
+    count = angle.shape[1] - width + 1
+    signals = np.ascontiguousarray(filters[:, ::-1]) @ sliding_window_view(angle, count, axis=1)
     size = next_fast_len(count + lags, real=True)
-    spectra = rfft(signals, size, axis=2).transpose(2, 0, 1)
+    spectra = np.ascontiguousarray(rfft(signals, size, axis=2).transpose(2, 1, 0))
     products = irfft(spectra.conj() @ spectra.transpose(0, 2, 1), size, axis=0)[: lags + 1]
     return np.asarray(products / (count * len(angle)))
 

@@ -122,7 +122,7 @@ class Bootstrap:
 
     @property
     def _identified(self) -> NDArray[np.bool_]:
-        return np.isfinite(self.stiffness).any(axis=1)
+        return np.asarray(np.isfinite(self.stiffness).any(axis=1))
 
     def _band(self, quantity: int, level: float) -> tuple[Array, Array]:
         name = QUANTITIES[quantity]
@@ -228,7 +228,8 @@ def bootstrap(method: Any, ensemble: Ensemble, count: int, seed: int, progress: 
         if count - len(reasons) < FEWEST:
             raise InputError(f"bootstrap: {said}; at least {FEWEST} are needed")
         warnings.warn(f"bootstrap: {said}; they are left out", DoubtfulWarning, stacklevel=2)
-    return Bootstrap(model, len(ensemble), *found, failed=len(reasons))
+    stiffness, viscosity, inertia = found
+    return Bootstrap(model, len(ensemble), stiffness, viscosity, inertia, len(reasons))
 
 
 def _mean(values: Array) -> Array:

@@ -161,6 +161,7 @@ def bands_table(quick: bool) -> Table:
     methods = {
         "eirf": tv.EnsembleIRF(),
         "sds": tv.ShortDataSegments(),
+        "sds, window 0.4 s": tv.ShortDataSegments(window=0.4),
         "birf": tv.BasisIRF(),
         "birf, no prior": tv.BasisIRF(prior="none"),
         "esm": tv.EnsembleSpectral(),
@@ -182,7 +183,7 @@ def bands_table(quick: bool) -> Table:
 
 def no_readout(phi_uu: Array, *_: Any) -> Readout:
     nothing = np.zeros(len(phi_uu))
-    return Readout(np.zeros((len(phi_uu), 3, phi_uu.shape[1])), nothing, nothing)
+    return Readout(np.zeros((len(phi_uu), 3, phi_uu.shape[1])), nothing)
 
 
 def no_fit(ensemble: tv.Ensemble, *_: Any) -> _Fit:
@@ -195,6 +196,7 @@ BAND_WORK: dict[str, Call] = {
     "kbr._spread": lambda *_: None,
     "sds.coloured_variances": lambda _, __, ___, windows: windows.white,
     "correlations.second_order_readout": no_readout,
+    "correlations._agreement_error": lambda *_: 0.0,
     "esm._segment_fit": no_fit,
     "esm._variance_at_rest": lambda *_: 0.0,
 }

@@ -139,6 +139,7 @@ def _metrics(cell, left):
     yield "lowest_vaf", float(cell.vaf.sel(statistic="lowest").min()), nan, "%"
     yield "lowest_time_varying_vaf", float(cell.time_varying_vaf.mean("trial").min()), nan, "%"
     yield "coverage", 100 * float(cell.covered.mean()), nan, "%"
+    yield "without_band", 100 * float(cell.covered.isnull().mean()), nan, "%"
     yield "left_out", 0.0, nan, "samples"
     yield "failed", float((cell.failure != "").sum()), nan, "trials"
     yield "seconds", float(cell.seconds.mean()), nan, "s"

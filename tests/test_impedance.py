@@ -21,7 +21,7 @@ def test_fit_to_a_full_response_is_least_squares_on_the_derivatives(joint):
     angle, torque, signals = joint
     phi_uu, phi_uy, _, _ = moments.lagged_moments(angle, torque, LAGS)
     solution = pseudoinverse.full(phi_uu, phi_uy)
-    matrix, fitted, beyond = impedance.second_order_readout(phi_uu, phi_uy, solution.inverse, RATE)
+    matrix, fitted = impedance.second_order_readout(phi_uu, phi_uy, solution.inverse, RATE)
     found = np.einsum("tml,tl->tm", matrix, phi_uy)
     np.testing.assert_allclose(found[:, 0], solution.weights.sum(axis=1), rtol=1e-9)
     for time in (0, 20, 47):
@@ -32,19 +32,19 @@ def test_fit_to_a_full_response_is_least_squares_on_the_derivatives(joint):
         inputs = angle[:, time : time + 2 * LAGS + 1]
         left = output - regressors @ expected
         explained = inputs @ np.linalg.lstsq(inputs, left, rcond=None)[0]
-        assert beyond[time] == pytest.approx(np.mean(explained**2), rel=1e-4)
+        assert solution.explained[time] - fitted[time] == pytest.approx(np.mean(explained**2), rel=1e-4)
 
 
 def test_fit_needs_no_more_than_three_directions_of_the_input(joint):
     angle, torque, _ = joint
     phi_uu, phi_uy, _, _ = moments.lagged_moments(angle, torque, LAGS)
-    matrix, _, _ = impedance.second_order_readout(phi_uu, phi_uy, np.zeros_like(phi_uu), RATE)
-    whole, _, _ = impedance.second_order_readout(phi_uu, phi_uy, pseudoinverse.full(phi_uu, phi_uy).inverse, RATE)
+    matrix, _ = impedance.second_order_readout(phi_uu, phi_uy, np.zeros_like(phi_uu), RATE)
+    whole, _ = impedance.second_order_readout(phi_uu, phi_uy, pseudoinverse.full(phi_uu, phi_uy).inverse, RATE)
     np.testing.assert_array_equal(matrix[:, 1:], whole[:, 1:])
     time = np.arange(60) / RATE
     one = np.tile(np.sin(20 * time), (5, 1)) * np.arange(1, 6)[:, None]  # acceleration is in proportion to the angle
     phi_uu, phi_uy, _, _ = moments.lagged_moments(one, torque[:5], LAGS)
-    matrix, _, _ = impedance.second_order_readout(phi_uu, phi_uy, np.zeros_like(phi_uu), RATE)
+    matrix, _ = impedance.second_order_readout(phi_uu, phi_uy, np.zeros_like(phi_uu), RATE)
     assert np.isnan(matrix[:, 1:]).all()
 
 

@@ -48,7 +48,7 @@ def test_tonic_stiffness_is_flat_and_as_expected(recordings_folder, muscle, key)
 @pytest.mark.parametrize("muscle", MUSCLES)
 def test_tonic_stiffness_from_enough_realizations_is_found_by_the_ensemble_alone(recordings_folder, muscle):
     # 28 realizations of 2 s are hardly more than the 25 lags; half a second gives four times as many.
-    model = tv.EnsembleIRF().identify(tonic(recordings_folder, muscle, 0.5))
+    model = identified(tv.EnsembleIRF(), tonic(recordings_folder, muscle, 0.5), muscle)
     low, high = EXPECTED[muscle]
     assert 0.95 * low < model.stiffness.mean() < 1.05 * high
     assert model.stiffness.std() / model.stiffness.mean() < (0.25 if muscle == "plantarflexor" else 0.1)

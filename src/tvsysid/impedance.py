@@ -43,12 +43,11 @@ class Readout(NamedTuple):
     """What stiffness, viscosity and inertia are of the correlations at each time.
 
     ``matrix`` (time, 3, lag): times the correlations of input and output it gives the three; ``fitted`` (time,): the
-    output's power that the second-order fit explains; ``beyond`` (time,): what lagged inputs explain of the rest.
+    output's power that the second-order fit explains.
     """
 
     matrix: Array
     fitted: Array
-    beyond: Array
 
 
 def second_order_readout(phi_uu: Array, phi_uy: Array, inverse: Array, sampling_rate: float) -> Readout:
@@ -83,10 +82,8 @@ def second_order_readout(phi_uu: Array, phi_uy: Array, inverse: Array, sampling_
     fit = inverted @ derivative
     cross = phi_uy @ derivative.T
     found = (inverted @ cross[..., None])[..., 0]
-    left = phi_uy - (filtered @ found[..., None])[..., 0]
-    beyond = np.einsum("tl,tlk,tk->t", left, inverse, left, optimize=True)
     matrix = np.concatenate([inverse.sum(axis=2)[:, None], fit[:, 1:]], axis=1)
-    return Readout(matrix, np.einsum("tm,tm->t", found, cross), beyond)
+    return Readout(matrix, np.einsum("tm,tm->t", found, cross))
 
 
 class MomentFit(NamedTuple):
@@ -151,7 +148,8 @@ def agreement(fitted: Array, beyond: Array, chance: Array) -> float:
 
 def _inverses(matrices: Array) -> Array:
     """Inverses of symmetric matrices, shape (time, 3, 3); NaN where there is none."""
-    scale = np.sqrt(np.maximum(np.diagonal(matrices, axis1=1, axis2=2), np.finfo(float).tiny))
+    power = np.diagonal(matrices, axis1=1, axis2=2)
+    scale = np.sqrt(np.where(power > 0, power, np.inf))  # what has no power is not determined
     scales = scale[:, :, None] * scale[:, None, :]
     scaled = matrices / scales
     determined = np.linalg.det(scaled) > SINGULAR

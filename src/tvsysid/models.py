@@ -101,7 +101,7 @@ class Spread:
         Of each quantity, how far it moves over the period apart from its size; see
         :func:`tvsysid.numerics.bands.simultaneous_value`.
     absent
-        Why there is none, if there is none.
+        Why there is none of some quantity at any time, if so.
     """
 
     deviation: Array
@@ -114,6 +114,10 @@ class Spread:
             values = np.array(getattr(self, name))
             values.flags.writeable = False
             object.__setattr__(self, name, values)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Arrays that come out of a pickle can be written to; those of an object that is made anew cannot.
+        return type(self), (self.deviation, self.freedom, self.arcs, self.absent)
 
     @classmethod
     def none(cls, times: int, why: str) -> Spread:
@@ -174,6 +178,11 @@ class Model(ABC):
     def __getstate__(self) -> dict[str, Any]:
         # What works out the random error holds the data; a model that travels takes the result instead.
         return self.__dict__ | {"spread": self.random_error}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        # Arrays that come out of a pickle can be written to.
+        Model.__post_init__(self)
 
     def predict(self, ensemble: Ensemble) -> Array:
         """Torque that the model gives for the ensemble's angle.
@@ -248,10 +257,10 @@ class Model(ABC):
             return given
         spread = self.random_error or Spread.none(len(self.time), "the method tells nothing of its random error")
         deviation = spread.deviation[quantity]
-        if spread.absent:
-            warnings.warn(f"{QUANTITIES[quantity]}_band: {spread.absent}", DoubtfulWarning, stacklevel=3)
         width = np.full(len(self.time), np.nan)
         known = np.isfinite(deviation)
+        if spread.absent and not known.any():
+            warnings.warn(f"{QUANTITIES[quantity]}_band: {spread.absent}", DoubtfulWarning, stacklevel=3)
         freedom = spread.freedom[quantity][known]
         if simultaneous:
             width[known] = simultaneous_value(level, freedom, spread.arcs[quantity])

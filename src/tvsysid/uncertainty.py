@@ -37,6 +37,8 @@ class Bootstrap:
         How many were drawn from.
     stiffness, viscosity, inertia
         Of each draw, in N·m/rad, N·m·s/rad and kg·m², shape (draw, time); NaN where not identified.
+    failed
+        How many draws could not be identified; they are all NaN.
     """
 
     model: Model
@@ -44,6 +46,7 @@ class Bootstrap:
     stiffness: Array
     viscosity: Array
     inertia: Array
+    failed: int = 0
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -60,7 +63,8 @@ class Bootstrap:
         deviation = _deviation(self.stiffness)
         known = np.isfinite(deviation)
         size = f"±{deviation[known].mean():.2g} N·m/rad (standard deviation)" if known.any() else "not known"
-        return f"Bootstrap({len(self)} draws of {self.model.method}: stiffness {size})"
+        failed = f", {self.failed} failed," if self.failed else ""
+        return f"Bootstrap({len(self)} draws{failed} of {self.model.method}: stiffness {size})"
 
     def stiffness_band(self, level: float = 0.95) -> tuple[Array, Array]:
         """Band about the stiffness at each time by itself.
@@ -89,6 +93,36 @@ class Bootstrap:
     def inertia_band(self, level: float = 0.95) -> tuple[Array, Array]:
         """Band about the inertia in kg·m², as :meth:`stiffness_band`."""
         return self._band(2, level)
+
+    def simultaneous_stiffness_band(self, level: float = 0.95) -> tuple[Array, Array]:
+        r"""Band that holds the true stiffness at all times together with a probability of about ``level``.
+
+        Each draw's largest distance from the draws' mean, in standard deviations at its time, is one of a sample of
+        what the estimate's own will be. The band is wider than :meth:`stiffness_band` by the ratio of that sample's
+        ``level`` quantile to the one of a single time:
+
+        .. math:: \frac{q\left(\max_t |k_b(t) - \bar k(t)| / s(t)\right)}{z}
+
+        with z the quantile of the normal distribution. The quantile of so few draws is coarse: of a hundred, 95 % is
+        the fifth largest. Never narrower than :meth:`stiffness_band`, whose parameters and result it has.
+
+        References
+        ----------
+        Davison and Hinkley 1997, Bootstrap Methods and their Application, section 4.2.4.
+        """
+        lower, upper = self._band(0, level)
+        deviation = _deviation(self.stiffness)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            distances = np.abs(self.stiffness - _mean(self.stiffness)) / deviation
+        largest = np.max(distances, axis=1, where=np.isfinite(distances), initial=0.0)[self._identified]
+        at_one = float(critical_value(level, np.array(np.inf)))
+        wider = max(1.0, float(np.quantile(largest, level)) / at_one) if len(largest) else 1.0
+        centre, width = (lower + upper) / 2, (upper - lower) / 2
+        return centre - wider * width, centre + wider * width
+
+    @property
+    def _identified(self) -> NDArray[np.bool_]:
+        return np.asarray(np.isfinite(self.stiffness).any(axis=1))
 
     def _band(self, quantity: int, level: float) -> tuple[Array, Array]:
         name = QUANTITIES[quantity]
@@ -137,7 +171,13 @@ def bootstrap(method: Any, ensemble: Ensemble, count: int, seed: int, progress: 
     Raises
     ------
     InputError
-        For fewer than two draws or realizations, or what the method refuses.
+        For fewer than two draws or realizations, what the method refuses of the whole, or fewer than two draws that it
+        can identify.
+
+    Warns
+    -----
+    DoubtfulWarning
+        If the method cannot identify some draws: how many, and why the first. They are left out.
 
     References
     ----------
@@ -169,21 +209,38 @@ def bootstrap(method: Any, ensemble: Ensemble, count: int, seed: int, progress: 
     model = adopted(method.identify(ensemble), label, ensemble)
     found = np.empty((len(QUANTITIES), count, ensemble.samples))
     every = np.arange(len(ensemble))
+    reasons = []
     for draw, times in enumerate(weights):
-        drawn = ensemble.select(np.repeat(every, times))
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DoubtfulWarning)
-            own = adopted(method.identify(drawn), label, drawn)
-        found[:, draw] = [getattr(own, name) for name in QUANTITIES]
+        try:
+            drawn = ensemble.select(np.repeat(every, times))
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", DoubtfulWarning)
+                own = adopted(method.identify(drawn), label, drawn)
+            found[:, draw] = [getattr(own, name) for name in QUANTITIES]
+        # One draw may be what no other is, and a method of one's own may raise anything.
+        except Exception as error:
+            reasons.append(f"{type(error).__name__}: {error}")
+            found[:, draw] = np.nan
         if progress is not None:
             progress(draw + 1, count)
-    return Bootstrap(model, len(ensemble), *found)
+    if reasons:
+        said = f"{label} could not identify {len(reasons)} of {count} draws (the first: {reasons[0]})"
+        if count - len(reasons) < FEWEST:
+            raise InputError(f"bootstrap: {said}; at least {FEWEST} are needed")
+        warnings.warn(f"bootstrap: {said}; they are left out", DoubtfulWarning, stacklevel=2)
+    stiffness, viscosity, inertia = found
+    return Bootstrap(model, len(ensemble), stiffness, viscosity, inertia, len(reasons))
+
+
+def _mean(values: Array) -> Array:
+    """Mean over draws, of those that have an estimate."""
+    known = np.isfinite(values)
+    return np.asarray(np.sum(values, axis=0, where=known) / np.maximum(known.sum(axis=0), 1))
 
 
 def _deviation(values: Array) -> Array:
     """Standard deviation over draws, of those that have an estimate."""
     known = np.isfinite(values)
     number = known.sum(axis=0)
-    centre = np.sum(values, axis=0, where=known) / np.maximum(number, 1)
-    squares = np.sum((values - centre) ** 2, axis=0, where=known)
+    squares = np.sum((values - _mean(values)) ** 2, axis=0, where=known)
     return np.where(number >= FEWEST, np.sqrt(squares / np.maximum(number - 1, 1)), np.nan)

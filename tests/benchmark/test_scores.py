@@ -190,11 +190,24 @@ def test_coverage_everywhere_about_the_switches_and_away(random):
     assert np.isnan(other.sel(metric=["coverage_at_switch", "coverage_away"])).all()
 
 
-def test_coverage_counts_the_times_at_which_all_trials_have_a_band(random):
+def test_coverage_counts_every_band_there_is_and_tells_how_many_there_are_not(random):
     covered = np.ones((4, 200))
     covered[1, :100] = np.nan
     covered[2, 100:150] = 0.0
-    value = score(made_up(noisy(random, 4), covered=covered)).value
-    assert value.sel(metric="coverage").item() == pytest.approx(100 * (1 - 50 / 400))
+    scores = score(made_up(noisy(random, 4), covered=covered))
+    edges = np.where(np.isnan(covered), np.nan, covered - 1)
+    expected = tv.metrics.coverage(edges, edges, np.zeros(200))
+    assert expected == pytest.approx(100 * (1 - 50 / 700))
+    assert scores.value.sel(metric="coverage").item() == pytest.approx(expected)
+    assert scores.value.sel(metric="without_band").item() == pytest.approx(100 * 100 / 800)
     covered[1] = np.nan
-    assert np.isnan(score(made_up(noisy(random, 4), covered=covered)).value.sel(metric="coverage"))
+    scores = score(made_up(noisy(random, 4), covered=covered))
+    assert scores.value.sel(metric="coverage").item() == pytest.approx(100 * (1 - 50 / 600))
+    assert scores.value.sel(metric="without_band").item() == 25
+    draws = scores.replicates.sel(metric="coverage").values.ravel()
+    # A draw of the trial without a band alone, one of 256, tells nothing.
+    assert np.isnan(draws).mean() == pytest.approx(1 / 256, abs=0.01)
+    covered[:] = np.nan
+    value = score(made_up(noisy(random, 4), covered=covered)).value
+    assert np.isnan(value.sel(metric="coverage"))
+    assert value.sel(metric="without_band").item() == 100

@@ -51,7 +51,7 @@ def test_share_of_trials_over_time(made):
     assert figure.axes[0].get_ylabel() == "trials whose 95 % band\nholds the truth (%)"
 
 
-def test_no_line_without_bands_and_no_share_where_a_trial_has_none(made):
+def test_no_line_without_bands_and_trials_without_one_do_not_count(made):
     made.covered[0, :, 0] = np.nan
     made.covered[0, 1, 1, :50] = np.nan
     figure = coverage_over_time(made, [LABEL])
@@ -59,6 +59,12 @@ def test_no_line_without_bands_and_no_share_where_a_trial_has_none(made):
     shown = shares(figure)
     assert legend(figure) == ["esm", "kbr", "nominal"]
     assert list(shown) == ["esm", "kbr"]
+    np.testing.assert_allclose(shown["esm"][:98], 100)
+    made.covered[0, 3, 2, :100] = np.nan  # the one whose bands miss the truth
+    made.covered[0, :, 1, :50] = np.nan
+    shown = shares(coverage_over_time(made, [LABEL]))
+    np.testing.assert_allclose(shown["kbr"][:98], 100)
+    np.testing.assert_allclose(shown["kbr"][102:], 75)
     assert np.isnan(shown["esm"][:50]).all()
     np.testing.assert_allclose(shown["esm"][50:98], 100)
 
@@ -90,6 +96,11 @@ def test_what_is_told_below_it(made):
     assert told.title == "Square-wave stiffness: how often the bands hold the truth, 150 s"
     assert "With filtered noise: sds 100 %, esm 50 %, kbr 75 % over all times." in told.description
     assert "about a switch bands miss the truth." in told.description
+    assert "no band" not in told.description
+    made.covered[0, 3, 2, :10] = np.nan
+    made.covered[0, 2, 1] = np.nan
+    told = study_figures(made, summary_of(made))["coverage-square"]
+    assert "Of these times and trials no band, and not counted: esm 25 %, kbr 1 %." in told.description
 
 
 def test_a_study_whose_methods_have_no_bands_has_no_such_figure():

@@ -1,5 +1,7 @@
 """Bands against closed forms, plain slow versions and the spread of repeated simulations."""
 
+import copy
+import pickle
 import warnings
 from functools import cache
 
@@ -40,15 +42,29 @@ def lagged(ensemble, time, lags):
     return ensemble.angle[:, centre - lags : centre + lags + 1][:, ::-1]
 
 
+def prepared(ensemble, subtracted):
+    return tv.preprocess.subtract_mean(ensemble) if subtracted else ensemble
+
+
+def test_an_ensemble_without_its_mean_has_the_noise_of_one_realization_less():
+    ensemble = ensemble_of(40.0)
+    assert residuals.independent_realizations(ensemble) == 20
+    without = tv.preprocess.subtract_mean(ensemble)
+    assert residuals.independent_realizations(without) == 19
+    assert residuals.independent_realizations(without.select(np.arange(15))) == 15
+    assert residuals.independent_realizations(ensemble.select([3])) == 1
+
+
+@pytest.mark.parametrize("subtracted", [False, True])
 @pytest.mark.parametrize("solver", ["full", "lstsq"])
-def test_ensemble_response_has_the_variance_of_least_squares(solver):
-    ensemble = ensemble_of(150.0, "sine", "prbs")
+def test_ensemble_response_has_the_variance_of_least_squares(solver, subtracted):
+    ensemble = prepared(ensemble_of(150.0, "sine", "prbs"), subtracted)
     model = tv.EnsembleIRF(max_lag=0.04, solver=solver).identify(ensemble)
     lower, upper = model.stiffness_band(0.9)
     for time in (0, 57, 199):
         inputs, output = lagged(ensemble, time, 4), ensemble.torque[:, ensemble.context + time]
         weights = np.linalg.lstsq(inputs, output, rcond=None)[0]
-        freedom = len(output) - 9
+        freedom = len(output) - 9 - subtracted  # an intercept was fitted too
         variance = np.sum((output - inputs @ weights) ** 2) / freedom
         area = np.sqrt(variance * np.linalg.inv(inputs.T @ inputs).sum())
         assert model.stiffness[time] == pytest.approx(weights.sum(), rel=1e-8)
@@ -58,13 +74,22 @@ def test_ensemble_response_has_the_variance_of_least_squares(solver):
         np.testing.assert_allclose(model.random_error.deviation[1:, time], fit[1:], rtol=1e-5)
 
 
-@pytest.mark.parametrize("context", [0.5, 0.14, 0.0])
-def test_short_segments_have_the_variance_of_the_dense_sandwich(context):
-    ensemble = ensemble_of(40.0, "sine", "prbs", context=context)
+def test_the_rank_does_not_choose_its_own_noise():
+    # Of few realizations, a truncation leaves what suits it; all directions leave noise alone.
+    ensemble = ensemble_of(60.0, "sine", "noise")
+    truncated, full = (tv.EnsembleIRF(solver=solver).identify(ensemble) for solver in ("mdl", "full"))
+    assert truncated.diagnostics.rank.mean() < 24
+    np.testing.assert_allclose(truncated.random_error.deviation[1:], full.random_error.deviation[1:], rtol=1e-9)
+    np.testing.assert_array_equal(truncated.random_error.freedom, 30 - 25)
+
+
+@pytest.mark.parametrize(("context", "subtracted"), [(0.5, False), (0.14, False), (0.0, False), (0.14, True)])
+def test_short_segments_have_the_variance_of_the_dense_sandwich(context, subtracted):
+    ensemble = prepared(ensemble_of(40.0, "sine", "prbs", context=context), subtracted)
     lags, half = 12, 5
     model = tv.ShortDataSegments().identify(ensemble)
     windows = correlations.solve_windows(ensemble, lags, half, lambda _, *moments: correlations_of(*moments))
-    taken = np.eye(2 * half + 1)[0] * np.mean(windows.rank / windows.samples)
+    taken = np.eye(2 * half + 1)[0] * np.mean(windows.rank / windows.samples) * 20 / (20 - subtracted)
     colour = residuals.correlation(residuals.residual(ensemble, windows.weights, lags), taken)
     missing = max(0, lags - ensemble.context)
     margin = min(half, max(0, ensemble.context - lags))
@@ -111,17 +136,19 @@ def test_regression_without_prior_has_the_variance_of_least_squares_times_the_co
     assert factor.mean() > 1.2  # the noise is stronger where stiffness shows than on the average
 
 
-def test_response_at_rest_has_the_variance_of_a_regression_with_unequal_errors():
-    ensemble = ensemble_of(40.0, "sine", "prbs")
+@pytest.mark.parametrize("subtracted", [False, True])
+def test_response_at_rest_has_the_variance_of_a_regression_with_unequal_errors(subtracted):
+    ensemble = prepared(ensemble_of(40.0, "sine", "prbs"), subtracted)
     model = tv.EnsembleSpectral().identify(ensemble)
     for time in (0, 101, 199):
         segment = slice(ensemble.context + time - 15, ensemble.context + time + 15)
         inputs, outputs = ensemble.angle[:, segment] @ hann(30), ensemble.torque[:, segment] @ hann(30)
         slope = inputs @ outputs / (inputs @ inputs)
-        errors, leverage = outputs - slope * inputs, inputs**2 / (inputs @ inputs)
+        regressors = np.stack([inputs, np.ones(20)][: 1 + subtracted], axis=1)
+        errors, leverage = outputs - slope * inputs, np.diag(regressors @ np.linalg.pinv(regressors))
         variance = np.sum(inputs**2 * errors**2 / (1 - leverage)) / (inputs @ inputs) ** 2
         assert model.random_error.deviation[0, time] ** 2 == pytest.approx(variance, rel=1e-9)
-        width = stats.t.ppf(0.975, 19) * np.sqrt(variance)
+        width = stats.t.ppf(0.975, 19 - subtracted) * np.sqrt(variance)
         assert model.stiffness_band()[1][time] - model.stiffness[time] == pytest.approx(width, rel=1e-9)
 
 
@@ -139,17 +166,28 @@ def test_segments_fit_is_weighted_least_squares_on_the_derivatives():
 
 @cache
 def repeated(name, duration, perturbation):
-    """Estimates, standard deviations and coverages of some trials."""
+    """Estimates, standard deviations and bands of stiffness of some trials, their mean subtracted."""
     estimates, deviations, bands = [], [], []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", tv.DoubtfulWarning)
         for seed in range(TRIALS):
-            ensemble = ensemble_of(duration, "sine", perturbation, seed=300 + seed)
+            ensemble = tv.preprocess.subtract_mean(ensemble_of(duration, "sine", perturbation, seed=300 + seed))
             model = DEFAULTS[name].identify(ensemble)
             estimates.append([model.stiffness, model.viscosity, model.inertia])
             deviations.append(model.random_error.deviation)
             bands.append(model.stiffness_band())
     return np.array(estimates), np.array(deviations), np.array(bands)
+
+
+def scatter_of(name, quantity, perturbation):
+    """Ratio of the claimed standard deviation to that of the estimates that is allowed: lowest, highest."""
+    if perturbation == "prbs" and quantity and name != "kbr":
+        # What decimation folds back from a PRBS, where it switches, adds to inertia and viscosity and is no noise.
+        return 0.65, 1.13
+    if name == "birf irf" and quantity != 1:
+        # The sparse prior takes what it prunes as known: 0.86 and 0.84 over 60 trials, without a prior 1.03 and 0.98.
+        return 0.75, 0.95
+    return 0.88, 1.14
 
 
 @pytest.mark.parametrize("perturbation", ["noise", "prbs"])
@@ -158,16 +196,37 @@ def test_bands_are_as_wide_as_estimates_scatter(name, perturbation):
     duration = 100.0 if name == "eirf" else 40.0
     estimates, deviations, bands = repeated(name, duration, perturbation)
     for quantity in range(3):
-        # One number a trial is too few to tell its scatter; and what decimation folds back from a PRBS, where it
-        # switches, adds to inertia, and to the viscosity of a single time.
-        if (name, quantity) == ("birf", 2) or (perturbation == "prbs" and quantity > (0 if name == "eirf" else 1)):
-            continue
         scatter = np.sqrt(np.mean(np.var(estimates[:, quantity], axis=0, ddof=1)))
-        claimed = np.sqrt(np.mean(deviations[:, quantity] ** 2))
-        assert claimed == pytest.approx(scatter, rel=0.2)
+        lowest, highest = scatter_of(name, quantity, perturbation)
+        assert lowest < np.sqrt(np.mean(deviations[:, quantity] ** 2)) / scatter < highest
     truth = tv.simulate.SineWave()(np.arange(200) / 100)
-    lowest = 80 if name == "esm" else 88  # at 0 Hz a bias is in the way
-    assert lowest < tv.metrics.coverage(bands[:, 0], bands[:, 1], truth) < 99
+    # At 0 Hz a bias is in the way, and where coefficients are pruned the band is too narrow.
+    lowest = {"esm": 88, "birf irf": 88}.get(name, 91)
+    assert lowest < tv.metrics.coverage(bands[:, 0], bands[:, 1], truth) < 98
+
+
+@pytest.mark.parametrize("perturbation", ["noise", "prbs"])
+@pytest.mark.parametrize("subtracted", [False, True])
+def test_bands_of_few_realizations_hold_the_truth(perturbation, subtracted):
+    truth = tv.simulate.SineWave()(np.arange(200) / 100)
+    methods = {
+        "eirf": (tv.EnsembleIRF(max_lag=0.02), 89),
+        "sds": (tv.ShortDataSegments(), 90),
+        "birf": (tv.BasisIRF(), 91),
+        "esm": (tv.EnsembleSpectral(), 90),
+        "esm fit": (tv.EnsembleSpectral(stiffness="fit"), 91),
+    }
+    held = {name: [] for name in methods}
+    for seed in range(20):
+        ensemble = prepared(ensemble_of(40.0, "sine", perturbation, seed=300 + seed).select(np.arange(9)), subtracted)
+        for name, (method, _) in methods.items():
+            model = method.identify(ensemble)
+            held[name].append([*model.stiffness_band(), *model.viscosity_band()])
+    for name, (_, lowest) in methods.items():
+        bands = np.array(held[name])
+        assert lowest < tv.metrics.coverage(bands[:, 0], bands[:, 1], truth) < 98
+        # Under the PRBS what decimation folds back adds to viscosity.
+        assert 88 < tv.metrics.coverage(bands[:, 2], bands[:, 3], np.full(200, 2.2)) < 98
 
 
 def test_fewer_realizations_than_lags_leave_no_band():
@@ -215,3 +274,62 @@ def test_a_model_of_other_people_may_bring_its_band():
         model.viscosity_band()
     with pytest.warns(tv.DoubtfulWarning, match="inertia_band: the method tells nothing of its random error"):
         assert np.isnan(model.inertia_band()).all()
+
+
+@pytest.mark.parametrize(
+    ("method", "realizations", "subtracted", "message"),
+    [
+        (tv.ShortDataSegments(), 1, False, "windows over 1 realization hold 11 independent samples for 25 lags"),
+        (tv.ShortDataSegments(), 7, True, "windows over 7 realizations, worth 6 with their mean subtracted, hold 66"),
+        (tv.ShortDataSegments(0.04, 0.4), 1, False, "hold 41 independent samples for 9 lags, where 3 for each and 2"),
+        (tv.EnsembleIRF(0.04), 10, True, "10 realizations, worth 9 with their mean subtracted, are no more than the 9"),
+        (tv.EnsembleSpectral(), 1, False, "1 realization tell nothing of the noise at 0 Hz"),
+        (tv.EnsembleSpectral(), 2, True, "2 realizations, worth 1 with their mean subtracted, tell nothing"),
+    ],
+)
+def test_too_little_data_has_no_band_and_says_why(method, realizations, subtracted, message):
+    model = method.identify(prepared(ensemble_of(40.0).select(np.arange(realizations)), subtracted))
+    with pytest.warns(tv.DoubtfulWarning, match=f"stiffness_band: .*{message}"):
+        assert np.isnan(model.stiffness_band()).all()
+    assert np.isfinite(model.stiffness).all()
+
+
+def test_what_is_known_beside_a_missing_band_is_told():
+    model = tv.EnsembleSpectral().identify(ensemble_of(40.0).select([0]))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", tv.DoubtfulWarning)
+        lower, upper = model.viscosity_band()
+    assert (lower < upper).all()
+
+
+def test_only_windows_that_are_cut_too_short_have_no_band():
+    model = tv.ShortDataSegments().identify(ensemble_of(40.0, context=0.12).select(np.arange(8)))
+    known = np.isfinite(model.random_error.deviation)
+    # Eight realizations of ten samples make 80; of nine they make 72, less than three times 25.
+    np.testing.assert_array_equal(np.flatnonzero(~known[0]), [*range(4), *range(196, 200)])
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("perturbation", ["noise", "prbs"])
+@pytest.mark.parametrize("realizations", [1, 10])
+def test_short_realizations_have_finite_bands(perturbation, realizations, seed):
+    # Of half a second, the angle's autocovariance over long lags rests on a few samples.
+    ensemble = ensemble_of(60.0, "sine", perturbation, seed=seed, period=0.5).select(np.arange(realizations))
+    for method in (tv.BasisIRF(), tv.EnsembleSpectral(stiffness="fit")):
+        model = method.identify(ensemble)
+        for quantity, widest in (("stiffness", 2000.0), ("viscosity", 50.0), ("inertia", 1.0)):
+            lower, upper = getattr(model, f"{quantity}_band")()
+            assert (lower <= upper).all()  # equal where the sparse prior prunes all there is
+            assert np.median(upper - lower) < widest
+
+
+@pytest.mark.parametrize("name", list(DEFAULTS))
+def test_a_model_that_travels_stays_immutable(name):
+    model = DEFAULTS[name].identify(ensemble_of(40.0))
+    for other in (pickle.loads(pickle.dumps(model)), copy.deepcopy(model)):
+        np.testing.assert_array_equal(other.random_error.deviation, model.random_error.deviation)
+        held = [value for value in vars(other).values() if isinstance(value, np.ndarray)]
+        held += [other.random_error.deviation, other.random_error.freedom]
+        held += [other.diagnostics.rank] if other.diagnostics.rank is not None else []
+        assert len(held) >= 6
+        assert not any(values.flags.writeable for values in held)

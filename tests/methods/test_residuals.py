@@ -1,6 +1,7 @@
 """What a second-order fit leaves unexplained, against a slow version."""
 
 import dataclasses
+import warnings
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from scipy.signal import lfilter
 from tests.conftest import ensemble_of
 
 import tvsysid as tv
+from tvsysid.methods import correlations
 from tvsysid.methods.residuals import second_order_agreement
 from tvsysid.numerics.bases import CubicBSplines
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
@@ -47,6 +49,39 @@ def test_what_a_fit_leaves_by_smoothing_has_no_mean_response():
     coarse = tv.BasisIRF(basis=CubicBSplines(4)).identify(ensemble)
     assert tv.metrics.vaf(ensemble.torque[:, ensemble.core], coarse.predict(ensemble)).mean() < 90
     assert coarse.diagnostics.details["second_order_agreement"] > 99
+
+
+def told_of(method, ensemble):
+    """Agreement, its standard error, and whether a warning says that the joint is not of second order."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        details = method.identify(ensemble).diagnostics.details
+    told = any("not of second order" in str(item.message) for item in caught)
+    return details["second_order_agreement"], details["second_order_agreement_error"], told
+
+
+@pytest.mark.parametrize("method", [tv.EnsembleIRF(), tv.ShortDataSegments()])
+def test_noise_is_no_higher_order(method):
+    ensembles = [tv.preprocess.subtract_mean(ensemble_of(110.0, "sine", "prbs", 0.0, seed=seed)) for seed in range(8)]
+    agreements, errors, told = np.array([told_of(method, ensemble) for ensemble in ensembles]).T
+    assert not told.any()
+    # The chosen rank takes the noise that suits it; nothing is lost to that.
+    assert agreements.mean() > 99
+    assert (100 - agreements < 4 * errors).all()
+    with_reflexes = [told_of(method, with_reflex(ensemble, 0.6)) for ensemble in ensembles[:3]]
+    assert all(told for _, _, told in with_reflexes)
+
+
+def test_the_agreement_error_is_its_scatter(monkeypatch):
+    def uncut(fitted, beyond, chance):
+        return 100 - 100 * np.sum(beyond - chance) / np.sum(fitted + beyond)
+
+    monkeypatch.setattr(correlations, "agreement", uncut)
+    ensembles = [tv.preprocess.subtract_mean(ensemble_of(60.0, "sine", "noise", 0.0, seed=seed)) for seed in range(30)]
+    method = tv.ShortDataSegments(max_lag=0.06)
+    found, errors, _ = np.array([told_of(method, ensemble) for ensemble in ensembles]).T
+    assert found.mean() == pytest.approx(100, abs=4 * errors.mean() / np.sqrt(30))
+    assert errors.mean() == pytest.approx(found.std(ddof=1), rel=0.35)
 
 
 def test_nothing_left_agrees_entirely():

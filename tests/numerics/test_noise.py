@@ -20,7 +20,7 @@ def coloured(random, shape, decay=DECAY):
 
 
 @pytest.mark.parametrize("lags", [0, 3, 30])
-def test_covariances_are_means_of_products(random, lags):
+def test_covariances_are_sums_of_products_over_all_samples(random, lags):
     x, y = random.normal(size=(3, 20)), random.normal(size=(3, 20))
     auto = noise.autocovariance(x, lags)
     cross = noise.cross_covariance(x, y, lags)
@@ -31,52 +31,95 @@ def test_covariances_are_means_of_products(random, lags):
         later = [x[r, i] * y[r, i + d] for r, i in pairs]
         earlier = [x[r, i + d] * y[r, i] for r, i in pairs]
         for found, values in ((auto[d], products), (cross[lags + d], later), (cross[lags - d], earlier)):
-            assert found == pytest.approx(np.mean(values) if values else 0.0, abs=1e-12)
+            assert found == pytest.approx(np.sum(values) / 60, abs=1e-12)
+
+
+@pytest.mark.parametrize("lags", [0, 3, 30])
+def test_regressors_covariances_are_sums_of_products_over_all_samples(random, lags):
+    angle = random.normal(size=(3, 40))
+    found = noise.regressor_covariances(FILTERS, angle, lags)
+    signals = np.array([[np.convolve(row, weights, mode="valid") for row in angle] for weights in FILTERS])
+    count = signals.shape[2]
+    assert found.shape == (lags + 1, 3, 3)
+    for d in range(lags + 1):
+        expected = np.einsum("jri,kri->jk", signals[:, :, : max(0, count - d)], signals[:, :, d:]) / (3 * count)
+        np.testing.assert_allclose(found[d], expected, atol=1e-12)
+
+
+short = st.integers(0, 2**32 - 1), st.integers(1, 3), st.integers(2, 60), st.floats(0.0, 0.999)
+
+
+@given(*short)
+def test_no_filter_of_an_autocovariance_has_a_negative_power(seed, realizations, samples, decay):
+    x = coloured(np.random.default_rng(seed), (realizations, samples), decay) + 1e3
+    values = np.linalg.eigvalsh(toeplitz(noise.autocovariance(x, 70)))
+    assert values[0] > -1e-12 * values[-1]
+
+
+@given(*short)
+def test_factors_of_short_realizations_are_bounded_by_the_noise(seed, realizations, samples, decay):
+    random = np.random.default_rng(seed)
+    regressors = noise.regressor_covariances(
+        FILTERS, np.cumsum(random.normal(size=(realizations, samples)), axis=1), 25
+    )
+    correlation = noise.autocovariance(coloured(random, (realizations, samples), decay), 25)
+    correlation /= correlation[0]
+    factors = noise.colour_factors(regressors, correlation)
+    assert (factors >= 0).all()
+    # No regressor can gather more than all of the noise's products.
+    assert (factors <= 1 + 2 * np.abs(correlation[1:]).sum() + 1e-6).all()
+
+
+def test_an_angle_shorter_than_the_filters_is_continued(random):
+    ramp = np.arange(6.0)[None] * [[1.0], [2.0]]
+    regressors = noise.regressor_covariances(FILTERS, ramp, 5)
+    assert np.isfinite(regressors).all()
+    slope = np.convolve(np.arange(9.0), FILTERS[1], mode="valid")[0]
+    assert regressors[0, 1, 1] == pytest.approx((1 + 4) / 2 * slope**2, rel=1e-9)
 
 
 def test_white_noise_changes_no_variance(random):
-    angle = noise.autocovariance(coloured(random, (5, 200), 0.95), 30)
-    np.testing.assert_allclose(noise.colour_factors(FILTERS, angle, np.eye(11)[0]), 1.0, atol=1e-9)
+    regressors = noise.regressor_covariances(FILTERS, coloured(random, (5, 200), 0.95), 10)
+    np.testing.assert_allclose(noise.colour_factors(regressors, np.eye(11)[0]), 1.0, atol=1e-9)
 
 
 def test_one_regressor_has_the_textbook_factor():
     # An AR(1) regressor under AR(1) noise: (1 + ab) / (1 - ab) times the variance under white noise.
-    lags = np.arange(80)
-    found = noise.colour_factors(np.ones((1, 1)), 0.9**lags, 0.6 ** lags[:60])
+    lags = np.arange(60)
+    found = noise.colour_factors(0.9 ** lags[:, None, None], 0.6**lags)
     assert found[0] == pytest.approx((1 + 0.54) / (1 - 0.54), rel=1e-9)
 
 
 def test_factors_are_those_of_the_dense_sandwich(random):
-    angle, correlation = 0.9 ** np.arange(60), 0.6 ** np.arange(12)
-    # Expected moments of a very long record, sample by sample.
-    reach = len(correlation) - 1
-    moments = FILTERS @ toeplitz(angle[:9]) @ FILTERS.T
-    middle = np.zeros((3, 3))
-    for d in range(-reach, reach + 1):
-        shifted = angle[np.abs(d + np.arange(9)[:, None] - np.arange(9))]
-        middle += correlation[abs(d)] * FILTERS @ shifted @ FILTERS.T
-    inverse = np.linalg.inv(moments)
+    correlation = np.r_[0.6 ** np.arange(12), np.zeros(290)]
+    angle = np.cumsum(coloured(random, (2, 310), 0.9), axis=1)
+    signals = np.array([[np.convolve(row, weights, mode="valid") for row in angle] for weights in FILTERS])
+    dense = toeplitz(correlation)[: signals.shape[2], : signals.shape[2]]
+    inverse = np.linalg.inv(np.einsum("jri,kri->jk", signals, signals))
+    middle = np.einsum("jri,il,krl->jk", signals, dense, signals)
     expected = np.diag(inverse @ middle @ inverse) / np.diag(inverse)
-    np.testing.assert_allclose(noise.colour_factors(FILTERS, angle, correlation), expected, rtol=1e-6)
+    regressors = noise.regressor_covariances(FILTERS, angle, 11)
+    np.testing.assert_allclose(noise.colour_factors(regressors, correlation[:12]), expected, rtol=1e-6)
 
 
 def test_the_variance_of_a_fit_is_foretold(random):
     angle = coloured(random, (4, 400), 0.9)
     regressors = angle.ravel()
     errors = [float(coloured(random, (4, 400)).ravel() @ regressors / (regressors @ regressors)) for _ in range(1500)]
-    correlation = DECAY ** np.arange(30)
-    factor = noise.colour_factors(np.ones((1, 1)), noise.autocovariance(angle, 40), correlation)[0]
+    covariances = noise.regressor_covariances(np.ones((1, 1)), angle, 29)
+    factor = noise.colour_factors(covariances, DECAY ** np.arange(30))[0]
     assert factor > 2
     assert np.var(errors) * (regressors @ regressors) == pytest.approx(factor, rel=0.1)
 
 
 @given(st.floats(0.1, 10.0), st.floats(0.01, 100.0))
 def test_units_of_angle_and_time_do_not_matter(size, rate):
-    angle, correlation = 0.9 ** np.arange(60), 0.6 ** np.arange(12)
+    angle = coloured(np.random.default_rng(1), (3, 60), 0.9)
+    correlation = 0.6 ** np.arange(12)
     scaled = FILTERS * rate ** np.arange(3.0)[:, None]
     np.testing.assert_allclose(
-        noise.colour_factors(scaled, size * angle, correlation),
-        noise.colour_factors(FILTERS, angle, correlation),
+        noise.colour_factors(noise.regressor_covariances(scaled, size * angle, 11), correlation),
+        noise.colour_factors(noise.regressor_covariances(FILTERS, angle, 11), correlation),
         rtol=1e-6,
     )
 
@@ -85,13 +128,13 @@ def test_regressor_correlation_is_what_a_fit_takes_from_the_residual(random):
     # White noise, two regressors: products of the residual at a distance are lowered by that much in the mean.
     filters = derivative_weights(3)[:2]
     angle = coloured(random, (1, 2000), 0.9)
-    correlation = noise.regressor_correlation(filters, 0.9 ** np.arange(20), 5)
+    correlation = noise.regressor_correlation(noise.regressor_covariances(filters, angle, 5))
     assert correlation[0] == pytest.approx(1.0, abs=1e-9)
     regressors = np.stack([np.convolve(angle[0], row, mode="valid") for row in filters], axis=1)
     count = len(regressors)
     hat = regressors @ np.linalg.pinv(regressors)
-    lowered = [np.trace(hat, d) / (count - d) for d in range(6)]
-    np.testing.assert_allclose(2 / count * correlation, lowered, atol=0.15 / count)
+    lowered = [np.trace(hat, d) / count for d in range(6)]
+    np.testing.assert_allclose(2 / count * correlation, lowered, rtol=1e-6)
 
 
 @pytest.mark.parametrize("band", [(0.0, 0.5), (0.0, 0.2), (0.1, 0.15)])

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from tvsysid import metrics
 from tvsysid.benchmark.study import PROFILES
@@ -38,6 +38,7 @@ UNITS = {
     "time_varying_vaf_sd_stiff": "percentage points",
     "coverage_at_switch": "%",
     "coverage_away": "%",
+    "without_band": "%",
     "left_out": "samples",
     "failed": "trials",
     "seconds": "s",
@@ -84,10 +85,10 @@ def score(results: xr.Dataset) -> xr.Dataset:
         wave) is the mean time-varying VAF 0.3 s and more from the switches minus that within 0.05 s of one;
         ``time_varying_vaf_sd`` is its standard deviation over trials, averaged over time, ``..._soft`` and
         ``..._stiff`` over times of less and more than the mean stiffness. ``coverage`` is the share of times and trials
-        at which the 95 % band of the stiffness holds the truth, over the times at which all trials have a band;
-        ``coverage_at_switch`` and ``coverage_away`` (square wave) are that within 0.05 s of a switch and 0.3 s and more
-        from one. ``left_out`` counts times without an estimate; ``failed`` counts trials; ``seconds`` is the mean time
-        an identification took.
+        at which the 95 % band of the stiffness holds the truth, of those that have a band; ``without_band`` is the
+        share that has none; ``coverage_at_switch`` and ``coverage_away`` (square wave) are the former within 0.05 s of
+        a switch and 0.3 s and more from one. ``left_out`` counts times without an estimate; ``failed`` counts trials;
+        ``seconds`` is the mean time an identification took.
 
     References
     ----------
@@ -200,8 +201,9 @@ def _values(own: Any) -> Iterator[tuple[str, float]]:
     yield "lowest_time_varying_vaf", float(_least(over_time.mean(axis=0)))
     for name, spread in _spreads(over_time.std(axis=0), truth):
         yield name, float(spread)
-    for name, share in _coverages(own.covered.values, time, wave):
-        yield name, float(share.mean())
+    for name, held, told in _coverages(own.covered.values, time, wave):
+        yield name, float(_share(held.sum(), told.sum()))
+    yield "without_band", 100 * float(np.mean(np.isnan(own.covered.values)))
     yield "left_out", float(metrics.left_out(estimates))
     yield "seconds", float(own.seconds.values.mean())
 
@@ -233,8 +235,9 @@ def _replicates(own: Any, weights: Array) -> Iterator[tuple[str, Array]]:
     yield "lowest_time_varying_vaf", _least(mean_over_time)
     variance = narrower * np.maximum(0.0, weights @ over_time**2 - mean_over_time**2)
     yield from _spreads(np.sqrt(variance), truth)
-    for name, share in _coverages(own.covered.values, time, wave):
-        yield name, weights @ share
+    for name, held, told in _coverages(own.covered.values, time, wave):
+        yield name, _share(weights @ held, weights @ told)
+    yield "without_band", weights @ (100 * np.isnan(own.covered.values).mean(axis=1))
     yield "seconds", weights @ own.seconds.values
 
 
@@ -248,16 +251,21 @@ def _spreads(deviation: Array, truth: Array) -> Iterator[tuple[str, Array]]:
         yield f"time_varying_vaf_sd{ending}", chosen.mean(axis=-1) if chosen.shape[-1] else empty
 
 
-def _coverages(covered: Array, time: Array, wave: object) -> Iterator[tuple[str, Array]]:
-    """Per cent of the times at which each trial's band holds the truth, shape (trial,)."""
+def _coverages(covered: Array, time: Array, wave: object) -> Iterator[tuple[str, Array, Array]]:
+    """At how many times each trial's band holds the truth, and at how many there is one, shape (trial,) each."""
     chosen = {"coverage": np.full(len(time), True)}
     if isinstance(wave, SquareWave):
-        distance = _from_switch(time, wave)
+        distance = from_switch(time, wave)
         chosen |= {"coverage_at_switch": distance <= AT_SWITCH + 1e-9, "coverage_away": distance >= AWAY}
-    known = np.isfinite(covered).all(axis=0)
     for name, times in chosen.items():
-        inside = covered[:, known & times]
-        yield name, 100 * inside.mean(axis=1) if inside.shape[1] else np.full(len(covered), np.nan)
+        shown = covered[:, times]
+        yield name, np.nansum(shown, axis=1), np.isfinite(shown).sum(axis=1).astype(np.float64)
+
+
+def _share(held: ArrayLike, told: ArrayLike) -> Array:
+    """Per cent, NaN of nothing; as :func:`tvsysid.metrics.coverage`."""
+    whole = np.asarray(told, dtype=np.float64)
+    return np.where(whole > 0, 100 * np.asarray(held) / np.where(whole > 0, whole, 1.0), np.nan)
 
 
 def _rise_time(time: Array, estimates: Array, wave: SquareWave) -> float:
@@ -267,7 +275,7 @@ def _rise_time(time: Array, estimates: Array, wave: SquareWave) -> float:
 
 def _dip(time: Array, over_time: Array, wave: SquareWave) -> Array:
     """How far the mean at the switches lies below that away from them; time is the last axis."""
-    distance = _from_switch(time, wave)
+    distance = from_switch(time, wave)
     known = np.isfinite(over_time).reshape(-1, len(time)).all(axis=0)
     at, away = known & (distance <= AT_SWITCH + 1e-9), known & (distance >= AWAY)
     if not (at.any() and away.any()):
@@ -275,7 +283,7 @@ def _dip(time: Array, over_time: Array, wave: SquareWave) -> Array:
     return np.asarray(over_time[..., away].mean(axis=-1) - over_time[..., at].mean(axis=-1))
 
 
-def _from_switch(time: Array, wave: SquareWave) -> Array:
+def from_switch(time: Array, wave: SquareWave) -> Array:
     """Seconds from the nearest switch."""
     half = wave.period / 2
     return np.asarray(np.abs((time - wave.offset + half / 2) % half - half / 2))

@@ -37,8 +37,8 @@ def coverage_over_time(results: xr.Dataset, scenarios: Sequence[str], title: str
     Returns
     -------
     matplotlib.figure.Figure
-        Averaged over 0.05 s; no line for a method without bands, none at times at which a trial has no band, and no
-        trials in it that have none at all.
+        Averaged over 0.05 s, of the trials that have a band at each time; no line where none has, as in
+        :func:`tvsysid.metrics.coverage`.
     """
     from matplotlib.figure import Figure  # noqa: PLC0415  # heavy
     from matplotlib.lines import Line2D  # noqa: PLC0415  # heavy
@@ -54,7 +54,7 @@ def coverage_over_time(results: xr.Dataset, scenarios: Sequence[str], title: str
         above, below = grid[:, column]
         for method in methods:
             covered = cell.covered.sel(method_key=method).values
-            share = _averaged(100 * covered[np.isfinite(covered).any(axis=1)], time)
+            share = _averaged(covered, time)
             if np.isfinite(share).any():
                 colour, style = looks[method]
                 (drawn[method],) = above.plot(time, share, color=colour, linestyle=style, linewidth=1.4, label=method)
@@ -76,9 +76,8 @@ def coverage_over_time(results: xr.Dataset, scenarios: Sequence[str], title: str
 
 
 def _averaged(covered: Array, time: Array) -> Array:
-    """Moving average over time of the mean over trials, shape (time,); NaN where a trial has none."""
-    known = np.isfinite(covered).all(axis=0) & (len(covered) > 0)
-    total = np.where(known, covered, 0.0).sum(axis=0) / max(1, len(covered))
+    """Per cent of the bands over a moving window that hold the truth, shape (time,); NaN where no trial has one."""
+    known = np.isfinite(covered)
     kernel = np.ones(max(1, round(SMOOTHED / (time[1] - time[0]))))
-    count = np.convolve(known, kernel, mode="same")
-    return np.where(known, np.convolve(total, kernel, mode="same") / np.maximum(1, count), np.nan)
+    held, told = (np.convolve(values.sum(axis=0), kernel, mode="same") for values in (np.nan_to_num(covered), known))
+    return np.where(known.any(axis=0), 100 * held / np.maximum(told, 1), np.nan)

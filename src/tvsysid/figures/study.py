@@ -138,7 +138,17 @@ def _coverage(results: xr.Dataset, summary: pd.DataFrame, rows: pd.DataFrame) ->
         shares = ", ".join(f"{method} {value:.0f} %" for method, value in zip(mine.method, mine.value, strict=True))
         if shares:
             text.append(f"With {told(str(row.perturbation))}: {shares} over all times.")
+        without = summary[(summary.scenario == label) & (summary.metric == "without_band") & (summary.value > 0)]
+        missing = ", ".join(
+            f"{method} {_few(value)} %" for method, value in zip(without.method, without.value, strict=True)
+        )
+        if missing:
+            text.append(f"Of these times and trials no band, and not counted: {missing}.")
     return Illustration(figure, title, " ".join(text))
+
+
+def _few(percentage: float) -> str:
+    return "below 1" if percentage < 1 else f"{percentage:.0f}"
 
 
 def _amount(rows: pd.DataFrame, title: str) -> Illustration:

@@ -187,7 +187,8 @@ def _doubts_of_all(ensemble: Ensemble, model: Model, low: float, high: float) ->
             "is the torque's sign reversed? (torque_sign=-1 when reading)"
         )
     shared = model.diagnostics.details.get("second_order_agreement", math.nan)
-    if shared < AGREES:
+    error = model.diagnostics.details.get("second_order_agreement_error", 0.0)
+    if shared + CERTAIN * error < AGREES:
         yield (
             f"inertia, viscosity and stiffness explain only {shared:.0f} % of the torque that answers to the angle: "
             "the joint is not of second order, and viscosity and inertia mean little; look at the response itself"
@@ -222,6 +223,8 @@ def _doubts_of_all(ensemble: Ensemble, model: Model, low: float, high: float) ->
 
 AGREES = 95.0
 """Second-order agreement in per cent below which a joint counts as not of second order; simulated ones reach 99."""
+CERTAIN = 2.0
+"""Standard errors by which it must lie lower."""
 MEAN_TORQUE_LIMIT = 6.0
 """Squared mean over its squared standard error, averaged over time; 1 is expected of a torque without mean."""
 MEAN_TORQUE_CHANCE = 1e-6

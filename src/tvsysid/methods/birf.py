@@ -23,7 +23,7 @@ from tvsysid.methods.base import (
 )
 from tvsysid.methods.correlations import impulse_response_model
 from tvsysid.methods.evidence import Evidence
-from tvsysid.methods.residuals import colour, residual, second_order_agreement
+from tvsysid.methods.residuals import colour, independent_realizations, residual, second_order_agreement
 from tvsysid.models import Diagnostics, ImpulseResponseModel, Model, SecondOrderModel, Spread
 from tvsysid.numerics.bands import arc_length
 from tvsysid.numerics.bases import Basis, CubicBSplines, FourierSeries, HaarWavelets, evaluate
@@ -321,14 +321,17 @@ def _spread(
     residual.
     """
     filters = derivative_filters(HALF_WIDTH, ensemble.sampling_rate)
-    factors = colour(ensemble, left, effective / left.size, filters).factors(filters)
+    factors = colour(ensemble, left, effective / left.size, filters).factors()
+    # The posterior counts all samples; where the mean over realizations was subtracted, there is less noise in them.
+    freedom = left.size * independent_realizations(ensemble) / len(ensemble) - effective
+    stronger = (left.size - effective) / max(freedom, 1.0)
     variances = [
-        factor * np.einsum("tj,jk,tk->t", expansion, covariance, expansion)
+        stronger * factor * np.einsum("tj,jk,tk->t", expansion, covariance, expansion)
         for factor, expansion, covariance in zip(factors, expansions, covariances, strict=True)
     ]
     deviation = np.stack([padded(np.sqrt(np.maximum(variance, 0.0)), missing) for variance in variances])
     arcs = [arc_length(*pair) for pair in zip(expansions, covariances, strict=True)]
-    return Spread(deviation, np.full(deviation.shape, left.size - effective), (arcs[0], arcs[1], arcs[2]))
+    return Spread(deviation, np.full(deviation.shape, freedom), (arcs[0], arcs[1], arcs[2]))
 
 
 def _diagnostics(posterior: Posterior, details: dict[str, float]) -> Diagnostics:

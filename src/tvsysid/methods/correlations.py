@@ -6,15 +6,15 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.lib.stride_tricks import as_strided
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.linalg import toeplitz
 
 from tvsysid.impedance import agreement, second_order_readout, static_stiffness
 from tvsysid.methods.base import missing_edge, padded
-from tvsysid.methods.residuals import correlation, residual
+from tvsysid.methods.residuals import correlation, independent_realizations, residual
 from tvsysid.models import Diagnostics, ImpulseResponseModel, Spread
-from tvsysid.numerics.moments import lagged_moments, sliding_sum, time_chunks, window_moments
+from tvsysid.numerics.moments import coloured_moments, lagged_moments, sliding_sum, time_chunks
 from tvsysid.numerics.pseudoinverse import Solution
 from tvsysid.signals import Ensemble
 
@@ -26,17 +26,20 @@ class Windows(NamedTuple):
     """Least squares in a window about each time.
 
     ``weights`` (time, lag) and ``rank`` (time,) of the solution; ``samples`` that it was found from, ``noise``
-    variance, the power of the torque that a second-order fit ``fitted`` and what it explains ``beyond``, all (time,);
-    ``readout`` (time, 3, lag) by which stiffness, viscosity and inertia follow from the correlations, the ``impedance``
-    itself and its ``white`` variances, were the noise white, both (time, 3).
+    variance and its degrees of ``freedom``, the power of the torque that a second-order fit ``fitted``, what lagged
+    angles explain ``beyond`` it and what they would by ``chance``, all (time,); ``readout`` (time, 3, lag) by which
+    stiffness, viscosity and inertia follow from the correlations, the ``impedance`` itself and its ``white``
+    variances, were the noise white, both (time, 3).
     """
 
     weights: Array
     rank: Array
     samples: Array
     noise: Array
+    freedom: Array
     fitted: Array
     beyond: Array
+    chance: Array
     readout: Array
     impedance: Array
     white: Array
@@ -61,10 +64,16 @@ def solve_windows(ensemble: Ensemble, lags: int, half: int, solve: Solver) -> Wi
     -------
     Windows
         For each time whose lags lie within the context.
+
+    Notes
+    -----
+    The noise is what all directions of the lagged angles leave, of which some truncated solution was taken by the same
+    noise: what is left beside that would be too small.
     """
     angle, torque, margin = _within_reach(ensemble, lags, half)
     times = angle.shape[1] - 2 * lags
     rate = ensemble.sampling_rate
+    independent = independent_realizations(ensemble)
 
     parts = []
     for chunk in time_chunks(times - 2 * margin, 2 * lags + 1):
@@ -79,13 +88,16 @@ def solve_windows(ensemble: Ensemble, lags: int, half: int, solve: Solver) -> Wi
         phi_uu, phi_uy, square, mean = (total / samples.reshape(-1, *[1] * (total.ndim - 1)) for total in sums[1:])
         count = samples * len(ensemble)
         variance = (square - mean**2) * count / np.maximum(count - 1, 1)
-        weights, rank, inverse = solve(chunk, phi_uu, phi_uy, variance, count)
-        readout, fitted, beyond = second_order_readout(phi_uu, phi_uy, inverse, rate)
-        left = np.maximum(square - np.einsum("tl,tl->t", weights, phi_uy), 0.0)
-        noise = np.where(count > rank, left * count / np.maximum(count - rank, 1), np.nan)
+        weights, rank, inverse, usable, explained = solve(chunk, phi_uu, phi_uy, variance, count)
+        readout, fitted = second_order_readout(phi_uu, phi_uy, inverse, rate)
+        left = np.maximum(square - explained, 0.0)
+        freedom = samples * independent - usable
+        noise = np.where(freedom > 0, left * count / np.maximum(freedom, 1), np.nan)
+        chance = noise * np.maximum(usable - 3, 0) / count
         impedance = (readout @ phi_uy[..., None])[..., 0]
         white = (noise / count)[:, None] * np.einsum("tmk,tmk->tm", readout @ phi_uu, readout)
-        parts.append((weights, rank, count, noise, fitted, beyond, readout, impedance, white))
+        beyond = explained - fitted
+        parts.append((weights, rank, count, noise, freedom, fitted, beyond, chance, readout, impedance, white))
     return Windows(*(np.concatenate(values) for values in zip(*parts, strict=True)))
 
 
@@ -96,8 +108,8 @@ def coloured_variances(ensemble: Ensemble, lags: int, half: int, windows: Window
 
     .. math:: \mathrm{var} = \frac{\sigma^2(t)}{L^2} \sum_r \sum_{i, j \in W(t)} z_r(i)\, \rho(i - j)\, z_r(j)
 
-    which follows from the angle's second moments; the autocorrelation :math:`\rho` is that of the residual at all
-    times.
+    where the autocorrelation :math:`\rho` is that of the residual at all times; see
+    :func:`tvsysid.numerics.moments.coloured_moments`.
 
     Returns
     -------
@@ -105,49 +117,71 @@ def coloured_variances(ensemble: Ensemble, lags: int, half: int, windows: Window
         Shape (time, 3).
     """
     angle, _, margin = _within_reach(ensemble, lags, half)
-    left = residual(ensemble, windows.weights, lags)
+    noise = _noise_correlation(ensemble, windows, lags, 2 * half)
+    times, cut = len(windows.weights), half - margin
+    out = np.empty((times, 3))
+    whole = slice(cut, max(cut, times - cut))
+    if whole.stop > whole.start:
+        out[whole] = coloured_moments(angle, windows.readout[whole], noise) / len(noise)
+    lagged = sliding_window_view(angle, 2 * lags + 1, axis=1)[:, :, ::-1]
+    for time in (*range(min(cut, times)), *range(max(cut, times - cut), times)):
+        # Where the context ends, a window is cut short.
+        centre = time + margin
+        near = lagged[:, max(0, centre - half) : centre + half + 1]
+        answers = near @ windows.readout[time].T
+        mixed = toeplitz(noise[: near.shape[1]]) @ answers
+        out[time] = np.einsum("rwm,rwm->m", answers, mixed) / (len(angle) * near.shape[1])
+    return np.asarray(np.maximum(out, 0.0) * (windows.noise / windows.samples)[:, None])
+
+
+def _noise_correlation(ensemble: Ensemble, windows: Windows, lags: int, reach: int) -> Array:
+    """Autocorrelation of the noise up to so many samples, shape (reach + 1,)."""
     # So many lagged angles share hardly anything with those of the next sample: the fit takes variance only.
-    noise = correlation(left, np.eye(2 * half + 1)[0] * float(np.mean(windows.rank / windows.samples)))
-    values, vectors = np.linalg.eigh(toeplitz(noise))
-    root = (vectors * np.sqrt(np.maximum(values, 0.0))).T  # root.T @ root is the noise's correlation matrix
-    # A window that is cut short has no angles there: zeros drop out of the sums.
-    u = np.pad(angle, ((0, 0), (half - margin, half - margin)))
-    times, length = angle.shape[1] - 2 * lags, 2 * (lags + half) + 1
-    offsets = np.arange(-half, half + 1)
-    out = np.empty((len(windows.weights), 3))
-    for chunk in time_chunks(len(out), length):
-        near = u[:, chunk.start : chunk.stop + length - 1]
-        moments = window_moments(near, near, lags + half, lags + half)
-        place = np.arange(chunk.start, chunk.stop)[:, None] + margin + offsets
-        inside = (place >= 0) & (place < times)
-        for quantity in range(3):
-            # Row o holds the readout's weights on the angles about the window's sample o.
-            rows = np.zeros((chunk.stop - chunk.start, len(offsets), length))
-            by_time, by_row, by_column = rows.strides
-            band = as_strided(rows, (len(rows), len(offsets), 2 * lags + 1), (by_time, by_row + by_column, by_column))
-            band[:] = windows.readout[chunk, quantity, None, ::-1]
-            rows[~inside] = 0.0
-            mixed = root @ rows
-            total = np.einsum("tok,tok->t", mixed @ moments, mixed)
-            out[chunk, quantity] = total / inside.sum(axis=1)
-    return np.asarray(out * (windows.noise / windows.samples)[:, None])
+    independent = windows.samples * independent_realizations(ensemble) / len(ensemble)
+    taken = np.eye(reach + 1)[0] * np.mean(windows.rank / independent)
+    return correlation(residual(ensemble, windows.weights, lags), taken)
 
 
 def window_spread(ensemble: Ensemble, lags: int, windows: Windows, variances: Array) -> Spread:
     """Random error from variances (time, 3) at the times whose lags lie within the context."""
     missing = missing_edge(lags, ensemble)
-    freedom = np.broadcast_to((windows.samples - windows.rank)[:, None], variances.shape)
-    return Spread(padded(np.sqrt(variances), missing).T, padded(freedom, missing).T)
+    freedom = np.broadcast_to(windows.freedom[:, None], variances.shape)
+    # A negative one is rounding: of hardly any motion within the lags, next to nothing is known.
+    deviations = np.sqrt(np.where(variances >= 0, variances, np.nan))
+    return Spread(padded(deviations, missing).T, padded(freedom, missing).T)
 
 
-def window_diagnostics(ensemble: Ensemble, windows: Windows, lags: int) -> Diagnostics:
+def window_diagnostics(ensemble: Ensemble, windows: Windows, lags: int, half: int) -> Diagnostics:
     """Diagnostics of a solution that has a rank at each time whose lags lie within the context."""
     rank = padded(windows.rank.astype(float), missing_edge(lags, ensemble))
-    chance = windows.noise * np.maximum(windows.rank - 3, 0) / windows.samples
-    # With few samples for so many lags the noise, and so chance, comes out too small.
-    chance[windows.samples < 2 * (2 * lags + 1)] = np.nan
-    details = {"second_order_agreement": agreement(windows.fitted, windows.beyond, chance)}
+    # With few samples for so many lags the noise, and so chance, is hardly known.
+    chance = np.where(windows.samples < 2 * (2 * lags + 1), np.nan, windows.chance)
+    details = {
+        "second_order_agreement": agreement(windows.fitted, windows.beyond, chance),
+        "second_order_agreement_error": _agreement_error(ensemble, windows, chance, lags, half),
+    }
     return Diagnostics(float(windows.rank.mean()), rank, details=details)
+
+
+def _agreement_error(ensemble: Ensemble, windows: Windows, chance: Array, lags: int, half: int) -> float:
+    r"""Standard error of the second-order agreement in per cent, on a joint of second order.
+
+    What noise makes lagged angles explain beyond three of them, m directions, at one time has the variance
+    :math:`2 c^2 (1 / m + 1 / \nu)`, with c its mean and :math:`\nu` the noise's degrees of freedom. At times d samples
+    apart it is alike as far as they share lagged angles and, squared, as their noise is.
+    """
+    known = np.isfinite(windows.fitted) & np.isfinite(windows.beyond) & (chance > 0)
+    if not known.any():
+        return float("nan")
+    directions = (windows.chance / windows.noise * windows.samples)[known]
+    variance = np.sum(2 * chance[known] ** 2 * (1 / directions + 1 / windows.freedom[known]))
+    span = 2 * (lags + half) + 1
+    noise = _noise_correlation(ensemble, windows, lags, span - 1 + 2 * half)
+    window = np.bartlett(4 * half + 3)[1:-1]
+    smooth = np.convolve(np.r_[noise[:0:-1], noise], window, mode="valid")[-span:]
+    shared = (smooth / smooth[0]) ** 2 * (1 - np.arange(span) / span)
+    total = float(np.sum((windows.fitted + windows.beyond)[known]))
+    return float(100 * np.sqrt(variance * (2 * shared.sum() - 1)) / total) if total > 0 else float("nan")
 
 
 def impulse_response_model(

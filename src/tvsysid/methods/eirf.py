@@ -19,6 +19,7 @@ from tvsysid.methods.correlations import (
 )
 from tvsysid.methods.evidence import Evidence
 from tvsysid.methods.halves import evidence_by_halves
+from tvsysid.methods.residuals import counted, independent_realizations
 from tvsysid.models import ImpulseResponseModel, Spread
 from tvsysid.numerics import pseudoinverse
 from tvsysid.numerics.pseudoinverse import Order, Solution
@@ -61,11 +62,12 @@ class EnsembleIRF(Method):
 
     Stiffness is the area under the impulse response (equation 20). Viscosity and inertia are those of a second-order
     fit to it, weighted by its inverse covariance (:func:`tvsysid.impedance.second_order_readout`); the diagnostics'
-    ``second_order_agreement`` says how much of the torque that answers to the angle the fit explains.
+    ``second_order_agreement`` says how much of the torque that answers to the angle the fit explains, and
+    ``second_order_agreement_error`` is its standard error.
 
     The bands are those of least squares at each time by itself: realizations are seconds apart, so that noise of any
-    colour is white across them. They count neither the directions of the input that the truncation leaves out nor the
-    choice of the rank. With no more realizations than lags there is none.
+    colour is white across them. The noise's strength is what all directions of the input leave, whichever of them the
+    truncation takes. The bands do not count what it leaves out. With no more realizations than lags there is none.
     """
 
     max_lag: float = 0.12
@@ -91,9 +93,9 @@ class EnsembleIRF(Method):
         windows = solve_windows(ensemble, lags, 0, solve)
         # Realizations lie seconds apart: whatever the noise's colour, it is white across them.
         spread = window_spread(ensemble, lags, windows, windows.white)
-        if len(ensemble) <= 2 * lags + 1:
+        if independent_realizations(ensemble) <= 2 * lags + 1:
             why = (
-                f"{len(ensemble)} realizations are no more than the {2 * lags + 1} lags: nothing tells the noise from "
+                f"{counted(ensemble)} are no more than the {2 * lags + 1} lags: nothing tells the noise from "
                 "what the joint does; record more, or shorten max_lag"
             )
             spread = Spread.none(ensemble.samples, why)
@@ -103,7 +105,7 @@ class EnsembleIRF(Method):
             windows.weights,
             windows.impedance,
             lags,
-            window_diagnostics(ensemble, windows, lags),
+            window_diagnostics(ensemble, windows, lags, 0),
             spread,
         )
 

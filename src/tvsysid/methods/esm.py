@@ -26,11 +26,18 @@ from tvsysid.methods.base import (
 )
 from tvsysid.methods.evidence import Evidence
 from tvsysid.methods.halves import evidence_by_halves
-from tvsysid.methods.residuals import LONGEST_COLOUR, Colour, colour, second_order_agreement
+from tvsysid.methods.residuals import (
+    LONGEST_COLOUR,
+    Colour,
+    colour,
+    counted,
+    independent_realizations,
+    second_order_agreement,
+)
 from tvsysid.models import Diagnostics, FrequencyResponseModel, Spread
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.moments import convolve_lags
-from tvsysid.numerics.noise import cross_covariance
+from tvsysid.numerics.noise import autocovariance, cross_covariance
 from tvsysid.numerics.spectra import hann, power_share, short_time_spectra
 from tvsysid.signals import Ensemble
 
@@ -39,6 +46,8 @@ Stiffness = Literal["dc", "fit"]
 
 FEWEST = 10
 """Realizations below which averaged spectra say little."""
+FEWEST_AT_REST = 2
+"""Independent realizations below which those leave nothing of the noise at 0 Hz."""
 OVERSAMPLED = 1e-6
 """Share of the angle's power in the upper half of the band below which it counts as sampled too fast."""
 EXCITED = 1e-6
@@ -127,11 +136,19 @@ class EnsembleSpectral(Method):
         frequencies = np.asarray(np.fft.rfftfreq(length, 1 / ensemble.sampling_rate), dtype=np.float64)
         fit = _segment_fit(ensemble, hann(length) ** 2, missing, (first, last))
         impedance, variance, freedom = fit.impedance, fit.variance, fit.freedom
+        absent = ""
         if self.stiffness == "dc":
             impedance, variance, freedom = impedance.copy(), variance.copy(), freedom.copy()
             impedance[:, 0] = response[:, 0].real
-            variance[:, 0] = _variance_at_rest(angle, torque, hann(length), impedance[:, 0])
-            freedom[:, 0] = max(len(ensemble) - 1, 1)
+            independent = independent_realizations(ensemble)
+            variance[:, 0] = _variance_at_rest(angle, torque, hann(length), impedance[:, 0], independent)
+            freedom[:, 0] = max(independent - 1, 1)
+            if independent < FEWEST_AT_REST:
+                absent = (
+                    f"{counted(ensemble)} tell nothing of the noise at 0 Hz: there is one number of each; record more, "
+                    "or set stiffness to 'fit'"
+                )
+                variance[:, 0] = np.nan
         stiffness, viscosity, inertia = padded(impedance, *missing).T
         details = {"second_order_agreement": fit.agreement}
         return FrequencyResponseModel(
@@ -147,7 +164,7 @@ class EnsembleSpectral(Method):
             excited=padded(excited, *missing) > 0,
             segment=length,
             diagnostics=Diagnostics(float(length), details=details),
-            spread=Spread(padded(np.sqrt(variance), *missing).T, padded(freedom, *missing).T),
+            spread=Spread(padded(np.sqrt(variance), *missing).T, padded(freedom, *missing).T, absent=absent),
         )
 
     def _doubts(self, ensemble: Ensemble) -> Iterator[str]:
@@ -216,7 +233,8 @@ def _segment_fit(ensemble: Ensemble, power: Array, missing: tuple[int, int], rea
 
     impedance, inverse = second_order_fit(sums[:, :3, :3], sums[:, :3, 3])
     explained = np.einsum("tm,tm->t", impedance, sums[:, :3, 3])
-    weight = count * sliding_window_view(np.pad(np.ones(torque.shape[1]), edges), length) @ power
+    independent = independent_realizations(ensemble)
+    weight = independent * sliding_window_view(np.pad(np.ones(torque.shape[1]), edges), length) @ power
     fitted = np.einsum("tmk,tkm->t", inverse, fourth[:, :3, :3])
     left_over = np.maximum(sums[:, 3, 3] - explained, 0.0)
     noise = np.where(weight > fitted, left_over / np.where(weight > fitted, weight - fitted, 1.0), np.nan)
@@ -231,14 +249,15 @@ def _segment_fit(ensemble: Ensemble, power: Array, missing: tuple[int, int], rea
     filters = derivative_filters(HALF_WIDTH, ensemble.sampling_rate)
     tint = colour(ensemble, remainder, _taken(power, count, ensemble.sampling_rate), filters)
     overlap = _overlap(power, len(tint.noise))
-    factors = Colour(tint.noise * overlap / overlap[0], tint.angle).factors(filters)
-    freedom = np.full(white.shape, count * power.sum() ** 2 / overlap[0] - 3)
-    lags = min(centre, (len(tint.angle) - 1) // 2)
+    factors = Colour(tint.noise * overlap / overlap[0], tint.regressors).factors()
+    freedom = np.full(white.shape, independent * power.sum() ** 2 / overlap[0] - 3)
+    lags = min(centre, round(LONGEST_COLOUR * ensemble.sampling_rate))
+    lagged = autocovariance(ensemble.angle, 2 * lags)
     # The response itself would not do for a comparison, because leakage takes more from it than higher dynamics.
     shared = second_order_agreement(
         float(np.mean(fit**2)),
         cross_covariance(signals[0, :, known], remainder, lags),
-        toeplitz(tint.angle[: 2 * lags + 1]),
+        toeplitz(lagged),
         float(np.mean(remainder**2)),
         remainder.size,
     )
@@ -260,20 +279,22 @@ def _taken(power: Array, count: int, sampling_rate: float) -> Array:
     return 3 / count * (2 * own / total - _overlap(power, lags) / total**2)
 
 
-def _variance_at_rest(angle: Array, torque: Array, window: Array, stiffness: Array) -> Array:
+def _variance_at_rest(angle: Array, torque: Array, window: Array, stiffness: Array, independent: int) -> Array:
     r"""Variance of the 0-Hz response: a regression over realizations of one windowed sum on another.
 
     .. math:: \mathrm{var} = \frac{\sum_r U_r^2 E_r^2 / (1 - h_r)}{(\sum_r U_r^2)^2}, \qquad
-              E_r = Y_r - k U_r, \quad h_r = \frac{U_r^2}{\sum_s U_s^2}
+              E_r = Y_r - k U_r, \quad h_r = \frac{U_r^2}{\sum_s U_s^2} + \frac{R - R'}{R}
 
-    which needs no equal variances: leakage makes the error larger in segments in which the angle moves (White 1980;
-    MacKinnon & White 1985).
+    with R' ``independent`` ones of R realizations: one less where their mean was subtracted, for then an intercept was
+    fitted too. It needs no equal variances: leakage makes the error larger in segments in which the angle moves
+    (White 1980; MacKinnon & White 1985).
     """
     weights = np.broadcast_to(window[::-1], (angle.shape[1] - len(window) + 1, len(window)))
     sums, answers = convolve_lags(angle, weights), convolve_lags(torque, weights)
     squares = sums**2
     total = np.maximum(squares.sum(axis=0), np.finfo(float).tiny)
     left = answers - stiffness * sums
+    leverage = squares / total + 1 - independent / len(angle)
     with np.errstate(divide="ignore", invalid="ignore"):
-        spread = np.sum(squares * left**2 / (1 - squares / total), axis=0) / total**2
+        spread = np.sum(squares * left**2 / (1 - leverage), axis=0) / total**2
     return np.where(np.isfinite(spread), spread, np.nan)

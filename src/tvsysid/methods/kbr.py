@@ -29,7 +29,7 @@ from tvsysid.methods.record import (
     times_of,
     weak_prior,
 )
-from tvsysid.methods.residuals import colour, residual, second_order_agreement
+from tvsysid.methods.residuals import colour, independent_realizations, residual, second_order_agreement
 from tvsysid.methods.search import Search
 from tvsysid.models import QUANTITIES, Diagnostics, SecondOrderModel, Spread
 from tvsysid.numerics.bands import arc_length
@@ -396,17 +396,21 @@ def _spread(
     left = residual(ensemble, impedance[inner] @ filters, HALF_WIDTH)
     filters = _in_band(filters, band, ensemble.sampling_rate)
     tint = colour(ensemble, left, fit.effective / left.size, filters)
-    edges = (min(frequency / ensemble.sampling_rate, 0.5) for frequency in band)
-    factors = tint.factors(filters) / max(power_in_band(tint.noise, *edges), LEAST_POWER)
+    edges = [min(frequency / ensemble.sampling_rate, 0.5) for frequency in band]
+    factors = tint.factors() / max(power_in_band(tint.noise, *edges), LEAST_POWER)
     columns = features.shape[1]
     parts = [slice(first, first + columns) for first in range(0, len(covariance), columns)]
     covariances = [covariance[part, part] for part in parts]
     variances = [np.einsum("tj,jk,tk->t", features, one, features, optimize=True) for one in covariances]
+    # Of a mean over realizations that was subtracted the posterior knows nothing.
+    factors *= len(ensemble) / independent_realizations(ensemble)
     deviation = np.full((3, len(impedance)), np.nan)
     deviation[: len(parts)] = np.sqrt(np.maximum(factors[:, None] * np.stack(variances), 0.0))
     deviation[:, :missing] = deviation[:, len(impedance) - missing :] = np.nan
     arcs = [arc_length(features, one) for one in covariances] + [math.inf] * (3 - len(parts))
-    return Spread(deviation, np.full(deviation.shape, np.inf), (arcs[0], arcs[1], arcs[2]))
+    numbers = 2 * left.size * (edges[1] - edges[0])
+    freedom = np.full(deviation.shape, max(1.0, numbers - fit.effective))
+    return Spread(deviation, freedom, (arcs[0], arcs[1], arcs[2]))
 
 
 LEAST_POWER = 1e-3

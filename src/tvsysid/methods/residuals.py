@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tvsysid.impedance import agreement
 from tvsysid.numerics.moments import convolve_lags
-from tvsysid.numerics.noise import autocovariance, colour_factors, regressor_correlation
+from tvsysid.numerics.noise import autocovariance, colour_factors, regressor_correlation, regressor_covariances
 from tvsysid.signals import Ensemble
 
 Array = NDArray[np.float64]
@@ -18,15 +18,33 @@ LONGEST_COLOUR = 0.25
 """Seconds up to which the noise's autocorrelation is taken into account; the angle's own hardly reaches further."""
 
 
+def independent_realizations(ensemble: Ensemble) -> int:
+    """How many realizations' worth of noise an ensemble holds at each time.
+
+    One less than there are realizations where the mean over them was subtracted: what is fitted then is a regression
+    with an intercept at each time.
+    """
+    torque = ensemble.torque[:, ensemble.core]
+    mean, size = np.abs(torque.mean(axis=0)).max(), np.sqrt(np.mean(torque**2))
+    return len(ensemble) - 1 if mean <= SUBTRACTED * size else len(ensemble)
+
+
+def counted(ensemble: Ensemble) -> str:
+    """How many realizations there are and what they are worth, in words."""
+    count, independent = len(ensemble), independent_realizations(ensemble)
+    said = f"{count} realization{'s' * (count > 1)}"
+    return said if independent == count else f"{said}, worth {independent} with their mean subtracted,"
+
+
 class Colour(NamedTuple):
-    """Autocorrelation of the noise and autocovariance of the angle, from lag 0 on."""
+    """Autocorrelation of the ``noise`` (lag,), and covariances of the ``regressors`` (lag, regressor, regressor)."""
 
     noise: Array
-    angle: Array
+    regressors: Array
 
-    def factors(self, filters: Array) -> Array:
-        """Variances of a fit of angles filtered so, as multiples of those under white noise."""
-        return colour_factors(filters, self.angle, self.noise)
+    def factors(self) -> Array:
+        """Variances of the fit of these regressors, as multiples of those under white noise."""
+        return colour_factors(self.regressors, self.noise)
 
 
 def residual(ensemble: Ensemble, weights: Array, lags: int) -> Array:
@@ -53,7 +71,7 @@ def residual(ensemble: Ensemble, weights: Array, lags: int) -> Array:
 
 
 def colour(ensemble: Ensemble, left: Array, taken: Array | float, filters: Array) -> Colour:
-    """Colour of noise and angle.
+    """Colour of the noise, and of the regressors that it is fitted with.
 
     Parameters
     ----------
@@ -63,13 +81,13 @@ def colour(ensemble: Ensemble, left: Array, taken: Array | float, filters: Array
         Residual, shape (realization, time).
     taken
         Share of the noise's power that the fit took, were its regressors the same at all lags; for each lag from 0
-        on, shape (lag,), or one for all.
+        on, shape (lag,), or one for all. Of the noise with its mean over realizations, if that was subtracted.
     filters
         That give the regressors from lagged angles, shape (regressor, lag).
     """
-    reach = round(LONGEST_COLOUR * ensemble.sampling_rate)
-    angle = autocovariance(ensemble.angle, reach + filters.shape[1])
-    return Colour(correlation(left, np.asarray(taken * regressor_correlation(filters, angle, reach))), angle)
+    regressors = regressor_covariances(filters, ensemble.angle, round(LONGEST_COLOUR * ensemble.sampling_rate))
+    share = taken * len(ensemble) / independent_realizations(ensemble)
+    return Colour(correlation(left, np.asarray(share * regressor_correlation(regressors))), regressors)
 
 
 def correlation(left: Array, taken: Array) -> Array:
@@ -123,6 +141,8 @@ def second_order_agreement(fitted: float, cross: Array, moments: Array, left: fl
     return agreement(*(np.array([value]) for value in (fitted, answer, chance)))
 
 
+SUBTRACTED = 1e-9
+"""Share of the torque's RMS up to which a mean over realizations is rounding."""
 ROUNDING = 1e-9
 """Share of the largest eigenvalue below which directions of lagged angles are rounding."""
 LEAST_LEFT = 0.1

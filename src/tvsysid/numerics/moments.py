@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.lib.stride_tricks import as_strided
+from numpy.lib.stride_tricks import as_strided, sliding_window_view
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -105,6 +105,56 @@ def _cross_moments(u: Array, y: Array, length: int) -> Array:
         moments[start:stop] = as_strided(product, (stop - start, length), (row + column, row), writeable=False)[:, ::-1]
     moments /= len(u)
     return moments
+
+
+def coloured_moments(u: Array, weights: Array, correlation: Array) -> Array:
+    r"""Mean products of weighted sums of lagged inputs over a window, weighted by the correlation at their distance.
+
+    .. math:: \frac1R \sum_r \sum_{i, j = t - h}^{t + h} z_r(i)\, \rho(i - j)\, z_r(j), \qquad
+              z_r(i) = \sum_{k=-n}^{n} a_k(t)\, u_r(i - k)
+
+    Second moments of the input on a diagonal, :math:`\sum_r u_r(p)\, u_r(p + f)`, serve all windows as differences of
+    their running sums, so that the cost hardly depends on the window.
+
+    Parameters
+    ----------
+    u
+        Input, shape (realization, time).
+    weights
+        a, shape (time - 2 n - 2 h, quantity, 2 n + 1), lags from -n to n; row 0 belongs to sample n + h.
+    correlation
+        :math:`\rho` from lag 0 on, shape (2 h + 1,).
+
+    Returns
+    -------
+    Array
+        Shape (time - 2 n - 2 h, quantity).
+    """
+    times, quantities, length = weights.shape
+    reach = len(correlation) - 1
+    half, farthest = reach // 2, length - 1 + reach
+    samples = u.shape[1]
+    # Row farthest + f, column p + 1: running sum of u(p) u(p + f), shifted along so that it covers products up to p.
+    sums = np.zeros((2 * farthest + 1, samples + 1))
+    for offset in range(farthest + 1):
+        products = np.einsum("rt,rt->t", u[:, : samples - offset], u[:, offset:]) / len(u)
+        sums[farthest + offset, 1 : samples - offset + 1] = products
+        sums[farthest - offset, offset + 1 :] = products
+    np.cumsum(sums, axis=1, out=sums)
+    # Row e, column p: the double sum over the windows about p and about p + e.
+    inner = samples - 2 * half
+    double = np.zeros((length, inner))
+    for distance in range(-reach, reach + 1):
+        begin, end = half + max(-half, -half - distance), half + min(half, half - distance) + 1
+        rows = sums[farthest + distance : farthest + distance + length]
+        double += correlation[abs(distance)] * (rows[:, end : end + inner] - rows[:, begin : begin + inner])
+    out = np.zeros((times, quantities))
+    for apart in range(length):
+        products = weights[:, :, apart:] * weights[:, :, : length - apart]
+        # Weight k belongs to the input n - k samples from the window's centre.
+        near = sliding_window_view(double[apart], length - apart)[:times, ::-1]
+        out += (1 + (apart > 0)) * np.einsum("tqk,tk->tq", products, near)
+    return out
 
 
 def sliding_sum(x: Array, before: int, after: int) -> Array:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
-from scipy.linalg import toeplitz
 from scipy.signal import welch
 
 Array = NDArray[np.float64]
@@ -15,9 +15,13 @@ ROUNDING = 1e-9
 
 
 def autocovariance(x: Array, lags: int) -> Array:
-    r"""Mean product of samples that lie so many samples apart.
+    r"""Product of samples that lie so many samples apart, summed over all such pairs and divided by all samples.
 
-    .. math:: c(d) = \frac{1}{R (N - d)} \sum_r \sum_i x_r(i)\, x_r(i + d)
+    .. math:: c(d) = \frac{1}{R N} \sum_r \sum_i x_r(i)\, x_r(i + d)
+
+    Divided by N rather than by the N - d pairs there are, it is the autocovariance of some noise whatever the data:
+    its Toeplitz matrices have no negative eigenvalue, and every filter of it has a power. The mean over pairs comes
+    closer to that of the process at long distances, but may give a short realization's acceleration a negative power.
 
     Parameters
     ----------
@@ -34,21 +38,20 @@ def autocovariance(x: Array, lags: int) -> Array:
     Examples
     --------
     >>> autocovariance(np.array([[1.0, 2.0, 3.0]]), 1).round(9)
-    array([4.66666667, 4.        ])
+    array([4.66666667, 2.66666667])
     """
     count = x.shape[1]
     size = next_fast_len(count + lags, real=True)
     spectrum = rfft(x, size, axis=1)
     power = np.einsum("rf,rf->f", spectrum.real, spectrum.real) + np.einsum("rf,rf->f", spectrum.imag, spectrum.imag)
     products = irfft(power, size)[: lags + 1]
-    pairs = len(x) * np.maximum(count - np.arange(lags + 1), 1)
-    return np.asarray(np.where(np.arange(lags + 1) < count, products / pairs, 0.0))
+    return np.asarray(np.where(np.arange(lags + 1) < count, products / x.size, 0.0))
 
 
 def cross_covariance(x: Array, y: Array, lags: int) -> Array:
-    r"""Mean product of a sample and one of another signal that lies so many samples later.
+    r"""Product of a sample and one of another signal that lies so many samples later, as :func:`autocovariance`.
 
-    .. math:: c(d) = \frac{1}{R (N - |d|)} \sum_r \sum_i x_r(i)\, y_r(i + d), \qquad -n \le d \le n
+    .. math:: c(d) = \frac{1}{R N} \sum_r \sum_i x_r(i)\, y_r(i + d), \qquad -n \le d \le n
 
     Parameters
     ----------
@@ -65,45 +68,70 @@ def cross_covariance(x: Array, y: Array, lags: int) -> Array:
     Examples
     --------
     >>> cross_covariance(np.array([[1.0, 0.0, 0.0]]), np.array([[0.0, 2.0, 0.0]]), 1).round(9) + 0.0
-    array([0., 0., 1.])
+    array([0.        , 0.        , 0.66666667])
     """
     count = x.shape[1]
     size = next_fast_len(count + lags, real=True)
     product = np.einsum("rf,rf->f", rfft(x, size, axis=1).conj(), rfft(y, size, axis=1))
     offsets = np.arange(-lags, lags + 1)
-    pairs = len(x) * np.maximum(count - np.abs(offsets), 1)
-    return np.asarray(np.where(np.abs(offsets) < count, irfft(product, size)[offsets] / pairs, 0.0))
+    return np.asarray(np.where(np.abs(offsets) < count, irfft(product, size)[offsets] / x.size, 0.0))
 
 
-def regressor_correlation(filters: Array, angle: Array, lags: int) -> Array:
-    r"""How alike regressors are that lie so many samples apart.
+def regressor_covariances(filters: Array, angle: Array, lags: int) -> Array:
+    r"""Products of filtered angles that lie so many samples apart, of each with each.
 
-    .. math:: \frac1M \mathrm{tr}\left(S^{-1} F C_d F^T\right), \qquad (C_d)_{jk} = c(d + j - k)
+    .. math:: S_d = \frac{1}{R N} \sum_r \sum_i s_r(i)\, s_r(i + d)^T, \qquad s_{r, m}(i) = \sum_j F_{mj}\, u_r(i - j)
 
-    for M regressors :math:`s_m(i) = \sum_j F_{mj} u(i - j)` with moments :math:`S = F C_0 F^T`. A least-squares fit
-    takes products of the noise with itself at this distance away in this proportion.
+    over the N samples at which the filters lie within the angle. As with :func:`autocovariance`, sums of them that are
+    weighted by some noise's autocorrelation have no negative eigenvalue. They do not follow from the angle's own
+    autocovariance, where what a realization's ends take from a slow angle is as much as its whole acceleration.
 
     Parameters
     ----------
     filters
         F, shape (regressor, lag).
     angle
-        Autocovariance of the angle from lag 0 on; at least as many as filters and lags have together.
+        Shape (realization, time); mirrored at the ends where it is shorter than the filters and the lags.
     lags
         Largest d.
 
     Returns
     -------
     Array
-        Shape (lags + 1,); 1 at lag 0.
+        Shape (lags + 1, regressor, regressor).
     """
-    scaled, inverse = _scaled(filters, angle)
-    # tr(S^-1 F C_d F^T) is a sum over the diagonals of F^T S^-1 F, each with its own lag of the angle.
-    kernel = scaled.T @ inverse @ scaled
     width = filters.shape[1]
-    diagonals = np.array([np.trace(kernel, offset) for offset in range(-width + 1, width)])
-    near = angle[np.abs(np.arange(-width + 1, lags + width))]
-    return np.asarray(np.correlate(near, diagonals, mode="valid") / len(filters))
+    missing = max(0, width + lags - angle.shape[1])
+    if missing:
+        angle = np.pad(angle, ((0, 0), (missing - missing // 2, missing // 2)), mode="reflect", reflect_type="odd")
+    count = angle.shape[1] - width + 1
+    signals = np.ascontiguousarray(filters[:, ::-1]) @ sliding_window_view(angle, count, axis=1)
+    size = next_fast_len(count + lags, real=True)
+    spectra = np.ascontiguousarray(rfft(signals, size, axis=2).transpose(2, 1, 0))
+    products = irfft(spectra.conj() @ spectra.transpose(0, 2, 1), size, axis=0)[: lags + 1]
+    return np.asarray(products / (count * len(angle)))
+
+
+def regressor_correlation(covariances: Array) -> Array:
+    r"""How alike regressors are that lie so many samples apart.
+
+    .. math:: \frac1M \mathrm{tr}\left(S_0^{-1} S_d\right)
+
+    for M regressors with the covariances :math:`S_d`. A least-squares fit takes products of the noise with itself at
+    this distance away in this proportion.
+
+    Parameters
+    ----------
+    covariances
+        As of :func:`regressor_covariances`, shape (lag, regressor, regressor).
+
+    Returns
+    -------
+    Array
+        Shape (lag,); 1 at lag 0.
+    """
+    scaled, inverse = _scaled(covariances)
+    return np.asarray(np.einsum("jk,dkj->d", inverse, scaled) / len(inverse))
 
 
 def power_in_band(correlation: Array, low: float, high: float) -> float:
@@ -154,44 +182,37 @@ def white_share(noise: Array, signal: Array, sampling_rate: float, band: tuple[f
     return min(1.0, float(power.mean() * strength.sum()) / product) if product > 0 else 1.0
 
 
-def colour_factors(filters: Array, angle: Array, noise: Array) -> Array:
+def colour_factors(covariances: Array, noise: Array) -> Array:
     r"""Variances of a least-squares fit under coloured noise, as multiples of those under white noise.
 
-    The regressors are filtered angles, :math:`s_m(i) = \sum_j F_{mj} u(i - j)`. With their moments
-    :math:`S = F C F^T` and :math:`\tilde S = F \tilde C F^T`, where C holds the angle's autocovariance c and
-    :math:`\tilde C` the same after a passage through the noise's autocorrelation,
-    :math:`\tilde c(d) = \sum_e \rho(e)\, c(d + e)`,
+    With the regressors' covariances :math:`S_d` and the noise's autocorrelation :math:`\rho`,
 
-    .. math:: f_m = \frac{(S^{-1} \tilde S S^{-1})_{mm}}{(S^{-1})_{mm}}
+    .. math:: f_m = \frac{(S_0^{-1} \tilde S S_0^{-1})_{mm}}{(S_0^{-1})_{mm}}, \qquad
+              \tilde S = S_0 + \sum_{d > 0} \rho(d) \left(S_d + S_d^T\right)
 
     Parameters
     ----------
-    filters
-        F, shape (regressor, lag).
-    angle
-        Autocovariance of the angle from lag 0 on; at least as many as filters and noise have lags together, less one.
+    covariances
+        As of :func:`regressor_covariances`, shape (lag, regressor, regressor).
     noise
-        Autocorrelation of the noise from lag 0 on, 1 at lag 0.
+        Autocorrelation of the noise from lag 0 on, 1 at lag 0; at as many lags.
 
     Returns
     -------
     Array
         Shape (regressor,); 1 for white noise.
     """
-    lags, reach = filters.shape[1], len(noise) - 1
-    both = np.concatenate([noise[:0:-1], noise])
-    near = angle[np.abs(np.arange(-reach - lags + 1, reach + lags))]
-    passed = np.convolve(near, both, mode="valid")[lags - 1 :]
-    scaled, inverse = _scaled(filters, angle)
-    coloured = inverse @ (scaled @ toeplitz(passed) @ scaled.T) @ inverse
+    scaled, inverse = _scaled(covariances)
+    half = np.einsum("d,djk->jk", noise, scaled) - scaled[0] / 2
+    coloured = inverse @ (half + half.T) @ inverse
     return np.asarray(np.maximum(np.diag(coloured), 0.0) / np.diag(inverse))
 
 
-def _scaled(filters: Array, angle: Array) -> tuple[Array, Array]:
-    """Filters scaled to unit power of the regressors, and the inverse of the regressors' moments."""
-    moments = toeplitz(angle[: filters.shape[1]])
-    power = np.einsum("mj,jk,mk->m", filters, moments, filters)
-    scaled = filters / np.sqrt(np.where(power > 0, power, 1.0))[:, None]
-    values, vectors = np.linalg.eigh(scaled @ moments @ scaled.T)
+def _scaled(covariances: Array) -> tuple[Array, Array]:
+    """Covariances scaled to unit power of the regressors, and the inverse of the regressors' moments."""
+    power = np.diag(covariances[0])
+    scale = np.sqrt(np.where(power > 0, power, 1.0))
+    scaled = covariances / np.outer(scale, scale)
+    values, vectors = np.linalg.eigh(scaled[0])
     # Regressors that are alike to rounding share what they explain.
     return scaled, (vectors / np.maximum(values, ROUNDING)) @ vectors.T

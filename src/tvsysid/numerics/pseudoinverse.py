@@ -13,14 +13,19 @@ Order = Literal["natural", "output"]
 
 
 class Solution(NamedTuple):
-    """Weights, shape (time, lag); how many singular values they were built from, shape (time,); the pseudo-inverse.
+    """Least squares at each time, truncated or not.
 
-    The last, shape (time, lag, lag), is that of the correlations: ``weights = inverse @ phi_uy``.
+    ``weights`` (time, lag) and how many singular values they were built from, ``rank`` (time,); ``inverse`` (time, lag,
+    lag) is the pseudo-inverse of the correlations, ``weights = inverse @ phi_uy``. Without truncation there would be
+    ``usable`` singular values, those above rounding, which explain the power ``explained`` of the output, both (time,):
+    what they leave is noise whichever of them were taken.
     """
 
     weights: Array
     rank: NDArray[np.int64]
     inverse: Array
+    usable: NDArray[np.int64]
+    explained: Array
 
 
 def truncated(
@@ -58,6 +63,7 @@ def truncated(
     values, vectors, projections, usable = _spectrum(phi_uu, phi_uy)
     reciprocal = np.where(usable, 1 / np.where(usable, values, 1.0), 0.0)
     explained = projections**2 * reciprocal
+    every = usable.sum(axis=1), explained.sum(axis=1)
     if order == "output":
         ranking = np.argsort(-explained, axis=1, kind="stable")
         explained = np.take_along_axis(explained, ranking, axis=1)
@@ -67,9 +73,9 @@ def truncated(
     counts = np.arange(1, values.shape[1] + 1)
     length = np.broadcast_to(np.asarray(samples, dtype=float), y_variance.shape)[:, None]
     cost = (1 + counts * np.log(length) / length) * (y_variance[:, None] - np.cumsum(explained, axis=1))
-    cost[counts > usable.sum(axis=1)[:, None]] = np.inf
+    cost[counts > every[0][:, None]] = np.inf
     rank = np.argmin(cost, axis=1) + 1
-    return _solution(vectors, projections, np.where(place < rank[:, None], reciprocal, 0.0), rank)
+    return _solution(vectors, projections, np.where(place < rank[:, None], reciprocal, 0.0), rank, *every)
 
 
 def full(phi_uu: Array, phi_uy: Array) -> Solution:
@@ -79,13 +85,22 @@ def full(phi_uu: Array, phi_uy: Array) -> Solution:
     """
     values, vectors, projections, usable = _spectrum(phi_uu, phi_uy)
     reciprocal = np.where(usable, 1 / np.where(usable, values, 1.0), 0.0)
-    return _solution(vectors, projections, reciprocal, usable.sum(axis=1))
+    rank = usable.sum(axis=1)
+    return _solution(vectors, projections, reciprocal, rank, rank, np.sum(projections**2 * reciprocal, axis=1))
 
 
-def _solution(vectors: Array, projections: Array, reciprocal: Array, rank: NDArray[np.int64]) -> Solution:
+def _solution(
+    vectors: Array,
+    projections: Array,
+    reciprocal: Array,
+    rank: NDArray[np.int64],
+    usable: NDArray[np.int64],
+    explained: Array,
+) -> Solution:
     """Solution from eigenvectors and the reciprocals of those eigenvalues that are kept."""
     weights = (vectors @ (projections * reciprocal)[..., None])[..., 0]
-    return Solution(weights, rank, (vectors * reciprocal[:, None, :]) @ vectors.transpose(0, 2, 1))
+    inverse = (vectors * reciprocal[:, None, :]) @ vectors.transpose(0, 2, 1)
+    return Solution(weights, rank, inverse, usable, explained)
 
 
 def _spectrum(phi_uu: Array, phi_uy: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
@@ -123,6 +138,7 @@ def direct(u: Array, y: Array, lags: int, block: int = 64) -> Solution:
     windows = sliding_window_view(u, 2 * lags + 1, axis=1)[:, :, ::-1].transpose(1, 0, 2)
     times = windows.shape[0]
     weights, rank = np.empty((times, 2 * lags + 1)), np.empty(times, dtype=np.int64)
+    explained = np.empty(times)
     inverse = np.empty((times, 2 * lags + 1, 2 * lags + 1))
     for start in range(0, times, block):
         stop = min(start + block, times)
@@ -133,6 +149,7 @@ def direct(u: Array, y: Array, lags: int, block: int = 64) -> Solution:
         reciprocal = np.where(usable, 1 / np.where(usable, values, 1.0), 0.0)
         weights[start:stop] = ((projections * reciprocal)[:, None, :] @ right)[:, 0]
         rank[start:stop] = usable.sum(axis=1)
+        explained[start:stop] = np.sum(projections**2 * usable, axis=1) / len(u)
         transposed = right.transpose(0, 2, 1)
         inverse[start:stop] = len(u) * (transposed * reciprocal[:, None, :] ** 2) @ right
-    return Solution(weights, rank, inverse)
+    return Solution(weights, rank, inverse, rank, explained)

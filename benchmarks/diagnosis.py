@@ -69,12 +69,12 @@ def clean_joint(seed: int) -> tv.Ensemble:
     return tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period))
 
 
-def no_more(recording: tv.Recording, period: float, random: np.random.Generator) -> Array:  # noqa: ARG001
+def no_more(recording: tv.Recording, period: float, random: np.random.Generator) -> Array:
     """The simulation's own noise, of 40 Hz."""
     return np.zeros(len(recording))
 
 
-def slow(recording: tv.Recording, period: float, random: np.random.Generator) -> Array:  # noqa: ARG001
+def slow(recording: tv.Recording, period: float, random: np.random.Generator) -> Array:
     """Voluntary torque that wanders: first order at 0.5 Hz, 60 % of the torque's RMS."""
     return 0.6 * recording.torque.std() * coloured(recording, butter(1, 0.5, fs=recording.sampling_rate), random)
 

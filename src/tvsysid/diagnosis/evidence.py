@@ -9,8 +9,9 @@ from functools import cached_property
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
+from scipy.interpolate import make_interp_spline
 from scipy.ndimage import shift as spline_shift
-from scipy.signal import lfilter
+from scipy.signal import firwin, lfilter, oaconvolve
 from scipy.special import stdtr
 
 from tvsysid.diagnosis.fit import SecondOrder, fit_motion, fit_second_order
@@ -28,8 +29,10 @@ SHORTEST = 30
 """Samples of a realization whose derivatives must be known."""
 CHANCE = 1e-5
 """Probability below which no check takes what it sees for chance."""
-WHITENING = 10
-"""Samples before from which noise is foretold."""
+WHITENING = 0.1
+"""Seconds before from which noise is foretold."""
+TAPS = 3
+"""Samples of the lower rate that the low-pass of a rate which does not divide is long, as that to a tenth is."""
 RIDGE = 1e-9
 """Share of the regressors' mean power that keeps their fit from falling apart."""
 
@@ -89,25 +92,30 @@ class Evidence:
         """Share of the torque's variance that the model explains."""
         return 1.0 - left_by(self.fit, self.residual)
 
+    @property
+    def whitening(self) -> int:
+        """Samples before from which noise is foretold, w; never so many that little is left."""
+        return max(2, min(round(WHITENING * self.rate), self.fit.torque.shape[1] // 3))
+
     @cached_property
     def _whitener(self) -> Array:
-        return np.concatenate([[1.0], -_prediction(self.residual, WHITENING)[::-1]])
+        return np.concatenate([[1.0], -_prediction(self.residual, self.whitening)[::-1]])
 
     def whitened(self, signal: Array) -> Array:
-        """Signal through the filter that makes the residual white, shape (..., time - 10).
+        """Signal through the filter that makes the residual white, shape (..., time - w).
 
         Slow noise, such as that of voluntary torque, would otherwise hide what single realizations tell.
         """
-        return np.asarray(lfilter(self._whitener, 1.0, signal, axis=-1)[..., WHITENING:])
+        return np.asarray(lfilter(self._whitener, 1.0, signal, axis=-1)[..., self.whitening :])
 
     @cached_property
     def white_parts(self) -> Array:
-        """Parts of the torque, whitened, shape (3, realization, time - 10)."""
+        """Parts of the torque, whitened, shape (3, realization, time - w)."""
         return self.whitened(self.parts)
 
     @cached_property
     def white_residual(self) -> Array:
-        """Residual, whitened, shape (realization, time - 10)."""
+        """Residual, whitened, shape (realization, time - w)."""
         return self.whitened(self.residual)
 
     @cached_property
@@ -174,30 +182,54 @@ def known_samples(samples: int, context: int) -> int:
 
 
 def lowered(ensemble: Ensemble) -> Ensemble:
-    """Ensemble at the lowest rate of at least 100 Hz at which realization and context are whole numbers of samples."""
-    samples, context = ensemble.samples, ensemble.context
-    width = samples + 2 * context
+    """Ensemble at some 100 Hz, at which a realization is a whole number of samples.
+
+    Where the samples of realization and context share a factor, that is the decimation of
+    :func:`tvsysid.preprocess.decimate`; where they do not, its low-pass, and samples between the old ones.
+    """
+    samples, context, rate = ensemble.samples, ensemble.context, ensemble.sampling_rate
     factors = [
         factor
-        for factor in range(2, int(ensemble.sampling_rate / LOWEST_RATE) + 1)
+        for factor in range(2, int(rate / LOWEST_RATE) + 1)
         if math.gcd(samples, context) % factor == 0 and known_samples(samples // factor, context // factor) >= SHORTEST
     ]
-    if not factors:
+    factor = factors[-1] if factors else 1
+    if rate / factor >= 2 * LOWEST_RATE:
+        return _resampled(ensemble)
+    if factor == 1:
         return ensemble
     # Every realization is filtered by itself, as a trial is.
-    starts = tuple(range(0, ensemble.angle.size, width))
-    rate = ensemble.sampling_rate / factors[-1]
-    recording = Recording(ensemble.angle.ravel(), ensemble.torque.ravel(), ensemble.sampling_rate, trial_starts=starts)
-    low = decimate(recording, rate)
+    starts = tuple(range(0, ensemble.angle.size, samples + 2 * context))
+    recording = Recording(ensemble.angle.ravel(), ensemble.torque.ravel(), rate, trial_starts=starts)
+    low = decimate(recording, rate / factor)
     shape = (len(ensemble), -1)
-    return Ensemble(
-        low.angle.reshape(shape),
-        low.torque.reshape(shape),
-        rate,
-        context=ensemble.context // factors[-1],
-        onsets=ensemble.onsets,
-        trials=ensemble.trials,
-    )
+    return _at(ensemble, low.angle.reshape(shape), low.torque.reshape(shape), rate / factor, context // factor)
+
+
+def _resampled(ensemble: Ensemble) -> Ensemble:
+    """Ensemble at a lower rate that does not divide its own."""
+    samples, context, rate = ensemble.samples, ensemble.context, ensemble.sampling_rate
+    for count in range(math.ceil(samples * LOWEST_RATE / rate), samples // 2 + 1):
+        margin = context * count // samples
+        if known_samples(count, margin) >= SHORTEST:
+            break
+    else:
+        return ensemble
+    step = samples / count
+    places = context + step * np.arange(-margin, count + margin)
+    taps = firwin(2 * round(TAPS * step / 2) + 1, 1 / step)
+    half = len(taps) // 2
+
+    def lower(values: Array) -> Array:
+        extended = np.pad(values, ((0, 0), (half, half)), "reflect", reflect_type="odd")
+        smooth = oaconvolve(extended, taps[None], mode="valid", axes=1)
+        return np.asarray(make_interp_spline(np.arange(values.shape[1]), smooth, axis=1)(places))
+
+    return _at(ensemble, lower(ensemble.angle), lower(ensemble.torque), rate / step, margin)
+
+
+def _at(ensemble: Ensemble, angle: Array, torque: Array, rate: float, context: int) -> Ensemble:
+    return Ensemble(angle, torque, rate, context=context, onsets=ensemble.onsets, trials=ensemble.trials)
 
 
 def _deviation(values: Array) -> Array:

@@ -8,7 +8,7 @@ from scipy.ndimage import maximum_filter1d, median_filter
 
 from tvsysid.diagnosis.catalogue import KINDS
 from tvsysid.diagnosis.check import Check, judged, unjudged
-from tvsysid.diagnosis.evidence import WHITENING, Evidence, innovations
+from tvsysid.diagnosis.evidence import Evidence, innovations
 
 Array = NDArray[np.float64]
 
@@ -91,7 +91,7 @@ def lost(evidence: Evidence, which: str) -> Check:
     if not gone.any():
         return judged(name, 0.0, f"the {which} is there throughout")
     realization, window = np.argwhere(gone)[0]
-    begin = (window * samples + WHITENING + evidence.fit.first - evidence.ensemble.context) / evidence.rate
+    begin = (window * samples + evidence.whitening + evidence.fit.first - evidence.ensemble.context) / evidence.rate
     return judged(
         name,
         seconds,
@@ -112,8 +112,8 @@ def _held(evidence: Evidence, which: str, samples: int) -> list[NDArray[np.bool_
     """Windows in which every value is the same, where no mean was subtracted; an angle may be held, a torque not."""
     if which == "angle":
         return []
-    first = evidence.fit.first + WHITENING
-    count = (evidence.fit.torque.shape[1] - WHITENING) // samples
+    first = evidence.fit.first + evidence.whitening
+    count = (evidence.fit.torque.shape[1] - evidence.whitening) // samples
     values = evidence.ensemble.torque[:, first : first + count * samples].reshape(-1, count, samples)
     return [np.ptp(values, axis=2) <= 1e-9 * float(np.std(evidence.ensemble.torque))]
 
@@ -138,8 +138,8 @@ def torque_spikes(evidence: Evidence) -> Check:
 
 def _surprises(evidence: Evidence) -> tuple[Array, Array, slice]:
     """What the angle's past does not foretell, the torque's alike, over what is usual; and which samples."""
-    order = min(max(2, round(PAST * evidence.rate)), evidence.fit.first + WHITENING)
-    first, samples = evidence.fit.first + WHITENING, evidence.white_residual.shape[1]
+    order = min(max(2, round(PAST * evidence.rate)), evidence.fit.first + evidence.whitening)
+    first, samples = evidence.fit.first + evidence.whitening, evidence.white_residual.shape[1]
     inner = slice(first - order, first - order + samples)
     angle, torque = (
         _over_usual(np.abs(innovations(values, order)[:, inner]), USUAL_ANGLE)
@@ -153,7 +153,7 @@ def _highest(evidence: Evidence, name: str, heights: Array) -> Check:
     if value == 0:
         return judged(name, 0.0, "none")
     realization, sample = np.unravel_index(int(np.argmax(heights)), heights.shape)
-    begin = (sample + WHITENING + evidence.fit.first - evidence.ensemble.context) / evidence.rate
+    begin = (sample + evidence.whitening + evidence.fit.first - evidence.ensemble.context) / evidence.rate
     count = int(np.count_nonzero(heights > KINDS[name].limit))
     more = f"; {count} samples stand out" if count > 1 else ""
     return judged(

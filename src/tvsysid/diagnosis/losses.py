@@ -24,6 +24,8 @@ STILL = 0.1
 """Share of what is expected below which a signal does not move."""
 LOUD = 4.0
 """Times the usual power from which on a window's residual is out of the ordinary."""
+QUIET = 0.25
+"""Share of a realization's windows that are quieter than what counts as its noise."""
 LEAST_SAMPLES = 10
 """Of a window."""
 HALF_SPIKE = 3
@@ -80,11 +82,13 @@ def lost(evidence: Evidence, which: str) -> Check:
     expected, there, left = (_window_power(values, samples) for values in (answer, measured, evidence.white_residual))
     together = _window_power(answer, samples, measured)
     typical = float(np.median(left))
+    # What is loud at this time in most realizations, or at most times in this one, is noise and no loss.
+    noise = np.maximum(np.median(left, axis=0), np.maximum(typical, np.quantile(left, QUIET, axis=1))[:, None])
     if which == "torque":
         moving = expected > max(float(np.median(expected)), LOUD * typical)
         gone = moving & (there < STILL * expected) & (np.abs(together) < 2 * STILL * expected)
     else:
-        gone = (left > LOUD * typical) & (expected < STILL * there) & (np.abs(together) < STILL * there)
+        gone = (left > LOUD * noise) & (expected < STILL * there) & (np.abs(together) < STILL * there)
     for values in _held(evidence, which, samples):
         gone |= values
     seconds = float(gone.sum()) * samples / evidence.rate

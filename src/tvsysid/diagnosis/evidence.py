@@ -194,8 +194,8 @@ def lowered(ensemble: Ensemble) -> Ensemble:
         if math.gcd(samples, context) % factor == 0 and known_samples(samples // factor, context // factor) >= SHORTEST
     ]
     factor = factors[-1] if factors else 1
-    if rate / factor >= 2 * LOWEST_RATE:
-        return _resampled(ensemble)
+    if rate / factor >= 2 * LOWEST_RATE and (between := _resampled(ensemble)) is not None:
+        return between
     if factor == 1:
         return ensemble
     # Every realization is filtered by itself, as a trial is.
@@ -206,15 +206,15 @@ def lowered(ensemble: Ensemble) -> Ensemble:
     return _at(ensemble, low.angle.reshape(shape), low.torque.reshape(shape), rate / factor, context // factor)
 
 
-def _resampled(ensemble: Ensemble) -> Ensemble:
-    """Ensemble at a lower rate that does not divide its own."""
+def _resampled(ensemble: Ensemble) -> Ensemble | None:
+    """Ensemble at a lower rate that does not divide its own; none if realizations are too short for that."""
     samples, context, rate = ensemble.samples, ensemble.context, ensemble.sampling_rate
     for count in range(math.ceil(samples * LOWEST_RATE / rate), samples // 2 + 1):
         margin = context * count // samples
         if known_samples(count, margin) >= SHORTEST:
             break
     else:
-        return ensemble
+        return None
     step = samples / count
     places = context + step * np.arange(-margin, count + margin)
     taps = firwin(2 * round(TAPS * step / 2) + 1, 1 / step)

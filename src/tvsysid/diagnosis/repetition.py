@@ -6,6 +6,8 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import irfft, next_fast_len, rfft
+from scipy.ndimage import uniform_filter1d
 
 from tvsysid.diagnosis.check import Check, judged, unjudged
 from tvsysid.diagnosis.evidence import CHANCE, LEAST_REALIZATIONS, Evidence, chance
@@ -22,9 +24,13 @@ OTHER_STIFFNESS = 0.3
 OTHER_ANSWER = 0.2
 """The same for the whole torque's size."""
 OTHER_NOISE = 1.7
-"""Times the usual noise, whitened, that makes a realization unlike the others."""
+"""Times the usual noise, whitened, that makes a realization unlike the others, if few of the others come near it."""
 SHIFT_STEP, SHORTEST_SHIFT = 0.02, 0.05
 """In s."""
+ABOUT = 0.1
+"""Seconds over which the noise about a time is averaged."""
+QUIETEST = 0.05
+"""Share of the mean noise that no time is taken to have less of."""
 BETTER = 0.2
 """Share of a realization's residual that a shift must take away."""
 MOST = 0.5
@@ -120,6 +126,17 @@ def relative_noise(evidence: Evidence) -> Array:
     return np.asarray(size / usual) if usual > 0 else np.ones_like(size)
 
 
+def local_noise(evidence: Evidence) -> Array:
+    """Power of the whitened residual about each time, the median over realizations, shape (time - w,).
+
+    Voluntary torque may be louder at one time of the behaviour than at another; what a few realizations do does not
+    show.
+    """
+    size = min(max(1, round(ABOUT * evidence.rate)), evidence.white_residual.shape[1])
+    power = np.median(uniform_filter1d(evidence.white_residual**2, size, axis=1, mode="nearest"), axis=0)
+    return np.asarray(np.maximum(power, QUIETEST * float(power.mean()) + np.finfo(float).tiny))
+
+
 def misaligned(evidence: Evidence) -> tuple[Check, NDArray[np.bool_]]:
     """Realizations that the behaviour of all explains clearly better when it is shifted, and which these are."""
     name, none = "misaligned-realizations", np.zeros(len(evidence.ensemble), dtype=bool)
@@ -136,13 +153,17 @@ def misaligned(evidence: Evidence) -> tuple[Check, NDArray[np.bool_]]:
     shifts = np.arange(-reach, reach + 1) * step
     inertial = fit.torque - evidence.parts[2]
     left = np.empty((len(shifts), len(fit.torque)))
+    weights = 1 / local_noise(evidence)
     for row, shift in zip(left, shifts, strict=True):
         answer = np.roll(stiffness, shift) * fit.motion[0] + np.roll(viscosity, shift) * fit.motion[1]
-        row[:] = np.sum(evidence.whitened(inertial - answer) ** 2, axis=1)
+        row[:] = evidence.whitened(inertial - answer) ** 2 @ weights
     best = np.argmin(left, axis=0)
     gain = 1 - left[best, np.arange(left.shape[1])] / np.maximum(left[reach], np.finfo(float).tiny)
     seconds = shifts[best] / rate
     out = (gain > BETTER) & (np.abs(seconds) >= SHORTEST_SHIFT)
+    # Likelihood ratio of white noise whose level is the realization's own: the best of so many shifts, and of all.
+    likelier = 0.5 * len(weights) * -np.log1p(-np.clip(gain, 0.0, 1 - 1e-12))
+    out &= likelier > math.log(left.size / CHANCE)
     count = int(out.sum())
     what = f"{count} of {len(out)} realizations fit better elsewhere"
     if count:
@@ -185,7 +206,10 @@ def unlike(evidence: Evidence, misaligned_ones: NDArray[np.bool_]) -> Check:
         usual = 1.4826 * float(np.median(distance))
         # A realization that hardly moved tells little of its stiffness, whatever comes out.
         out |= (distance > FAR_OUT * np.maximum(usual, error)) & (distance > least)
-    out |= noise > OTHER_NOISE
+    # Noise of voluntary torque differs from realization to realization: the loudest of many is not unlike them.
+    level = np.log(np.maximum(noise, np.finfo(float).tiny))
+    usual = 1.4826 * float(np.median(np.abs(level)))
+    out |= (noise > OTHER_NOISE) & (level > FAR_OUT * usual)
     out &= ~misaligned_ones
     what = f"{int(out.sum())} of {len(out)} realizations lie far out"
     if out.any():
@@ -199,9 +223,11 @@ def unlike(evidence: Evidence, misaligned_ones: NDArray[np.bool_]) -> Check:
 def wrong_period(evidence: Evidence) -> Check:
     """Stiffness that varies with a frequency of which no whole number fits into a realization.
 
-    What the fit left is projected on the torque of stiffness at each sample. That series has no part at the harmonics
-    of the period, which the fit took; a line between them is a behaviour of another period. Its power over what
-    realizations of random phase would give tells chance.
+    What the fit left is projected on the torque of stiffness at each sample; a line in that series between the
+    harmonics of the period is a behaviour of another period. The series has no part at the harmonics only if it is of
+    the signals that were fitted: as they are whitened, stiffness and viscosity are fitted again, for the first fit's
+    error, which slow noise makes large, is the same in all realizations. The power of a line over what realizations of
+    random phase would give tells chance.
     """
     name = "wrong-period"
     ensemble = evidence.ensemble
@@ -214,16 +240,10 @@ def wrong_period(evidence: Evidence) -> Check:
         return unjudged(name, TOO_FEW)
     if evidence.explained < ANSWERED:
         return unjudged(name, NO_ANSWER)
-    scores = evidence.white_residual * evidence.white_parts[0]
-    within = np.arange(scores.shape[1]) / evidence.rate
-    longest = max(float(np.ptp(ensemble.onsets[ensemble.trials == number])) for number in numbers) + ensemble.duration
-    highest = min(FASTEST / ensemble.duration, 0.25 * evidence.rate)
-    frequencies = np.arange(SLOWEST / ensemble.duration, highest, RESOLUTION / longest)
-    own = scores @ np.exp(-2j * np.pi * np.outer(within, frequencies))
-    own *= np.exp(-2j * np.pi * np.outer(ensemble.onsets, frequencies))
-    together = np.stack([own[ensemble.trials == number].sum(axis=0) for number in numbers])
-    coherent = np.sum(np.abs(together) ** 2, axis=0) / np.sum(np.abs(own) ** 2, axis=0)
-    amplitude = 200 * np.sqrt(np.sum(np.abs(together) ** 2, axis=0)) / float(np.sum(evidence.white_parts[0] ** 2))
+    again = fit_motion(evidence.white_parts, evidence.white_residual, evidence.rate, 0)
+    scores = (evidence.white_residual - again.parts.sum(axis=0)) * evidence.white_parts[0]
+    frequencies, coherent, power = _lines(scores, evidence)
+    amplitude = 200 * np.sqrt(power) / float(np.sum(evidence.white_parts[0] ** 2))
     best = int(np.argmax(np.where(coherent > 1, amplitude, 0.0)))
     largest = len(ensemble) / len(numbers)
     independent = max(1.0, len(frequencies) * RESOLUTION)
@@ -233,3 +253,34 @@ def wrong_period(evidence: Evidence) -> Check:
         f"repeats every {ensemble.duration:g} s"
     )
     return judged(name, float(amplitude[best]), what, certain=probability < CHANCE)
+
+
+def _lines(scores: Array, evidence: Evidence) -> tuple[Array, Array, Array]:
+    """Frequencies in Hz; power of trials over that of realizations of random phase; and power of trials.
+
+    Trials are put together and transformed at once; the power of single realizations follows from the sum of their
+    autocorrelations, so that memory and time grow with the record's length and no faster.
+    """
+    ensemble, rate = evidence.ensemble, evidence.rate
+    assert ensemble.onsets is not None
+    assert ensemble.trials is not None
+    numbers, samples = np.unique(ensemble.trials), scores.shape[1]
+    runs = [np.flatnonzero(ensemble.trials == number) for number in numbers]
+    longest = max(float(np.ptp(ensemble.onsets[run])) for run in runs) + ensemble.duration
+    length = next_fast_len(math.ceil(longest * rate / RESOLUTION) + 2 * samples, real=True)
+    frequencies = np.arange(length // 2 + 1) * rate / length
+    highest = min(FASTEST / ensemble.duration, 0.25 * rate)
+    looked = (frequencies >= SLOWEST / ensemble.duration) & (frequencies < highest)
+    together = np.zeros(int(looked.sum()))
+    for run in runs:
+        series = np.zeros(length)
+        first = np.round((ensemble.onsets[run] - ensemble.onsets[run].min()) * rate).astype(np.int64)
+        np.add.at(series, first[:, None] + np.arange(samples), scores[run])
+        together += np.abs(rfft(series)[looked]) ** 2
+    own = np.sum(np.abs(rfft(scores, 2 * samples, axis=1)) ** 2, axis=0)
+    correlation = irfft(own, 2 * samples)
+    apart = np.zeros(length)
+    apart[:samples] = correlation[:samples]
+    apart[length - samples + 1 :] = correlation[samples + 1 :]
+    alone = np.maximum(rfft(apart)[looked].real, np.finfo(float).tiny)
+    return frequencies[looked], together / alone, together

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
-from scipy.ndimage import shift as spline_shift
+from scipy.ndimage import correlate1d
 from scipy.signal import firwin, lfilter, oaconvolve
 from scipy.special import stdtr
 
@@ -33,6 +33,8 @@ WHITENING = 0.1
 """Seconds before from which noise is foretold."""
 TAPS = 3
 """Samples of the lower rate that the low-pass of a rate which does not divide is long, as that to a tenth is."""
+SINC = 12
+"""Samples to either side that a value between samples is made from."""
 RIDGE = 1e-9
 """Share of the regressors' mean power that keeps their fit from falling apart."""
 
@@ -95,7 +97,7 @@ class Evidence:
     @property
     def whitening(self) -> int:
         """Samples before from which noise is foretold, w; never so many that little is left."""
-        return max(2, min(round(WHITENING * self.rate), self.fit.torque.shape[1] // 3))
+        return int(max(2, min(round(WHITENING * self.rate), self.fit.torque.shape[1] // 3)))
 
     @cached_property
     def _whitener(self) -> Array:
@@ -136,21 +138,38 @@ class Evidence:
         count = len(influence)
         return values, np.sqrt(np.sum(influence**2, axis=0) * count / max(count - 1, 1))
 
-    def synchronised(self, late: int) -> Evidence:
+    def levelled(self, angle: Array, torque: Array) -> Evidence:
+        """Evidence of the same ensemble less an offset of each realization, shape (realization,)."""
+        if not angle.any() and not torque.any():
+            return self
+        given = self.ensemble
+        return Evidence(
+            self.given,
+            replace(given, angle=given.angle - angle[:, None], torque=given.torque - torque[:, None]),
+        )
+
+    def synchronised(self, late: float) -> Evidence:
         """Evidence of the same ensemble with the torque taken so many samples later."""
-        given, width = self.ensemble, self.ensemble.angle.shape[1]
-        cut = abs(late)
+        given, width, whole = self.ensemble, self.ensemble.angle.shape[1], round(late)
+        cut = abs(whole)
         if late == 0 or given.context < cut:
             return self
         ensemble = Ensemble(
             given.angle[:, cut : width - cut],
-            given.torque[:, cut + late : width - cut + late],
+            between(given.torque, late - whole)[:, cut + whole : width - cut + whole],
             given.sampling_rate,
             context=given.context - cut,
             onsets=given.onsets,
             trials=given.trials,
         )
         return Evidence(self.given, ensemble)
+
+    @cached_property
+    def halves(self) -> tuple[Evidence, Evidence]:
+        """First and second half of the experiment, each by itself."""
+        order, middle = self.order, len(self.order) // 2
+        first, second = (Evidence(self.given, self.ensemble.select(half)) for half in (order[:middle], order[middle:]))
+        return first, second
 
     @property
     def order(self) -> NDArray[np.int64]:
@@ -194,7 +213,7 @@ def lowered(ensemble: Ensemble) -> Ensemble:
         if math.gcd(samples, context) % factor == 0 and known_samples(samples // factor, context // factor) >= SHORTEST
     ]
     factor = factors[-1] if factors else 1
-    if rate / factor >= 2 * LOWEST_RATE and (between := _resampled(ensemble)) is not None:
+    if rate / factor > 2 * LOWEST_RATE and (between := _resampled(ensemble)) is not None:
         return between
     if factor == 1:
         return ensemble
@@ -232,6 +251,11 @@ def _at(ensemble: Ensemble, angle: Array, torque: Array, rate: float, context: i
     return Ensemble(angle, torque, rate, context=context, onsets=ensemble.onsets, trials=ensemble.trials)
 
 
+def subtracted(values: Array) -> bool:
+    """Whether the mean over realizations of values, shape (realization, time), has been subtracted."""
+    return bool(np.abs(values.mean(axis=0)).max() <= 1e-9 * float(values.std()))
+
+
 def _deviation(values: Array) -> Array:
     return values - values.mean(axis=0) if len(values) > 1 else values
 
@@ -267,21 +291,27 @@ def gained(target: Array, regressors: Array) -> tuple[float, float]:
     probability : float
         That so much is gained by chance, from the scatter of the gain over realizations.
     """
-    count = len(target)
-    if count < LEAST_REALIZATIONS or not target.shape[1]:
+    if len(target) < LEAST_REALIZATIONS or not target.shape[1]:
         return math.nan, 1.0
+    gained = gains(target, regressors)
+    total = float(np.sum(target**2))
+    share = float(gained.sum()) / total if total > 0 else math.nan
+    return share, chance(gained)
+
+
+def gains(target: Array, regressors: Array) -> Array:
+    """Sum of squares that regressors take from each realization, fitted to others; shapes as above."""
+    count = len(target)
     rows = np.ascontiguousarray(regressors.transpose(1, 0, 2))
     grams = rows @ rows.transpose(0, 2, 1)
     moments = (rows @ target[..., None])[..., 0]
-    gains = np.empty(count)
+    taken = np.empty(count)
     # Neighbours are left out together: slow noise is alike in them.
     for out in np.array_split(np.arange(count), FOLDS):
         kept = np.setdiff1d(np.arange(count), out)
         weights = solved(grams[kept].sum(axis=0), moments[kept].sum(axis=0))
-        gains[out] = 2 * moments[out] @ weights - np.einsum("a,rab,b->r", weights, grams[out], weights)
-    total = float(np.sum(target**2))
-    share = float(gains.sum()) / total if total > 0 else math.nan
-    return share, chance(gains)
+        taken[out] = 2 * moments[out] @ weights - np.einsum("a,rab,b->r", weights, grams[out], weights)
+    return taken
 
 
 def without(target: Array, regressors: Array) -> Array:
@@ -317,10 +347,18 @@ def left_by(fit: SecondOrder, residual: Array) -> float:
 
 
 def refitted(evidence: Evidence, shift: float) -> SecondOrder:
-    """Fit with the torque taken so many samples later, between samples by cubic splines."""
-    fit, torque = evidence.fit, evidence.torque
+    """Fit with the torque taken so many samples later."""
+    fit = evidence.fit
     whole = round(shift)
-    if shift != whole:
-        torque = spline_shift(torque, (0.0, whole - shift), mode="nearest")
+    torque = between(evidence.torque, shift - whole)
     late = np.clip(np.arange(fit.first, fit.first + fit.torque.shape[1]) + whole, 0, torque.shape[1] - 1)
     return fit_motion(fit.motion, torque[:, late], evidence.rate, fit.first)
+
+
+def between(values: Array, later: float) -> Array:
+    """Values a fraction of a sample later, shape (realization, time): a windowed sinc, which smooths hardly at all."""
+    if later == 0:
+        return values
+    lags = np.arange(-SINC, SINC + 1)
+    taps = np.sinc(lags - later) * np.kaiser(2 * SINC + 1, 5.0)
+    return np.asarray(correlate1d(values, taps / taps.sum(), axis=1, mode="nearest"))

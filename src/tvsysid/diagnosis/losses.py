@@ -38,6 +38,8 @@ OUT_OF_LINE = 1.2
 """Times the usual distance from the median about it that makes a sample stand out."""
 DISTURBED = 4.5
 """Times the usual residual that a spike in the angle causes beside it."""
+SCATTER = 2.0
+"""Times the usual level that the level of one time has by chance."""
 BESIDE = 6
 """Samples to either side over which the derivatives' filters spread a spike."""
 
@@ -136,6 +138,10 @@ def torque_spikes(evidence: Evidence) -> Check:
     """Samples that neither the model nor the past of what it leaves foretell, and that are not the angle's."""
     surprise, torque_surprise, _ = _surprises(evidence)
     residual = _over_usual(np.abs(evidence.white_residual), USUAL_TORQUE)
+    # What is high at this time in most realizations is not a spike: a change of stiffness that the bins do not follow.
+    # Spikes at one time leave their mean in all the others.
+    together = np.median(np.abs(evidence.white_residual - np.median(evidence.white_residual, axis=0)), axis=0)
+    residual /= np.maximum(1.0, together / max(SCATTER * float(np.median(together)), np.finfo(float).tiny))
     of_angle = maximum_filter1d(surprise, 4 * BESIDE + 1, axis=1) > KINDS["angle-spikes"].limit
     return _highest(evidence, "torque-spikes", np.where((torque_surprise > surprise) & ~of_angle, residual, 0.0))
 

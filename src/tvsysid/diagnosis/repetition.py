@@ -10,9 +10,9 @@ from scipy.fft import irfft, next_fast_len, rfft
 from scipy.ndimage import uniform_filter1d
 
 from tvsysid.diagnosis.check import Check, judged, unjudged
-from tvsysid.diagnosis.evidence import CHANCE, LEAST_REALIZATIONS, Evidence, chance
+from tvsysid.diagnosis.evidence import CHANCE, LEAST_REALIZATIONS, Evidence, chance, subtracted
 from tvsysid.diagnosis.excitation import ANSWERED, NO_ANSWER
-from tvsysid.diagnosis.fit import fit_motion
+from tvsysid.diagnosis.fit import SecondOrder, fit_motion
 
 Array = NDArray[np.float64]
 
@@ -27,6 +27,8 @@ OTHER_NOISE = 1.7
 """Times the usual noise, whitened, that makes a realization unlike the others, if few of the others come near it."""
 SHIFT_STEP, SHORTEST_SHIFT = 0.02, 0.05
 """In s."""
+ROUNDED = 9
+"""Digits after the point of values over their standard deviation that are alike in the same realizations."""
 ABOUT = 0.1
 """Seconds over which the noise about a time is averaged."""
 QUIETEST = 0.05
@@ -41,6 +43,8 @@ DEEP = 0.1
 """Variation of the stiffness over its mean below which nothing can be told from its shape."""
 SLOWEST, FASTEST = 0.3, 3.3
 """Cycles in a realization that are looked for as another period: the clock of a PRBS is faster."""
+BEAT = 1.25
+"""Times as coherent in the inertia as in the stiffness that a line is no behaviour."""
 RESOLUTION = 0.25
 """Step in frequency, as a share of one over the record's length."""
 
@@ -56,20 +60,69 @@ def mean_left(evidence: Evidence, which: str) -> Check:
     count = len(values)
     if count < LEAST_REALIZATIONS:
         return unjudged(name, TOO_FEW)
+    if subtracted(values):
+        return unjudged(name, "the mean over realizations has been subtracted")
     mean, offsets = values.mean(axis=0), values.mean(axis=1)
     size = float(np.sqrt(np.mean(mean**2)))
     expected = math.sqrt(float(values.var(axis=0, ddof=1).mean()) / count)
     ratio = size / expected if expected > 0 else math.inf
+    certain = chance(_by_others(values)) < CHANCE
     offset = abs(float(offsets.mean()))
     if offset > 0 and chance(offsets) < CHANCE / 10:
         # A common offset shows in the means of realizations long before it does at single times.
         error = float(offsets.std(ddof=1)) / math.sqrt(count)
-        ratio = max(ratio, offset / error if error > 0 else math.inf)
+        ratio, certain = max(ratio, offset / error if error > 0 else math.inf), True
     unit = "N·m" if which == "torque" else "rad"
     ratio = min(ratio, 1e6)
-    return judged(
-        name, ratio, f"the mean over realizations has an RMS of {size:.2g} {unit}; chance would leave {expected:.2g}"
+    what = f"the mean over realizations has an RMS of {size:.2g} {unit}; chance would leave {expected:.2g}"
+    return judged(name, ratio, what, certain=certain)
+
+
+def _by_others(values: Array) -> Array:
+    """Products of each realization with the mean of the others, less its neighbours: above zero if they share one."""
+    count = len(values)
+    products = values @ values.T
+    near = np.abs(np.subtract.outer(np.arange(count), np.arange(count))) <= 1
+    return np.asarray(np.where(near, 0.0, products).sum(axis=1))
+
+
+def repeated(evidence: Evidence) -> Check:
+    """Realizations whose angle and torque are, to rounding, those of an earlier one."""
+    ensemble = evidence.given
+    both = np.concatenate([ensemble.angle[:, ensemble.core], ensemble.torque[:, ensemble.core]], axis=1)
+    scale = np.repeat([float(ensemble.angle.std()), float(ensemble.torque.std())], ensemble.samples)
+    rounded = np.round(both / np.where(scale > 0, scale, 1.0), ROUNDED)
+    _, first, which = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
+    again = np.flatnonzero(np.arange(len(both)) != first[which.ravel()])
+    what = f"{len(again)} of {len(both)} realizations are the same as another one"
+    if len(again):
+        what += f", first realization {again[0]}, as realization {first[which.ravel()[again[0]]]}"
+    return judged("repeated-realizations", len(again), what)
+
+
+def offset(evidence: Evidence, which: str) -> tuple[Check, Array]:
+    """Line through the means of realizations, in the order of recording, and what it is in each if it was found."""
+    name, line = f"{which}-offset", np.zeros(len(evidence.ensemble))
+    if len(evidence.ensemble) < LEAST_REALIZATIONS:
+        return unjudged(name, TOO_FEW), line
+    values = (evidence.angle if which == "angle" else evidence.torque)[:, evidence.ensemble.core][evidence.order]
+    means, size = values.mean(axis=1), float(np.sqrt(values.var(axis=1).mean()))
+    if size == 0:
+        return unjudged(name, f"the {which} does not move"), line
+    count = len(means)
+    place = np.linspace(-0.5, 0.5, count)
+    change = float(place @ means / (place @ place))
+    error = math.sqrt(float(np.sum((means - means.mean() - change * place) ** 2)) / (count - 2) / float(place @ place))
+    unit = "N·m" if which == "torque" else "rad"
+    check = judged(
+        name,
+        100 * abs(change) / size,
+        f"the {which} moves by {change:+.2g} {unit} from the first realization to the last, ± {error:.1g} {unit}",
+        certain=chance(_scores(change, error, count)) < CHANCE,
     )
+    if check.found:
+        line[evidence.order] = change * place
+    return check, line
 
 
 def drift(evidence: Evidence) -> Check:
@@ -77,9 +130,21 @@ def drift(evidence: Evidence) -> Check:
     name = "drift"
     if len(evidence.ensemble) < 2 * LEAST_REALIZATIONS:
         return unjudged(name, f"it takes {2 * LEAST_REALIZATIONS} realizations")
-    if evidence.explained < ANSWERED:
-        return unjudged(name, NO_ANSWER)
     order = evidence.order
+    if evidence.explained < ANSWERED:
+        # The halves may answer and contradict each other, as when a sign was turned in between.
+        if min(half.explained for half in evidence.halves) < ANSWERED:
+            return unjudged(name, NO_ANSWER)
+        (before, error_before), (after, error_after) = (
+            (float(values[0]), float(errors[0])) for values, errors in (half.mean_impedance for half in evidence.halves)
+        )
+        error = math.hypot(error_before, error_after)
+        return judged(
+            name,
+            100 * (after - before) / max(abs(before), np.finfo(float).tiny),
+            f"the stiffness is {before:.3g} N·m/rad in the first half and {after:.3g} in the second, ± {error:.2g}",
+            certain=chance(_scores(after - before, error, len(order))) < CHANCE,
+        )
     grams, moments = _own_fits(evidence)
     halves = []
     for half in (order[: len(order) // 2], order[len(order) // 2 :]):
@@ -139,19 +204,22 @@ def local_noise(evidence: Evidence) -> Array:
 
 def misaligned(evidence: Evidence) -> tuple[Check, NDArray[np.bool_]]:
     """Realizations that the behaviour of all explains clearly better when it is shifted, and which these are."""
-    name, none = "misaligned-realizations", np.zeros(len(evidence.ensemble), dtype=bool)
+    name, line = "misaligned-realizations", np.zeros(len(evidence.ensemble), dtype=bool)
     if len(evidence.ensemble) < LEAST_REALIZATIONS:
-        return unjudged(name, TOO_FEW), none
+        return unjudged(name, TOO_FEW), line
     if evidence.explained < ANSWERED:
-        return unjudged(name, NO_ANSWER), none
+        return unjudged(name, NO_ANSWER), line
     if not _has_a_shape(evidence):
-        return unjudged(name, "stiffness hardly varies within a realization, so that no shift shows"), none
+        return unjudged(name, "stiffness hardly varies within a realization, so that no shift shows"), line
     fit, rate = evidence.fit, evidence.rate
-    stiffness, viscosity = fit.stiffness[fit.bins], fit.viscosity[fit.bins]
+    again = _again(evidence)
+    late = ((evidence.whitening, 0),)
+    stiffness = fit.stiffness[fit.bins] * (1 + np.pad(again.stiffness[again.bins], late, "edge"))
+    viscosity = fit.viscosity[fit.bins] * (1 + np.pad(again.viscosity[again.bins], late, "edge"))
     step = max(1, round(SHIFT_STEP * rate))
     reach = len(stiffness) // 4 // step
     shifts = np.arange(-reach, reach + 1) * step
-    inertial = fit.torque - evidence.parts[2]
+    inertial = fit.torque - evidence.parts[2] * (1 + again.inertia)
     left = np.empty((len(shifts), len(fit.torque)))
     weights = 1 / local_noise(evidence)
     for row, shift in zip(left, shifts, strict=True):
@@ -171,6 +239,11 @@ def misaligned(evidence: Evidence) -> tuple[Check, NDArray[np.bool_]]:
         what += f", such as realization {farthest} by {seconds[farthest]:+.2g} s"
     # One may fit better elsewhere by chance; if most do, it is not their place that is wrong.
     return judged(name, 100 * count / len(out), what, certain=1 < count < MOST * len(out)), out
+
+
+def _again(evidence: Evidence) -> SecondOrder:
+    """Fit to what the fit left, whitened, which slow noise makes much less wrong; shares of the first one's values."""
+    return fit_motion(evidence.white_parts, evidence.white_residual, evidence.rate, 0)
 
 
 def _has_a_shape(evidence: Evidence) -> bool:
@@ -240,9 +313,14 @@ def wrong_period(evidence: Evidence) -> Check:
         return unjudged(name, TOO_FEW)
     if evidence.explained < ANSWERED:
         return unjudged(name, NO_ANSWER)
-    again = fit_motion(evidence.white_parts, evidence.white_residual, evidence.rate, 0)
-    scores = (evidence.white_residual - again.parts.sum(axis=0)) * evidence.white_parts[0]
-    frequencies, coherent, power = _lines(scores, evidence)
+    again = _again(evidence)
+    left = evidence.white_residual - again.parts.sum(axis=0)
+    frequencies, coherent, power = _lines(left * evidence.white_parts[0], evidence)
+    # An inertia is constant: a line that shows in it even more is the beat of a PRBS' clock with the sampling.
+    _, beating, _ = _lines(left * evidence.white_parts[2], evidence)
+    width = 2 * round(1 / RESOLUTION) + 1
+    beat = uniform_filter1d(beating, width) > BEAT * uniform_filter1d(coherent, width)
+    coherent = np.where(beat, 0.0, coherent)
     amplitude = 200 * np.sqrt(power) / float(np.sum(evidence.white_parts[0] ** 2))
     best = int(np.argmax(np.where(coherent > 1, amplitude, 0.0)))
     largest = len(ensemble) / len(numbers)

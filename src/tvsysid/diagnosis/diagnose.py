@@ -124,9 +124,9 @@ def diagnose(ensemble: Ensemble) -> Diagnosis:
     A joint of second order, :math:`y = k(t)\,\theta + b(t)\,\dot\theta + I\,\ddot\theta`, with stiffness and viscosity
     free in bins of 50 ms, is fitted to the deviations from the mean over realizations. What it explains tells of units,
     signs and rates, what it leaves of reflexes, feedback and lost signals, and how both vary over realizations of drift
-    and misalignment. A finding must be beyond its threshold. Where noise can reach that, it must also be no chance (1 in
-    100 000), by the scatter over realizations, so that noise may have any colour; the rest counts what noise does not
-    do, or states a size. Which check is of which kind is told in docs/diagnosis.md.
+    and misalignment. A finding must be beyond its threshold. Where noise can reach that, it must also be no chance
+    (1 in 100 000), by the scatter over realizations, so that noise may have any colour; the rest counts what noise does
+    not do, or states a size. Which check is of which kind is told in docs/diagnosis.md.
 
     Parameters
     ----------

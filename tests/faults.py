@@ -84,6 +84,25 @@ def late(recording, seconds=0.03):
     return changed(recording, torque=np.roll(recording.torque, round(seconds * recording.sampling_rate)))
 
 
+def skewed(recording, share=3e-4):
+    """A torque whose clock is slow, so that it is the later the longer the experiment lasts."""
+    samples = np.arange(len(recording))
+    return changed(recording, torque=np.interp(samples * (1 - share), samples, recording.torque))
+
+
+def drifting(recording, which, deviations=5.0):
+    """A sensor whose offset moves by so many standard deviations from start to end."""
+    values = getattr(recording, which)
+    return changed(recording, **{which: values + np.linspace(0, deviations * values.std(), len(values))})
+
+
+def turned(recording):
+    """A torque whose sign is turned half-way."""
+    return changed(
+        recording, torque=np.where(np.arange(len(recording)) < len(recording) // 2, 1, -1) * recording.torque
+    )
+
+
 def softening(recording, share=0.3):
     """A torque that falls from start to end, as that of a muscle that tires."""
     return changed(recording, torque=recording.torque * np.linspace(1.0, 1.0 - share, len(recording)))
@@ -147,6 +166,11 @@ def mixed(ensemble, share=0.15, factor=1.6):
     every = max(2, round(1 / share))
     factors = np.where(np.arange(len(ensemble)) % every == 1, factor, 1.0)
     return replace(ensemble, torque=ensemble.torque * factors[:, None])
+
+
+def thrice(ensemble, count=10):
+    """The same few realizations three times each."""
+    return ensemble.select(np.repeat(np.arange(count), 3))
 
 
 def repeated(recording, period=2.0, noise=1e-5, seed=4):

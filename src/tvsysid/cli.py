@@ -514,6 +514,8 @@ def inspect(
 
     Example: `tvsysid inspect ankle.mat --diagnose --angle pos --torque tq --rate 1000 --decimate 100 --period 2`
     """
+    from threadpoolctl import threadpool_limits
+
     from tvsysid import preprocess
     from tvsysid.diagnosis import diagnose as diagnosis_of
     from tvsysid.figures import recorded_channels, save
@@ -553,7 +555,9 @@ def inspect(
             preprocess.decimate(recording, decimate)  # only to say if it cannot be done
         # Decimation would hide that a signal is clipped; what needs a low rate lowers it by itself.
         ensemble = preprocess.subtract_mean(preprocess.segment(recording, period, context))
-    diagnosis = diagnosis_of(ensemble)
+    # Small matrices: BLAS threads would only wait for each other.
+    with _waiting("diagnosing"), threadpool_limits(1):
+        diagnosis = diagnosis_of(ensemble)
     page = picture.with_name(f"{file.name}.diagnosis.html")
     write_diagnosis(page, {file.name: diagnosis}, _command_line())
     _print_diagnosis(diagnosis, file.name)

@@ -1,11 +1,16 @@
 """What is in order is called so; the survey of hundreds is benchmarks/diagnosis.py."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from tests.faults import cut, simulated
+from scipy.signal import butter, lfilter
+from tests.faults import changed, cut, simulated
 from tests.virtual import prepared
 
 import tvsysid as tv
+from tvsysid.diagnosis.evidence import Evidence
+from tvsysid.diagnosis.repetition import _lines
 
 # 40 to 300 s, 5 to 20 dB.
 SCENARIOS = [
@@ -29,6 +34,80 @@ def test_without_decimation_and_without_context(perturbation):
     for ensemble in (tv.preprocess.segment(recording, 2.0), tv.preprocess.segment(recording, 2.0, context=0.0)):
         diagnosis = tv.diagnose(tv.preprocess.subtract_mean(ensemble))
         assert diagnosis.clean, diagnosis
+
+
+def wandering(recording, share, seed):
+    """The recording with voluntary torque of first order at 0.5 Hz."""
+    taps = butter(1, 0.5, fs=recording.sampling_rate)
+    noise = lfilter(*taps, np.random.default_rng(seed).standard_normal(len(recording) + 10_000))[10_000:]
+    return changed(recording, torque=recording.torque + share * recording.torque.std() * noise / noise.std())
+
+
+@pytest.mark.parametrize("share", [0.6, 1.0])
+@pytest.mark.parametrize(("profile", "perturbation"), [("constant", "noise"), ("constant", "prbs"), ("sine", "prbs")])
+def test_slow_voluntary_torque_is_no_other_period(profile, perturbation, share):
+    for seed in (1, 2, 3):
+        diagnosis = tv.diagnose(cut(wandering(simulated(60.0, perturbation, profile, 20.0, seed), share, seed)))
+        # Where it is as large as the answer, less than 30 % of the torque may be explained.
+        assert {check.name for check in diagnosis.findings} <= {"weak-answer"}, diagnosis
+
+
+@pytest.mark.parametrize("perturbation", ["noise", "prbs"])
+@pytest.mark.parametrize("loudness", [1.0, 2.0])
+def test_bursts_of_voluntary_torque_are_no_losses(perturbation, loudness):
+    """Noise during a tenth of each cycle, as large as the torque or twice that."""
+    ensemble = cut(simulated(perturbation=perturbation, snr_db=20.0))
+    taps, burst = butter(2, 10, fs=100), np.zeros(ensemble.torque.shape[1])
+    burst[100:120] = 1
+    noise = lfilter(*taps, np.random.default_rng(3).standard_normal(ensemble.torque.shape), axis=1)
+    noise *= loudness / noise.std() * np.convolve(burst, np.hanning(11) / 5, "same")
+    diagnosis = tv.diagnose(tv.preprocess.subtract_mean(replace(ensemble, torque=ensemble.torque + noise)))
+    assert diagnosis.clean, diagnosis
+
+
+@pytest.mark.parametrize("perturbation", ["noise", "prbs"])
+def test_the_loudest_of_many_realizations_is_not_unlike_them(perturbation):
+    ensemble = cut(simulated(perturbation=perturbation, snr_db=40.0))
+    random = np.random.default_rng(4)
+    levels = np.exp(0.5 * random.standard_normal((len(ensemble), 1)))
+    noise = lfilter(*butter(2, 10, fs=100), random.standard_normal(ensemble.torque.shape), axis=1)
+    noise *= 0.3 * ensemble.torque.std() / noise.std() * levels
+    diagnosis = tv.diagnose(tv.preprocess.subtract_mean(replace(ensemble, torque=ensemble.torque + noise)))
+    assert diagnosis.clean, diagnosis
+
+
+@pytest.mark.parametrize("perturbation", [tv.simulate.FilteredNoise(), tv.simulate.PRBS()])
+def test_a_period_that_divides_by_nothing(perturbation):
+    profile = tv.simulate.SineWave(period=1.111)
+    recording = tv.simulate.joint(60, stiffness=profile, perturbation=perturbation, snr_db=10, seed=1).recording
+    diagnosis = tv.diagnose(tv.preprocess.subtract_mean(tv.preprocess.segment(recording, 1.111)))
+    assert diagnosis.clean, diagnosis
+    assert diagnosis.measures["mean stiffness"][0] == pytest.approx(100, rel=0.05)
+
+
+def test_the_clock_of_a_prbs_is_no_period():
+    """147 ms at 100 Hz beat with 490 ms."""
+    profile = tv.simulate.SquareWave(period=1.0)
+    recording = tv.simulate.joint(150, stiffness=profile, perturbation=tv.simulate.PRBS(), snr_db=20, seed=35).recording
+    diagnosis = tv.diagnose(cut(recording, 1.0))
+    assert diagnosis.clean, diagnosis
+
+
+def test_lines_are_those_of_a_slow_sum():
+    evidence = Evidence.of(cut(simulated(40.0)))
+    frequency, coherent, power = _lines(evidence.white_residual, evidence)
+    within = np.arange(evidence.white_residual.shape[1]) / evidence.rate
+    time = evidence.ensemble.onsets[:, None] + within
+    own = np.einsum("rt,frt->fr", evidence.white_residual, np.exp(-2j * np.pi * frequency[:, None, None] * time))
+    np.testing.assert_allclose(power, np.abs(own.sum(axis=1)) ** 2, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(coherent, power / np.sum(np.abs(own) ** 2, axis=1), rtol=1e-6, atol=1e-9)
+
+
+def test_a_subtracted_mean_is_not_judged(clean):
+    checks = {check.name: check for check in tv.diagnose(clean).checks}
+    for name in ("mean-torque", "mean-angle"):
+        assert not checks[name].judged
+        assert "has been subtracted" in checks[name].what
 
 
 @pytest.mark.parametrize("perturbation", ["noise", "prbs"])

@@ -29,7 +29,7 @@ def test_a_finding_says_what_how_strong_what_it_does_and_what_to_do(spoilt):
 
 def test_it_prints(spoilt, diagnosis):
     text = repr(spoilt)
-    assert text.startswith("Diagnosis of 75 realizations of 2 s at 100 Hz: 2 found of 24 things that were looked for")
+    assert text.startswith("Diagnosis of 75 realizations of 2 s at 100 Hz: 2 found of 28 things that were looked for")
     assert "- delay: the torque fits best" in text
     assert "    does: a torque that is late by d" in text
     assert "    do:   shift one channel" in text
@@ -162,6 +162,7 @@ def test_whatever_comes_is_judged_or_told_why_not(seed, realizations, samples, c
         warnings.simplefilter("error")
         diagnosis = tv.diagnose(tv.Ensemble(angle, torque, rate, context=context))
     for check in diagnosis.checks:
+        assert type(check.value) is float
         assert check.judged or check.what.startswith("not judged: ")
         assert not check.judged or np.isfinite(check.value)
         assert not check.found or check.beyond

@@ -8,7 +8,7 @@ from scipy.stats import kstest, ttest_1samp
 from tests.faults import cut, late, simulated
 
 import tvsysid as tv
-from tvsysid.diagnosis.evidence import FOLDS, Evidence, chance, gained, innovations, lowered, without
+from tvsysid.diagnosis.evidence import FOLDS, Evidence, between, chance, gained, innovations, lowered, without
 
 
 @given(st.integers(0, 1000), st.integers(8, 50), st.floats(-3, 3))
@@ -83,9 +83,39 @@ def test_a_high_rate_is_lowered_as_preprocessing_does(rate, context, expected):
     np.testing.assert_array_equal(low.onsets, same.onsets)
 
 
-def test_a_rate_that_fits_no_whole_number_of_samples_stays():
-    ensemble = tv.Ensemble(*np.random.default_rng(0).normal(size=(2, 10, 499)), 1000.0)
+@pytest.mark.parametrize(("samples", "context", "low"), [(1111, 500, 112), (2003, 500, 201), (499, 0, 54)])
+def test_a_rate_that_does_not_divide_is_lowered_between_samples(samples, context, low):
+    """A sum of slow sines is the same at the new samples."""
+    random = np.random.default_rng(0)
+    frequency, phase = random.uniform(0.5, 4, (2, 10, 6, 1)), random.uniform(0, 6, (2, 10, 6, 1))
+
+    def signals(time):
+        return np.sin(2 * np.pi * frequency * time + phase).sum(axis=2)
+
+    ensemble = tv.Ensemble(*signals((np.arange(samples + 2 * context) - context) / 1000), 1000.0, context=context)
+    lower = lowered(ensemble)
+    assert lower.samples == low
+    assert lower.duration == pytest.approx(ensemble.duration)
+    truth = signals((np.arange(low + 2 * lower.context) - lower.context) / lower.sampling_rate)
+    inner = slice(3, -3)  # odd reflection at the ends is not what the signal does there
+    np.testing.assert_allclose(lower.angle[:, inner], truth[0][:, inner], atol=0.02)
+    np.testing.assert_allclose(lower.torque[:, inner], truth[1][:, inner], atol=0.02)
+
+
+def test_realizations_too_short_for_a_lower_rate_keep_theirs():
+    ensemble = tv.Ensemble(*np.random.default_rng(0).normal(size=(2, 10, 61)), 1000.0)
     assert lowered(ensemble) is ensemble
+    # No more of the past whitens them than leaves something to see.
+    assert Evidence.of(ensemble).whitening == (61 - 24) // 3
+
+
+@pytest.mark.parametrize("later", [-0.5, 0.25, 0.5])
+def test_values_between_samples(later):
+    time = np.arange(200)
+    wave = np.sin(2 * np.pi * 0.3 * time + 1.0)[None]
+    np.testing.assert_allclose(
+        between(wave, later)[0, 20:-20], np.sin(2 * np.pi * 0.3 * (time + later) + 1.0)[20:-20], atol=2e-3
+    )
 
 
 def test_synchronised_evidence_is_that_of_the_record_without_delay():

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import butter, sosfiltfilt
 from tests import faults
 from tests.faults import changed, cut, simulated
 
@@ -43,6 +44,9 @@ EVERYWHERE = {
     "angle-unit": lambda record, period: cut(changed(record, angle=np.degrees(record.angle)), period),
     "torque-unit": lambda record, period: cut(changed(record, torque=1000 * record.torque), period),
     "sampling-rate": lambda record, period: replace(cut(record, period), sampling_rate=10.0),
+    "repeated-realizations": lambda record, period: faults.thrice(cut(record, period)),
+    "angle-offset": lambda record, period: cut(faults.drifting(record, "angle"), period),
+    "torque-offset": lambda record, period: cut(faults.drifting(record, "torque"), period),
     "few-realizations": lambda record, period: cut(record, period).select(np.arange(12)),
     "weak-answer": lambda record, period: noisy(cut(record, period)),
 }
@@ -94,6 +98,60 @@ def test_a_delay_is_measured(seconds):
         findings = found(cut(faults.late(simulated(perturbation=perturbation), seconds)))
         assert list(findings) == ["delay"]
         assert findings["delay"].value == pytest.approx(1000 * seconds, abs=5)
+
+
+@pytest.mark.parametrize("perturbation", ["noise", "prbs"])
+@pytest.mark.parametrize(("seconds", "snr_db"), [(0.002, 20.0), (0.004, 30.0), (-0.008, 30.0), (0.012, 30.0)])
+def test_a_small_delay_is_nothing_else(perturbation, seconds, snr_db):
+    assert not found(cut(faults.late(simulated(perturbation=perturbation, snr_db=snr_db), seconds)))
+
+
+@pytest.mark.parametrize("which", ["angle", "torque"])
+@pytest.mark.parametrize("perturbation", ["noise", "prbs"])
+def test_an_offset_that_drifts_is_nothing_else(perturbation, which):
+    findings = found(cut(faults.drifting(simulated(perturbation=perturbation), which)))
+    assert list(findings) == [f"{which}-offset"]
+    assert findings[f"{which}-offset"].value > 300
+
+
+@pytest.mark.parametrize("perturbation", ["noise", "prbs"])
+def test_clocks_that_run_apart(perturbation):
+    check = found(cut(faults.skewed(simulated(perturbation=perturbation))))["clock-skew"]
+    # 45 ms by the end of 150 s: half of that between the middles of the halves.
+    assert check.value == pytest.approx(22.5, abs=8)
+
+
+def test_clocks_that_run_apart_in_a_real_record(recordings):
+    recording, period = recordings["dorsiflexor"]
+    assert "clock-skew" in found(cut(faults.skewed(recording, 0.1 / 60), period))
+
+
+@pytest.mark.parametrize("perturbation", ["noise", "prbs"])
+def test_a_sign_that_is_turned_half_way(perturbation):
+    findings = found(cut(faults.turned(simulated(perturbation=perturbation))))
+    assert set(findings) == {"weak-answer", "drift"}
+    assert findings["drift"].value == pytest.approx(-200, abs=10)
+
+
+def test_a_coarse_angle_is_no_feedback():
+    recording = tv.preprocess.decimate(simulated(), 100)
+    step = recording.angle.std() / 3
+    ensemble = cut(changed(recording, angle=np.round(recording.angle / step) * step))
+    checks = {check.name: check for check in tv.diagnose(ensemble).checks}
+    assert not checks["feedback"].judged
+    assert "in steps so coarse" in checks["feedback"].what
+
+
+def test_a_torque_smoothed_both_ways_is_no_feedback():
+    recording = simulated()
+    smooth = sosfiltfilt(butter(2, 5.0, fs=1000, output="sos"), recording.torque)
+    assert "feedback" not in found(cut(changed(recording, torque=smooth)))
+
+
+def test_swapped_channels_are_hinted_at():
+    recording = simulated()
+    check = found(cut(changed(recording, angle=recording.torque, torque=recording.angle)))["angle-unit"]
+    assert "the other way round" in check.remedy
 
 
 @pytest.mark.parametrize("perturbation", ["noise", "prbs"])

@@ -5,8 +5,9 @@ from tvsysid.numerics import spectra
 
 
 @pytest.mark.parametrize("length", [8, 9, 30])
-def test_spectra_from_moments_equal_those_of_segments(random, length):
-    u, y = random.normal(size=(6, 140)), random.normal(size=(6, 140)) + 1
+@pytest.mark.parametrize("realizations", [6, 100])
+def test_spectra_equal_those_of_segments(random, length, realizations):
+    u, y = random.normal(size=(realizations, 140)), random.normal(size=(realizations, 140)) + 1
     found = spectra.short_time_spectra(u, y, length)
     window = spectra.hann(length)
     for i in range(140 - length + 1):
@@ -18,6 +19,13 @@ def test_spectra_from_moments_equal_those_of_segments(random, length):
             (found.yy[i], transform_y * transform_y.conj()),
         ):
             np.testing.assert_allclose(values, expected.mean(axis=0) / length, atol=1e-10)
+
+
+@pytest.mark.parametrize("length", [2, 7, 30, 64])
+def test_both_ways_give_the_same(random, length):
+    u, y = random.normal(size=(30, 150)), random.normal(size=(30, 150))
+    for one, other in zip(spectra._from_moments(u, y, length), spectra._from_segments(u, y, length), strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-12)
 
 
 @pytest.mark.parametrize("length", [30, 31])

@@ -53,7 +53,8 @@ KINDS: dict[str, Kind] = {
         30,
         "below",
         "stiffness drowns in noise: its random error is large",
-        "perturb more strongly, record more realizations, and see whether these are the right two channels",
+        "perturb more strongly, record more realizations, and see whether these are the right two channels, and "
+        "whether every realization was perturbed anew",
     ),
     "narrow-excitation": Kind(
         "The perturbation leaves impedance undetermined",
@@ -72,6 +73,15 @@ KINDS: dict[str, Kind] = {
         "above",
         "nothing tells what the torque answers from what repeats anyway; less the mean, only noise is left",
         "draw a new random perturbation for every realization; data recorded so cannot be mended",
+    ),
+    "repeated-realizations": Kind(
+        "Realizations come more than once",
+        "realizations whose angle and torque are those of another one",
+        "realizations",
+        0,
+        "above",
+        "the same noise counts as if it were measured anew: bands and random errors come out too small",
+        "keep one of each (ensemble.select), and see whether a file was read twice",
     ),
     "mean-torque": Kind(
         "A mean torque is left",
@@ -108,7 +118,8 @@ KINDS: dict[str, Kind] = {
         "above",
         "degrees taken for radians make stiffness, viscosity and inertia 57 times too small; if they are radians, no "
         "joint is linear over so wide a movement",
-        "if the file is in degrees, read it with angle_unit='deg' (--angle-unit deg)",
+        "if the file is in degrees, read it with angle_unit='deg' (--angle-unit deg); if this is the torque, name the "
+        "channels the other way round",
     ),
     "torque-unit": Kind(
         "Stiffer than any joint",
@@ -117,7 +128,8 @@ KINDS: dict[str, Kind] = {
         1500,
         "above",
         "stiffness, viscosity and inertia are too large by the same factor",
-        "convert the torque to N·m if it is in mN·m or N·cm, and do not read radians as degrees",
+        "convert the torque to N·m if it is in mN·m or N·cm, do not read radians as degrees, and do not swap the "
+        "channels",
     ),
     "sampling-rate": Kind(
         "Too slow or too fast for a joint",
@@ -137,6 +149,15 @@ KINDS: dict[str, Kind] = {
         "a torque that is late by d lowers the viscosity by stiffness times d, even below zero, and bends the rest",
         "shift one channel against the other by this much before cutting, and find what delays it (a filter, a clock)",
     ),
+    "clock-skew": Kind(
+        "The channels' clocks run apart",
+        "by how much more the torque is late in the second half of the experiment than in the first",
+        "ms",
+        8,
+        "above",
+        "a delay that grows: viscosity is wrong by another amount at each time of the experiment, and the rest is bent",
+        "record both channels by one clock, or stretch one of them before cutting",
+    ),
     "drift": Kind(
         "Behaviour drifts over the experiment",
         "stiffness of the second half against the first",
@@ -146,9 +167,27 @@ KINDS: dict[str, Kind] = {
         "what is identified is a mean of different behaviours, and belongs to none of them",
         "identify the parts of the experiment by themselves; let people rest or warm up before",
     ),
+    "angle-offset": Kind(
+        "The angle's offset drifts",
+        "change of the realizations' mean from start to end, over the standard deviation about it",
+        "%",
+        100,
+        "above",
+        "what drifts counts as a movement, which the torque does not answer: stiffness comes out too low",
+        "take a line, or what is slower than a realization, from the recording before cutting; see to the sensor",
+    ),
+    "torque-offset": Kind(
+        "The torque's offset drifts",
+        "change of the realizations' mean from start to end, over the standard deviation about it",
+        "%",
+        100,
+        "above",
+        "what drifts counts as torque that the angle does not explain: noise of which the fits have much more",
+        "take a line, or what is slower than a realization, from the recording before cutting; see to the sensor",
+    ),
     "unlike-realizations": Kind(
         "Some realizations are unlike the others",
-        "realizations whose stiffness or noise lies far out",
+        "realizations whose stiffness or noise lies far out of what the others scatter",
         "realizations",
         0,
         "above",
@@ -235,7 +274,8 @@ KINDS: dict[str, Kind] = {
         "above",
         "the methods here take the angle as imposed; if noise in the torque moves it, stiffness, viscosity and inertia "
         "come out too low",
-        "use a stiffer actuator, or a closed-loop method with the actuator's command as the instrument",
+        "see that both channels pass the same filters; use a stiffer actuator, or a closed-loop method with the "
+        "actuator's command as the instrument",
     ),
     "reflex": Kind(
         "A reflex answers stretch",

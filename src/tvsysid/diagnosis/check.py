@@ -95,8 +95,8 @@ def judged(name: str, value: float, what: str, *, certain: bool = True) -> Check
     certain
         Whether the value is no chance; only then it counts as found.
     """
-    check = Check(name, value, False, what)
-    return replace(check, found=check.beyond and certain)
+    check = Check(name, float(value), False, what)
+    return replace(check, found=check.beyond and bool(certain))
 
 
 def unjudged(name: str, why: str) -> Check:

@@ -7,7 +7,6 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.diagnosis.evidence import WHITENING as SAMPLES
 from tvsysid.diagnosis.evidence import Evidence, innovations
 from tvsysid.diagnosis.fit import fit_motion
 from tvsysid.diagnosis.repetition import relative_noise, relative_stiffness
@@ -125,7 +124,7 @@ def _coherence(evidence: Evidence) -> tuple[Array, Array, Array]:
 
 def _correlation(evidence: Evidence) -> tuple[Array, Array, float]:
     """Correlation of what is left of the torque with angle and speed, all whitened, each lag over the same samples."""
-    residual, first = evidence.white_residual, evidence.fit.first + SAMPLES
+    residual, first = evidence.white_residual, evidence.fit.first + evidence.whitening
     speed = np.abs(np.gradient(evidence.angle, axis=1))
     causes = []
     for signal in (evidence.angle, speed - speed.mean(axis=0)):

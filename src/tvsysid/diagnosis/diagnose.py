@@ -124,8 +124,9 @@ def diagnose(ensemble: Ensemble) -> Diagnosis:
     A joint of second order, :math:`y = k(t)\,\theta + b(t)\,\dot\theta + I\,\ddot\theta`, with stiffness and viscosity
     free in bins of 50 ms, is fitted to the deviations from the mean over realizations. What it explains tells of units,
     signs and rates, what it leaves of reflexes, feedback and lost signals, and how both vary over realizations of drift
-    and misalignment. Every probability comes from the scatter over realizations, so that noise may have any colour, and
-    a finding must be beyond its threshold and no chance (1 in 100 000).
+    and misalignment. A finding must be beyond its threshold. Where noise can reach that, it must also be no chance
+    (1 in 100 000), by the scatter over realizations, so that noise may have any colour; the rest counts what noise does
+    not do, or states a size. Which check is of which kind is told in docs/diagnosis.md.
 
     Parameters
     ----------
@@ -150,7 +151,7 @@ def diagnose(ensemble: Ensemble) -> Diagnosis:
     >>> recording = tv.preprocess.decimate(simulation.recording, 100)
     >>> ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))
     >>> tv.diagnose(ensemble)
-    Diagnosis of 30 realizations of 2 s at 100 Hz: nothing is wrong of 24 things that were looked for; ...
+    Diagnosis of 30 realizations of 2 s at 100 Hz: nothing is wrong of 28 things that were looked for; ...
     """
     if not isinstance(ensemble, Ensemble):
         raise InputError(
@@ -173,23 +174,31 @@ def diagnose(ensemble: Ensemble) -> Diagnosis:
             f"diagnose: derivatives are known at {known} samples of a realization at {evidence.rate:g} Hz, it "
             f"takes {SHORTEST}; give longer realizations, or {HALF_WIDTH / evidence.rate:g} s of context"
         )
-    # A delay would look like much else: the rest is judged without it.
-    late, samples = scales.delay(evidence)
-    timely = evidence.synchronised(samples)
+    # Drifting offsets and a delay would look like much else: the rest is judged without them.
+    (angle_offset, angle_line), (torque_offset, torque_line) = (
+        repetition.offset(evidence, which) for which in ("angle", "torque")
+    )
+    level = evidence.levelled(angle_line, torque_line)
+    late, samples = scales.delay(level)
+    timely = level.synchronised(samples)
     misaligned, moved = repetition.misaligned(timely)
     found = [
         late,
+        scales.clock_skew(timely),
         misaligned,
         excitation.few_realizations(timely),
         excitation.weak_answer(timely),
         excitation.narrow_excitation(timely),
         excitation.same_perturbation(timely),
+        repetition.repeated(timely),
         *(repetition.mean_left(evidence, which) for which in ("torque", "angle")),
         scales.reversed_torque(timely),
         scales.angle_unit(timely),
         scales.torque_unit(timely),
         scales.sampling_rate(timely),
         repetition.drift(timely),
+        angle_offset,
+        torque_offset,
         repetition.unlike(timely, moved),
         repetition.wrong_period(timely),
         *(losses.clipped(timely, which) for which in ("angle", "torque")),

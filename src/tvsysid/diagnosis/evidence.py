@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.ndimage import shift as spline_shift
-from scipy.signal import lfilter
+from scipy.interpolate import make_interp_spline
+from scipy.ndimage import correlate1d
+from scipy.signal import firwin, lfilter, oaconvolve
 from scipy.special import stdtr
 
 from tvsysid.diagnosis.fit import SecondOrder, fit_motion, fit_second_order
@@ -28,8 +29,12 @@ SHORTEST = 30
 """Samples of a realization whose derivatives must be known."""
 CHANCE = 1e-5
 """Probability below which no check takes what it sees for chance."""
-WHITENING = 10
-"""Samples before from which noise is foretold."""
+WHITENING = 0.1
+"""Seconds before from which noise is foretold."""
+TAPS = 3
+"""Samples of the lower rate that the low-pass of a rate which does not divide is long, as that to a tenth is."""
+SINC = 12
+"""Samples to either side that a value between samples is made from."""
 RIDGE = 1e-9
 """Share of the regressors' mean power that keeps their fit from falling apart."""
 
@@ -89,25 +94,30 @@ class Evidence:
         """Share of the torque's variance that the model explains."""
         return 1.0 - left_by(self.fit, self.residual)
 
+    @property
+    def whitening(self) -> int:
+        """Samples before from which noise is foretold, w; never so many that little is left."""
+        return int(max(2, min(round(WHITENING * self.rate), self.fit.torque.shape[1] // 3)))
+
     @cached_property
     def _whitener(self) -> Array:
-        return np.concatenate([[1.0], -_prediction(self.residual, WHITENING)[::-1]])
+        return np.concatenate([[1.0], -_prediction(self.residual, self.whitening)[::-1]])
 
     def whitened(self, signal: Array) -> Array:
-        """Signal through the filter that makes the residual white, shape (..., time - 10).
+        """Signal through the filter that makes the residual white, shape (..., time - w).
 
         Slow noise, such as that of voluntary torque, would otherwise hide what single realizations tell.
         """
-        return np.asarray(lfilter(self._whitener, 1.0, signal, axis=-1)[..., WHITENING:])
+        return np.asarray(lfilter(self._whitener, 1.0, signal, axis=-1)[..., self.whitening :])
 
     @cached_property
     def white_parts(self) -> Array:
-        """Parts of the torque, whitened, shape (3, realization, time - 10)."""
+        """Parts of the torque, whitened, shape (3, realization, time - w)."""
         return self.whitened(self.parts)
 
     @cached_property
     def white_residual(self) -> Array:
-        """Residual, whitened, shape (realization, time - 10)."""
+        """Residual, whitened, shape (realization, time - w)."""
         return self.whitened(self.residual)
 
     @cached_property
@@ -128,21 +138,38 @@ class Evidence:
         count = len(influence)
         return values, np.sqrt(np.sum(influence**2, axis=0) * count / max(count - 1, 1))
 
-    def synchronised(self, late: int) -> Evidence:
+    def levelled(self, angle: Array, torque: Array) -> Evidence:
+        """Evidence of the same ensemble less an offset of each realization, shape (realization,)."""
+        if not angle.any() and not torque.any():
+            return self
+        given = self.ensemble
+        return Evidence(
+            self.given,
+            replace(given, angle=given.angle - angle[:, None], torque=given.torque - torque[:, None]),
+        )
+
+    def synchronised(self, late: float) -> Evidence:
         """Evidence of the same ensemble with the torque taken so many samples later."""
-        given, width = self.ensemble, self.ensemble.angle.shape[1]
-        cut = abs(late)
+        given, width, whole = self.ensemble, self.ensemble.angle.shape[1], round(late)
+        cut = abs(whole)
         if late == 0 or given.context < cut:
             return self
         ensemble = Ensemble(
             given.angle[:, cut : width - cut],
-            given.torque[:, cut + late : width - cut + late],
+            between(given.torque, late - whole)[:, cut + whole : width - cut + whole],
             given.sampling_rate,
             context=given.context - cut,
             onsets=given.onsets,
             trials=given.trials,
         )
         return Evidence(self.given, ensemble)
+
+    @cached_property
+    def halves(self) -> tuple[Evidence, Evidence]:
+        """First and second half of the experiment, each by itself."""
+        order, middle = self.order, len(self.order) // 2
+        first, second = (Evidence(self.given, self.ensemble.select(half)) for half in (order[:middle], order[middle:]))
+        return first, second
 
     @property
     def order(self) -> NDArray[np.int64]:
@@ -174,30 +201,59 @@ def known_samples(samples: int, context: int) -> int:
 
 
 def lowered(ensemble: Ensemble) -> Ensemble:
-    """Ensemble at the lowest rate of at least 100 Hz at which realization and context are whole numbers of samples."""
-    samples, context = ensemble.samples, ensemble.context
-    width = samples + 2 * context
+    """Ensemble at some 100 Hz, at which a realization is a whole number of samples.
+
+    Where the samples of realization and context share a factor, that is the decimation of
+    :func:`tvsysid.preprocess.decimate`; where they do not, its low-pass, and samples between the old ones.
+    """
+    samples, context, rate = ensemble.samples, ensemble.context, ensemble.sampling_rate
     factors = [
         factor
-        for factor in range(2, int(ensemble.sampling_rate / LOWEST_RATE) + 1)
+        for factor in range(2, int(rate / LOWEST_RATE) + 1)
         if math.gcd(samples, context) % factor == 0 and known_samples(samples // factor, context // factor) >= SHORTEST
     ]
-    if not factors:
+    factor = factors[-1] if factors else 1
+    if rate / factor > 2 * LOWEST_RATE and (between := _resampled(ensemble)) is not None:
+        return between
+    if factor == 1:
         return ensemble
     # Every realization is filtered by itself, as a trial is.
-    starts = tuple(range(0, ensemble.angle.size, width))
-    rate = ensemble.sampling_rate / factors[-1]
-    recording = Recording(ensemble.angle.ravel(), ensemble.torque.ravel(), ensemble.sampling_rate, trial_starts=starts)
-    low = decimate(recording, rate)
+    starts = tuple(range(0, ensemble.angle.size, samples + 2 * context))
+    recording = Recording(ensemble.angle.ravel(), ensemble.torque.ravel(), rate, trial_starts=starts)
+    low = decimate(recording, rate / factor)
     shape = (len(ensemble), -1)
-    return Ensemble(
-        low.angle.reshape(shape),
-        low.torque.reshape(shape),
-        rate,
-        context=ensemble.context // factors[-1],
-        onsets=ensemble.onsets,
-        trials=ensemble.trials,
-    )
+    return _at(ensemble, low.angle.reshape(shape), low.torque.reshape(shape), rate / factor, context // factor)
+
+
+def _resampled(ensemble: Ensemble) -> Ensemble | None:
+    """Ensemble at a lower rate that does not divide its own; none if realizations are too short for that."""
+    samples, context, rate = ensemble.samples, ensemble.context, ensemble.sampling_rate
+    for count in range(math.ceil(samples * LOWEST_RATE / rate), samples // 2 + 1):
+        margin = context * count // samples
+        if known_samples(count, margin) >= SHORTEST:
+            break
+    else:
+        return None
+    step = samples / count
+    places = context + step * np.arange(-margin, count + margin)
+    taps = firwin(2 * round(TAPS * step / 2) + 1, 1 / step)
+    half = len(taps) // 2
+
+    def lower(values: Array) -> Array:
+        extended = np.pad(values, ((0, 0), (half, half)), "reflect", reflect_type="odd")
+        smooth = oaconvolve(extended, taps[None], mode="valid", axes=1)
+        return np.asarray(make_interp_spline(np.arange(values.shape[1]), smooth, axis=1)(places))
+
+    return _at(ensemble, lower(ensemble.angle), lower(ensemble.torque), rate / step, margin)
+
+
+def _at(ensemble: Ensemble, angle: Array, torque: Array, rate: float, context: int) -> Ensemble:
+    return Ensemble(angle, torque, rate, context=context, onsets=ensemble.onsets, trials=ensemble.trials)
+
+
+def subtracted(values: Array) -> bool:
+    """Whether the mean over realizations of values, shape (realization, time), has been subtracted."""
+    return bool(np.abs(values.mean(axis=0)).max() <= 1e-9 * float(values.std()))
 
 
 def _deviation(values: Array) -> Array:
@@ -235,21 +291,27 @@ def gained(target: Array, regressors: Array) -> tuple[float, float]:
     probability : float
         That so much is gained by chance, from the scatter of the gain over realizations.
     """
-    count = len(target)
-    if count < LEAST_REALIZATIONS or not target.shape[1]:
+    if len(target) < LEAST_REALIZATIONS or not target.shape[1]:
         return math.nan, 1.0
+    gained = gains(target, regressors)
+    total = float(np.sum(target**2))
+    share = float(gained.sum()) / total if total > 0 else math.nan
+    return share, chance(gained)
+
+
+def gains(target: Array, regressors: Array) -> Array:
+    """Sum of squares that regressors take from each realization, fitted to others; shapes as above."""
+    count = len(target)
     rows = np.ascontiguousarray(regressors.transpose(1, 0, 2))
     grams = rows @ rows.transpose(0, 2, 1)
     moments = (rows @ target[..., None])[..., 0]
-    gains = np.empty(count)
+    taken = np.empty(count)
     # Neighbours are left out together: slow noise is alike in them.
     for out in np.array_split(np.arange(count), FOLDS):
         kept = np.setdiff1d(np.arange(count), out)
         weights = solved(grams[kept].sum(axis=0), moments[kept].sum(axis=0))
-        gains[out] = 2 * moments[out] @ weights - np.einsum("a,rab,b->r", weights, grams[out], weights)
-    total = float(np.sum(target**2))
-    share = float(gains.sum()) / total if total > 0 else math.nan
-    return share, chance(gains)
+        taken[out] = 2 * moments[out] @ weights - np.einsum("a,rab,b->r", weights, grams[out], weights)
+    return taken
 
 
 def without(target: Array, regressors: Array) -> Array:
@@ -285,10 +347,18 @@ def left_by(fit: SecondOrder, residual: Array) -> float:
 
 
 def refitted(evidence: Evidence, shift: float) -> SecondOrder:
-    """Fit with the torque taken so many samples later, between samples by cubic splines."""
-    fit, torque = evidence.fit, evidence.torque
+    """Fit with the torque taken so many samples later."""
+    fit = evidence.fit
     whole = round(shift)
-    if shift != whole:
-        torque = spline_shift(torque, (0.0, whole - shift), mode="nearest")
+    torque = between(evidence.torque, shift - whole)
     late = np.clip(np.arange(fit.first, fit.first + fit.torque.shape[1]) + whole, 0, torque.shape[1] - 1)
     return fit_motion(fit.motion, torque[:, late], evidence.rate, fit.first)
+
+
+def between(values: Array, later: float) -> Array:
+    """Values a fraction of a sample later, shape (realization, time): a windowed sinc, which smooths hardly at all."""
+    if later == 0:
+        return values
+    lags = np.arange(-SINC, SINC + 1)
+    taps = np.sinc(lags - later) * np.kaiser(2 * SINC + 1, 5.0)
+    return np.asarray(correlate1d(values, taps / taps.sum(), axis=1, mode="nearest"))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tvsysid.diagnosis.check import Check, judged, unjudged
-from tvsysid.diagnosis.evidence import Evidence
+from tvsysid.diagnosis.evidence import Evidence, subtracted
 from tvsysid.numerics.spectra import power_share
 
 ANSWERED = 0.1
@@ -54,14 +54,16 @@ def same_perturbation(evidence: Evidence) -> Check:
     common = float(np.mean(varying.mean(axis=0) ** 2) / np.mean(varying**2))
     common = max(0.0, common - 1 / len(angle))
     white = power_share(evidence.angle[:, evidence.ensemble.core], evidence.rate, QUARTER * evidence.rate, np.inf)
-    value, what = max(
-        (100 * common, f"{100 * common:.0f} % of the angle's variance is common to all realizations"),
+    told = [
         (
             100 * white,
             f"{100 * white:.0f} % of the variance by which the angle differs between realizations lies above "
             f"{QUARTER * evidence.rate:g} Hz",
-        ),
-    )
+        )
+    ]
+    if not subtracted(angle):
+        told.append((100 * common, f"{100 * common:.0f} % of the angle's variance is common to all realizations"))
+    value, what = max(told)
     if evidence.explained >= ANSWERED:
         return judged("same-perturbation", 0.0, f"{what}, but the torque answers what differs")
     return judged("same-perturbation", value, f"{what}, and {NO_ANSWER} where realizations differ")

@@ -8,7 +8,7 @@ from scipy.ndimage import maximum_filter1d, median_filter
 
 from tvsysid.diagnosis.catalogue import KINDS
 from tvsysid.diagnosis.check import Check, judged, unjudged
-from tvsysid.diagnosis.evidence import WHITENING, Evidence, innovations
+from tvsysid.diagnosis.evidence import Evidence, innovations
 
 Array = NDArray[np.float64]
 
@@ -24,6 +24,8 @@ STILL = 0.1
 """Share of what is expected below which a signal does not move."""
 LOUD = 4.0
 """Times the usual power from which on a window's residual is out of the ordinary."""
+QUIET = 0.25
+"""Share of a realization's windows that are quieter than what counts as its noise."""
 LEAST_SAMPLES = 10
 """Of a window."""
 HALF_SPIKE = 3
@@ -36,6 +38,8 @@ OUT_OF_LINE = 1.2
 """Times the usual distance from the median about it that makes a sample stand out."""
 DISTURBED = 4.5
 """Times the usual residual that a spike in the angle causes beside it."""
+SCATTER = 2.0
+"""Times the usual level that the level of one time has by chance."""
 BESIDE = 6
 """Samples to either side over which the derivatives' filters spread a spike."""
 
@@ -80,18 +84,20 @@ def lost(evidence: Evidence, which: str) -> Check:
     expected, there, left = (_window_power(values, samples) for values in (answer, measured, evidence.white_residual))
     together = _window_power(answer, samples, measured)
     typical = float(np.median(left))
+    # What is loud at this time in most realizations, or at most times in this one, is noise and no loss.
+    noise = np.maximum(np.median(left, axis=0), np.maximum(typical, np.quantile(left, QUIET, axis=1))[:, None])
     if which == "torque":
         moving = expected > max(float(np.median(expected)), LOUD * typical)
         gone = moving & (there < STILL * expected) & (np.abs(together) < 2 * STILL * expected)
     else:
-        gone = (left > LOUD * typical) & (expected < STILL * there) & (np.abs(together) < STILL * there)
+        gone = (left > LOUD * noise) & (expected < STILL * there) & (np.abs(together) < STILL * there)
     for values in _held(evidence, which, samples):
         gone |= values
     seconds = float(gone.sum()) * samples / evidence.rate
     if not gone.any():
         return judged(name, 0.0, f"the {which} is there throughout")
     realization, window = np.argwhere(gone)[0]
-    begin = (window * samples + WHITENING + evidence.fit.first - evidence.ensemble.context) / evidence.rate
+    begin = (window * samples + evidence.whitening + evidence.fit.first - evidence.ensemble.context) / evidence.rate
     return judged(
         name,
         seconds,
@@ -112,8 +118,8 @@ def _held(evidence: Evidence, which: str, samples: int) -> list[NDArray[np.bool_
     """Windows in which every value is the same, where no mean was subtracted; an angle may be held, a torque not."""
     if which == "angle":
         return []
-    first = evidence.fit.first + WHITENING
-    count = (evidence.fit.torque.shape[1] - WHITENING) // samples
+    first = evidence.fit.first + evidence.whitening
+    count = (evidence.fit.torque.shape[1] - evidence.whitening) // samples
     values = evidence.ensemble.torque[:, first : first + count * samples].reshape(-1, count, samples)
     return [np.ptp(values, axis=2) <= 1e-9 * float(np.std(evidence.ensemble.torque))]
 
@@ -132,14 +138,18 @@ def torque_spikes(evidence: Evidence) -> Check:
     """Samples that neither the model nor the past of what it leaves foretell, and that are not the angle's."""
     surprise, torque_surprise, _ = _surprises(evidence)
     residual = _over_usual(np.abs(evidence.white_residual), USUAL_TORQUE)
+    # What is high at this time in most realizations is not a spike: a change of stiffness that the bins do not follow.
+    # Spikes at one time leave their mean in all the others.
+    together = np.median(np.abs(evidence.white_residual - np.median(evidence.white_residual, axis=0)), axis=0)
+    residual /= np.maximum(1.0, together / max(SCATTER * float(np.median(together)), np.finfo(float).tiny))
     of_angle = maximum_filter1d(surprise, 4 * BESIDE + 1, axis=1) > KINDS["angle-spikes"].limit
     return _highest(evidence, "torque-spikes", np.where((torque_surprise > surprise) & ~of_angle, residual, 0.0))
 
 
 def _surprises(evidence: Evidence) -> tuple[Array, Array, slice]:
     """What the angle's past does not foretell, the torque's alike, over what is usual; and which samples."""
-    order = min(max(2, round(PAST * evidence.rate)), evidence.fit.first + WHITENING)
-    first, samples = evidence.fit.first + WHITENING, evidence.white_residual.shape[1]
+    order = min(max(2, round(PAST * evidence.rate)), evidence.fit.first + evidence.whitening)
+    first, samples = evidence.fit.first + evidence.whitening, evidence.white_residual.shape[1]
     inner = slice(first - order, first - order + samples)
     angle, torque = (
         _over_usual(np.abs(innovations(values, order)[:, inner]), USUAL_ANGLE)
@@ -153,7 +163,7 @@ def _highest(evidence: Evidence, name: str, heights: Array) -> Check:
     if value == 0:
         return judged(name, 0.0, "none")
     realization, sample = np.unravel_index(int(np.argmax(heights)), heights.shape)
-    begin = (sample + WHITENING + evidence.fit.first - evidence.ensemble.context) / evidence.rate
+    begin = (sample + evidence.whitening + evidence.fit.first - evidence.ensemble.context) / evidence.rate
     count = int(np.count_nonzero(heights > KINDS[name].limit))
     more = f"; {count} samples stand out" if count > 1 else ""
     return judged(

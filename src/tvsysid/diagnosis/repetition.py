@@ -6,11 +6,13 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import irfft, next_fast_len, rfft
+from scipy.ndimage import uniform_filter1d
 
 from tvsysid.diagnosis.check import Check, judged, unjudged
-from tvsysid.diagnosis.evidence import CHANCE, LEAST_REALIZATIONS, Evidence, chance
+from tvsysid.diagnosis.evidence import CHANCE, LEAST_REALIZATIONS, Evidence, chance, subtracted
 from tvsysid.diagnosis.excitation import ANSWERED, NO_ANSWER
-from tvsysid.diagnosis.fit import fit_motion
+from tvsysid.diagnosis.fit import SecondOrder, fit_motion
 
 Array = NDArray[np.float64]
 
@@ -22,9 +24,15 @@ OTHER_STIFFNESS = 0.3
 OTHER_ANSWER = 0.2
 """The same for the whole torque's size."""
 OTHER_NOISE = 1.7
-"""Times the usual noise, whitened, that makes a realization unlike the others."""
+"""Times the usual noise, whitened, that makes a realization unlike the others, if few of the others come near it."""
 SHIFT_STEP, SHORTEST_SHIFT = 0.02, 0.05
 """In s."""
+ROUNDED = 9
+"""Digits after the point of values over their standard deviation that are alike in the same realizations."""
+ABOUT = 0.1
+"""Seconds over which the noise about a time is averaged."""
+QUIETEST = 0.05
+"""Share of the mean noise that no time is taken to have less of."""
 BETTER = 0.2
 """Share of a realization's residual that a shift must take away."""
 MOST = 0.5
@@ -35,6 +43,8 @@ DEEP = 0.1
 """Variation of the stiffness over its mean below which nothing can be told from its shape."""
 SLOWEST, FASTEST = 0.3, 3.3
 """Cycles in a realization that are looked for as another period: the clock of a PRBS is faster."""
+BEAT = 1.25
+"""Times as coherent in the inertia as in the stiffness that a line is no behaviour."""
 RESOLUTION = 0.25
 """Step in frequency, as a share of one over the record's length."""
 
@@ -50,20 +60,69 @@ def mean_left(evidence: Evidence, which: str) -> Check:
     count = len(values)
     if count < LEAST_REALIZATIONS:
         return unjudged(name, TOO_FEW)
+    if subtracted(values):
+        return unjudged(name, "the mean over realizations has been subtracted")
     mean, offsets = values.mean(axis=0), values.mean(axis=1)
     size = float(np.sqrt(np.mean(mean**2)))
     expected = math.sqrt(float(values.var(axis=0, ddof=1).mean()) / count)
     ratio = size / expected if expected > 0 else math.inf
+    certain = chance(_by_others(values)) < CHANCE
     offset = abs(float(offsets.mean()))
     if offset > 0 and chance(offsets) < CHANCE / 10:
         # A common offset shows in the means of realizations long before it does at single times.
         error = float(offsets.std(ddof=1)) / math.sqrt(count)
-        ratio = max(ratio, offset / error if error > 0 else math.inf)
+        ratio, certain = max(ratio, offset / error if error > 0 else math.inf), True
     unit = "N·m" if which == "torque" else "rad"
     ratio = min(ratio, 1e6)
-    return judged(
-        name, ratio, f"the mean over realizations has an RMS of {size:.2g} {unit}; chance would leave {expected:.2g}"
+    what = f"the mean over realizations has an RMS of {size:.2g} {unit}; chance would leave {expected:.2g}"
+    return judged(name, ratio, what, certain=certain)
+
+
+def _by_others(values: Array) -> Array:
+    """Products of each realization with the mean of the others, less its neighbours: above zero if they share one."""
+    count = len(values)
+    products = values @ values.T
+    near = np.abs(np.subtract.outer(np.arange(count), np.arange(count))) <= 1
+    return np.asarray(np.where(near, 0.0, products).sum(axis=1))
+
+
+def repeated(evidence: Evidence) -> Check:
+    """Realizations whose angle and torque are, to rounding, those of an earlier one."""
+    ensemble = evidence.given
+    both = np.concatenate([ensemble.angle[:, ensemble.core], ensemble.torque[:, ensemble.core]], axis=1)
+    scale = np.repeat([float(ensemble.angle.std()), float(ensemble.torque.std())], ensemble.samples)
+    rounded = np.round(both / np.where(scale > 0, scale, 1.0), ROUNDED)
+    _, first, which = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
+    again = np.flatnonzero(np.arange(len(both)) != first[which.ravel()])
+    what = f"{len(again)} of {len(both)} realizations are the same as another one"
+    if len(again):
+        what += f", first realization {again[0]}, as realization {first[which.ravel()[again[0]]]}"
+    return judged("repeated-realizations", len(again), what)
+
+
+def offset(evidence: Evidence, which: str) -> tuple[Check, Array]:
+    """Line through the means of realizations, in the order of recording, and what it is in each if it was found."""
+    name, line = f"{which}-offset", np.zeros(len(evidence.ensemble))
+    if len(evidence.ensemble) < LEAST_REALIZATIONS:
+        return unjudged(name, TOO_FEW), line
+    values = (evidence.angle if which == "angle" else evidence.torque)[:, evidence.ensemble.core][evidence.order]
+    means, size = values.mean(axis=1), float(np.sqrt(values.var(axis=1).mean()))
+    if size == 0:
+        return unjudged(name, f"the {which} does not move"), line
+    count = len(means)
+    place = np.linspace(-0.5, 0.5, count)
+    change = float(place @ means / (place @ place))
+    error = math.sqrt(float(np.sum((means - means.mean() - change * place) ** 2)) / (count - 2) / float(place @ place))
+    unit = "N·m" if which == "torque" else "rad"
+    check = judged(
+        name,
+        100 * abs(change) / size,
+        f"the {which} moves by {change:+.2g} {unit} from the first realization to the last, ± {error:.1g} {unit}",
+        certain=chance(_scores(change, error, count)) < CHANCE,
     )
+    if check.found:
+        line[evidence.order] = change * place
+    return check, line
 
 
 def drift(evidence: Evidence) -> Check:
@@ -71,9 +130,21 @@ def drift(evidence: Evidence) -> Check:
     name = "drift"
     if len(evidence.ensemble) < 2 * LEAST_REALIZATIONS:
         return unjudged(name, f"it takes {2 * LEAST_REALIZATIONS} realizations")
-    if evidence.explained < ANSWERED:
-        return unjudged(name, NO_ANSWER)
     order = evidence.order
+    if evidence.explained < ANSWERED:
+        # The halves may answer and contradict each other, as when a sign was turned in between.
+        if min(half.explained for half in evidence.halves) < ANSWERED:
+            return unjudged(name, NO_ANSWER)
+        (before, error_before), (after, error_after) = (
+            (float(values[0]), float(errors[0])) for values, errors in (half.mean_impedance for half in evidence.halves)
+        )
+        error = math.hypot(error_before, error_after)
+        return judged(
+            name,
+            100 * (after - before) / max(abs(before), np.finfo(float).tiny),
+            f"the stiffness is {before:.3g} N·m/rad in the first half and {after:.3g} in the second, ± {error:.2g}",
+            certain=chance(_scores(after - before, error, len(order))) < CHANCE,
+        )
     grams, moments = _own_fits(evidence)
     halves = []
     for half in (order[: len(order) // 2], order[len(order) // 2 :]):
@@ -120,29 +191,47 @@ def relative_noise(evidence: Evidence) -> Array:
     return np.asarray(size / usual) if usual > 0 else np.ones_like(size)
 
 
+def local_noise(evidence: Evidence) -> Array:
+    """Power of the whitened residual about each time, the median over realizations, shape (time - w,).
+
+    Voluntary torque may be louder at one time of the behaviour than at another; what a few realizations do does not
+    show.
+    """
+    size = min(max(1, round(ABOUT * evidence.rate)), evidence.white_residual.shape[1])
+    power = np.median(uniform_filter1d(evidence.white_residual**2, size, axis=1, mode="nearest"), axis=0)
+    return np.asarray(np.maximum(power, QUIETEST * float(power.mean()) + np.finfo(float).tiny))
+
+
 def misaligned(evidence: Evidence) -> tuple[Check, NDArray[np.bool_]]:
     """Realizations that the behaviour of all explains clearly better when it is shifted, and which these are."""
-    name, none = "misaligned-realizations", np.zeros(len(evidence.ensemble), dtype=bool)
+    name, line = "misaligned-realizations", np.zeros(len(evidence.ensemble), dtype=bool)
     if len(evidence.ensemble) < LEAST_REALIZATIONS:
-        return unjudged(name, TOO_FEW), none
+        return unjudged(name, TOO_FEW), line
     if evidence.explained < ANSWERED:
-        return unjudged(name, NO_ANSWER), none
+        return unjudged(name, NO_ANSWER), line
     if not _has_a_shape(evidence):
-        return unjudged(name, "stiffness hardly varies within a realization, so that no shift shows"), none
+        return unjudged(name, "stiffness hardly varies within a realization, so that no shift shows"), line
     fit, rate = evidence.fit, evidence.rate
-    stiffness, viscosity = fit.stiffness[fit.bins], fit.viscosity[fit.bins]
+    again = _again(evidence)
+    late = ((evidence.whitening, 0),)
+    stiffness = fit.stiffness[fit.bins] * (1 + np.pad(again.stiffness[again.bins], late, "edge"))
+    viscosity = fit.viscosity[fit.bins] * (1 + np.pad(again.viscosity[again.bins], late, "edge"))
     step = max(1, round(SHIFT_STEP * rate))
     reach = len(stiffness) // 4 // step
     shifts = np.arange(-reach, reach + 1) * step
-    inertial = fit.torque - evidence.parts[2]
+    inertial = fit.torque - evidence.parts[2] * (1 + again.inertia)
     left = np.empty((len(shifts), len(fit.torque)))
+    weights = 1 / local_noise(evidence)
     for row, shift in zip(left, shifts, strict=True):
         answer = np.roll(stiffness, shift) * fit.motion[0] + np.roll(viscosity, shift) * fit.motion[1]
-        row[:] = np.sum(evidence.whitened(inertial - answer) ** 2, axis=1)
+        row[:] = evidence.whitened(inertial - answer) ** 2 @ weights
     best = np.argmin(left, axis=0)
     gain = 1 - left[best, np.arange(left.shape[1])] / np.maximum(left[reach], np.finfo(float).tiny)
     seconds = shifts[best] / rate
     out = (gain > BETTER) & (np.abs(seconds) >= SHORTEST_SHIFT)
+    # Likelihood ratio of white noise whose level is the realization's own: the best of so many shifts, and of all.
+    likelier = 0.5 * len(weights) * -np.log1p(-np.clip(gain, 0.0, 1 - 1e-12))
+    out &= likelier > math.log(left.size / CHANCE)
     count = int(out.sum())
     what = f"{count} of {len(out)} realizations fit better elsewhere"
     if count:
@@ -150,6 +239,11 @@ def misaligned(evidence: Evidence) -> tuple[Check, NDArray[np.bool_]]:
         what += f", such as realization {farthest} by {seconds[farthest]:+.2g} s"
     # One may fit better elsewhere by chance; if most do, it is not their place that is wrong.
     return judged(name, 100 * count / len(out), what, certain=1 < count < MOST * len(out)), out
+
+
+def _again(evidence: Evidence) -> SecondOrder:
+    """Fit to what the fit left, whitened, which slow noise makes much less wrong; shares of the first one's values."""
+    return fit_motion(evidence.white_parts, evidence.white_residual, evidence.rate, 0)
 
 
 def _has_a_shape(evidence: Evidence) -> bool:
@@ -185,7 +279,10 @@ def unlike(evidence: Evidence, misaligned_ones: NDArray[np.bool_]) -> Check:
         usual = 1.4826 * float(np.median(distance))
         # A realization that hardly moved tells little of its stiffness, whatever comes out.
         out |= (distance > FAR_OUT * np.maximum(usual, error)) & (distance > least)
-    out |= noise > OTHER_NOISE
+    # Noise of voluntary torque differs from realization to realization: the loudest of many is not unlike them.
+    level = np.log(np.maximum(noise, np.finfo(float).tiny))
+    usual = 1.4826 * float(np.median(np.abs(level)))
+    out |= (noise > OTHER_NOISE) & (level > FAR_OUT * usual)
     out &= ~misaligned_ones
     what = f"{int(out.sum())} of {len(out)} realizations lie far out"
     if out.any():
@@ -199,9 +296,11 @@ def unlike(evidence: Evidence, misaligned_ones: NDArray[np.bool_]) -> Check:
 def wrong_period(evidence: Evidence) -> Check:
     """Stiffness that varies with a frequency of which no whole number fits into a realization.
 
-    What the fit left is projected on the torque of stiffness at each sample. That series has no part at the harmonics
-    of the period, which the fit took; a line between them is a behaviour of another period. Its power over what
-    realizations of random phase would give tells chance.
+    What the fit left is projected on the torque of stiffness at each sample; a line in that series between the
+    harmonics of the period is a behaviour of another period. The series has no part at the harmonics only if it is of
+    the signals that were fitted: as they are whitened, stiffness and viscosity are fitted again, for the first fit's
+    error, which slow noise makes large, is the same in all realizations. The power of a line over what realizations of
+    random phase would give tells chance.
     """
     name = "wrong-period"
     ensemble = evidence.ensemble
@@ -214,16 +313,15 @@ def wrong_period(evidence: Evidence) -> Check:
         return unjudged(name, TOO_FEW)
     if evidence.explained < ANSWERED:
         return unjudged(name, NO_ANSWER)
-    scores = evidence.white_residual * evidence.white_parts[0]
-    within = np.arange(scores.shape[1]) / evidence.rate
-    longest = max(float(np.ptp(ensemble.onsets[ensemble.trials == number])) for number in numbers) + ensemble.duration
-    highest = min(FASTEST / ensemble.duration, 0.25 * evidence.rate)
-    frequencies = np.arange(SLOWEST / ensemble.duration, highest, RESOLUTION / longest)
-    own = scores @ np.exp(-2j * np.pi * np.outer(within, frequencies))
-    own *= np.exp(-2j * np.pi * np.outer(ensemble.onsets, frequencies))
-    together = np.stack([own[ensemble.trials == number].sum(axis=0) for number in numbers])
-    coherent = np.sum(np.abs(together) ** 2, axis=0) / np.sum(np.abs(own) ** 2, axis=0)
-    amplitude = 200 * np.sqrt(np.sum(np.abs(together) ** 2, axis=0)) / float(np.sum(evidence.white_parts[0] ** 2))
+    again = _again(evidence)
+    left = evidence.white_residual - again.parts.sum(axis=0)
+    frequencies, coherent, power = _lines(left * evidence.white_parts[0], evidence)
+    # An inertia is constant: a line that shows in it even more is the beat of a PRBS' clock with the sampling.
+    _, beating, _ = _lines(left * evidence.white_parts[2], evidence)
+    width = 2 * round(1 / RESOLUTION) + 1
+    beat = uniform_filter1d(beating, width) > BEAT * uniform_filter1d(coherent, width)
+    coherent = np.where(beat, 0.0, coherent)
+    amplitude = 200 * np.sqrt(power) / float(np.sum(evidence.white_parts[0] ** 2))
     best = int(np.argmax(np.where(coherent > 1, amplitude, 0.0)))
     largest = len(ensemble) / len(numbers)
     independent = max(1.0, len(frequencies) * RESOLUTION)
@@ -233,3 +331,34 @@ def wrong_period(evidence: Evidence) -> Check:
         f"repeats every {ensemble.duration:g} s"
     )
     return judged(name, float(amplitude[best]), what, certain=probability < CHANCE)
+
+
+def _lines(scores: Array, evidence: Evidence) -> tuple[Array, Array, Array]:
+    """Frequencies in Hz; power of trials over that of realizations of random phase; and power of trials.
+
+    Trials are put together and transformed at once; the power of single realizations follows from the sum of their
+    autocorrelations, so that memory and time grow with the record's length and no faster.
+    """
+    ensemble, rate = evidence.ensemble, evidence.rate
+    assert ensemble.onsets is not None
+    assert ensemble.trials is not None
+    numbers, samples = np.unique(ensemble.trials), scores.shape[1]
+    runs = [np.flatnonzero(ensemble.trials == number) for number in numbers]
+    longest = max(float(np.ptp(ensemble.onsets[run])) for run in runs) + ensemble.duration
+    length = next_fast_len(math.ceil(longest * rate / RESOLUTION) + 2 * samples, real=True)
+    frequencies = np.arange(length // 2 + 1) * rate / length
+    highest = min(FASTEST / ensemble.duration, 0.25 * rate)
+    looked = (frequencies >= SLOWEST / ensemble.duration) & (frequencies < highest)
+    together = np.zeros(int(looked.sum()))
+    for run in runs:
+        series = np.zeros(length)
+        first = np.round((ensemble.onsets[run] - ensemble.onsets[run].min()) * rate).astype(np.int64)
+        np.add.at(series, first[:, None] + np.arange(samples), scores[run])
+        together += np.abs(rfft(series)[looked]) ** 2
+    own = np.sum(np.abs(rfft(scores, 2 * samples, axis=1)) ** 2, axis=0)
+    correlation = irfft(own, 2 * samples)
+    apart = np.zeros(length)
+    apart[:samples] = correlation[:samples]
+    apart[length - samples + 1 :] = correlation[samples + 1 :]
+    alone = np.maximum(rfft(apart)[looked].real, np.finfo(float).tiny)
+    return frequencies[looked], together / alone, together

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid.diagnosis.check import Check, judged, unjudged
-from tvsysid.diagnosis.evidence import CHANCE, Evidence, chance, left_by, refitted
+from tvsysid.diagnosis.evidence import CHANCE, LEAST_REALIZATIONS, Evidence, chance, left_by, refitted
 from tvsysid.diagnosis.excitation import ANSWERED, NO_ANSWER
 
 Array = NDArray[np.float64]
@@ -81,31 +82,66 @@ def sampling_rate(evidence: Evidence) -> Check:
     )
 
 
-def delay(evidence: Evidence) -> tuple[Check, int]:
-    """Shift of the torque with which a joint of second order explains most of it, and that in samples."""
+def delay(evidence: Evidence) -> tuple[Check, float]:
+    """Shift of the torque with which a joint of second order explains most of it, and that in samples.
+
+    The shift is told whenever it is sure, even if it does no harm: what it leaves would be taken for something else.
+    """
     name = "delay"
     reach = min(round(LONGEST_DELAY * evidence.rate), evidence.ensemble.context)
     if reach < 2:
-        return unjudged(name, "the realizations have no context to shift them by"), 0
-    shifts = np.arange(-reach, reach + 1)
-    squares, left = _left(evidence, shifts)
-    best = int(np.argmin(left))
-    if 1 - left[best] < ANSWERED:
-        return unjudged(name, NO_ANSWER), 0
+        return unjudged(name, "the realizations have no context to shift them by"), 0.0
+    best = _best_shift(evidence, reach)
+    if 1 - best.left < ANSWERED:
+        return unjudged(name, NO_ANSWER), 0.0
+    squares, left = (each[0] for each in _left(evidence, np.zeros(1)))
     # An angle that gives way to the torque follows it too, but then hardly better than with no shift.
-    clear = left[reach] > CLEARER * left[best]
-    certain = bool(clear) and chance(squares[reach] - squares[best]) < CHANCE
-    finer = np.clip(shifts[best] + FINER, -reach, reach)
-    samples = float(finer[np.argmin(_left(evidence, finer)[1])])
-    late = 1000 * samples / evidence.rate
-    edge = "at least " if abs(shifts[best]) == reach else ""
+    certain = bool(left > CLEARER * best.left) and chance(squares - best.squares) < CHANCE
+    late = 1000 * best.samples / evidence.rate
+    edge = "at least " if abs(round(best.samples)) == reach else ""
     what = f"the torque fits best if it is {edge}{abs(late):.3g} ms {'late' if late > 0 else 'early'}"
-    what += f": {100 * (1 - left[best]):.1f} % of it explained rather than {100 * (1 - left[reach]):.1f} %"
-    check = judged(name, late, what, certain=certain)
-    return check, int(shifts[best]) if check.found else 0
+    what += f": {100 * (1 - best.left):.1f} % of it explained rather than {100 * (1 - left):.1f} %"
+    return judged(name, late, what, certain=certain), best.samples if certain else 0.0
 
 
-def _left(evidence: Evidence, shifts: Array | NDArray[np.int64]) -> tuple[list[Array], Array]:
+def clock_skew(evidence: Evidence) -> Check:
+    """Best shift of the second half of the experiment against that of the first."""
+    name = "clock-skew"
+    if len(evidence.ensemble) < 2 * LEAST_REALIZATIONS:
+        return unjudged(name, f"it takes {2 * LEAST_REALIZATIONS} realizations")
+    reach = min(round(LONGEST_DELAY * evidence.rate), evidence.ensemble.context)
+    if reach < 2:
+        return unjudged(name, "the realizations have no context to shift them by")
+    halves = evidence.halves
+    found = [_best_shift(half, reach) for half in halves]
+    if 1 - max(shift.left for shift in found) < ANSWERED:
+        return unjudged(name, NO_ANSWER)
+    # What each half leaves with the other's shift, against what it leaves with its own.
+    worse = [_left(half, np.array([other.samples]))[0][0] for half, other in zip(halves, found[::-1], strict=True)]
+    gains = np.concatenate([squares - own.squares for squares, own in zip(worse, found, strict=True)])
+    first, second = (1000 * shift.samples / evidence.rate for shift in found)
+    what = f"the torque is {second - first:+.3g} ms late in the second half of the experiment against the first"
+    return judged(name, second - first, what, certain=chance(gains) < CHANCE)
+
+
+class _Shift(NamedTuple):
+    """Best shift of the torque in samples, what it leaves of each realization, and of the torque's variance."""
+
+    samples: float
+    squares: Array
+    left: float
+
+
+def _best_shift(evidence: Evidence, reach: int) -> _Shift:
+    shifts = np.arange(-reach, reach + 1).astype(np.float64)
+    best = shifts[int(np.argmin(_left(evidence, shifts)[1]))]
+    finer = np.clip(best + FINER, -reach, reach)
+    squares, left = _left(evidence, finer)
+    least = int(np.argmin(left))
+    return _Shift(float(finer[least]), squares[least], float(left[least]))
+
+
+def _left(evidence: Evidence, shifts: Array) -> tuple[list[Array], Array]:
     """Sum of squares that a fit leaves of each realization, and its share of the torque's variance, for each shift."""
     squares, shares = [], []
     for shift in shifts:

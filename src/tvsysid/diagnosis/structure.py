@@ -6,43 +6,81 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid.diagnosis.check import Check, judged, unjudged
-from tvsysid.diagnosis.evidence import CHANCE, LEAST_REALIZATIONS, Evidence, gained, without
+from tvsysid.diagnosis.evidence import CHANCE, LEAST_REALIZATIONS, Evidence, chance, gained, gains, without
 from tvsysid.diagnosis.excitation import ANSWERED, NO_ANSWER
 
 Array = NDArray[np.float64]
 
 AHEAD = 0.03
 """Seconds ahead that the angle is foretold: within them even an imposed one is told by the derivatives' filters."""
+MIRRORED = 1.5
+"""Times what is told of the angle before that must be told of the angle after for it to be a cause."""
 PAST_ANGLE, PAST_NOISE = 0.2, 0.15
 """Seconds of the angle's past that foretell it by itself, and of the torque left over that may add to it."""
 SOONEST, LATEST, STEP = 0.04, 0.3, 0.03
 """Lags of a reflex in s."""
+COARSE, SAME = 0.1, 1e-6
+"""Step of an angle over its standard deviation that is coarse, and what is no step."""
 SHORT = "realizations and their context are too short"
 TOO_FEW = f"it takes {LEAST_REALIZATIONS} realizations"
 
 
 def feedback(evidence: Evidence) -> Check:
-    """Whether noise in the torque foretells the angle beyond what the angle's own past does (Granger's test)."""
+    """Whether noise in the torque foretells the angle beyond what the angle's own past does (Granger's test).
+
+    What a model leaves of the torque is not noise alone: a small delay or a filter that does not match leaves a
+    function of the angle, which tells of the angle before as well as of the angle after. A cause does not: the same
+    test with time reversed must tell clearly less.
+    """
     name = "feedback"
     if len(evidence.ensemble) < LEAST_REALIZATIONS:
         return unjudged(name, TOO_FEW)
     if evidence.explained < ANSWERED:
         return unjudged(name, NO_ANSWER)
-    ahead = max(1, round(AHEAD * evidence.rate))
-    noise_lags = np.arange(ahead, ahead + round(PAST_NOISE * evidence.rate), 2)
-    past, region = evidence.lagged(evidence.angle, np.arange(ahead, ahead + round(PAST_ANGLE * evidence.rate)))
-    samples = evidence.residual.shape[1]
-    start = max(region.start, int(noise_lags.max()))
-    if samples - start < int(noise_lags.max()) or not past.shape[2]:
+    if _in_steps(evidence):
+        return unjudged(name, "the angle is recorded in steps so coarse that the torque knows it better")
+    first = evidence.fit.first
+    after = evidence.angle.shape[1] - first - evidence.residual.shape[1]
+    forward = _foretelling(evidence.angle, evidence.residual, first, evidence.rate)
+    backward = _foretelling(evidence.angle[:, ::-1], evidence.residual[:, ::-1], after, evidence.rate)
+    if forward is None or backward is None:
         return unjudged(name, SHORT)
-    past = past[:, :, start - region.start :]
-    noise = np.stack([evidence.residual[:, start - lag : samples - lag] for lag in noise_lags])
-    angle = evidence.fit.motion[0][:, start:]
-    share, probability = gained(without(angle, past), without(noise, past))
+    share, probability = forward.mean(), chance(forward)
     what = (
-        f"noise in the torque foretells {_percent(share)} of the angle's unforeseen movement in {1000 * AHEAD:.0f} ms"
+        f"noise in the torque foretells {_percent(share)} of the angle's unforeseen movement in {1000 * AHEAD:.0f} ms, "
+        f"and {_percent(backward.mean())} of what was {1000 * AHEAD:.0f} ms before"
     )
-    return judged(name, 100 * share, what, certain=share > 0 and probability < CHANCE)
+    more = forward.mean() > MIRRORED * backward.mean() and chance(forward - backward) < CHANCE
+    certain = bool(more and probability < CHANCE)
+    return judged(name, 100 * share, what, certain=share > 0 and certain)
+
+
+def _foretelling(angle: Array, residual: Array, first: int, rate: float) -> Array | None:
+    """Share of the angle's unforeseen movement that the torque left over foretells, in each realization.
+
+    Over the mean of all. The first sample left over belongs to that sample of the angle; None where they are too short.
+    """
+    ahead = max(1, round(AHEAD * rate))
+    own_lags = np.arange(ahead, ahead + round(PAST_ANGLE * rate))
+    noise_lags = np.arange(ahead, ahead + round(PAST_NOISE * rate), 2)
+    start, stop = max(int(own_lags.max()), first + int(noise_lags.max())), first + residual.shape[1]
+    if stop - start < int(noise_lags.max()):
+        return None
+    past = np.stack([angle[:, start - lag : stop - lag] for lag in own_lags])
+    noise = np.stack([residual[:, start - first - lag : stop - first - lag] for lag in noise_lags])
+    target = without(angle[:, start:stop], past)
+    total = float(np.sum(target**2))
+    return gains(target, without(noise, past)) * len(target) / total if total > 0 else np.zeros(len(target))
+
+
+def _in_steps(evidence: Evidence) -> bool:
+    """Whether the angle is recorded in steps that are large against its movement."""
+    ensemble = evidence.given
+    values = np.sort(ensemble.angle[:, ensemble.core] - ensemble.angle[:, ensemble.core].mean(axis=0), axis=0)
+    size = float(np.std(values))
+    apart = np.diff(values, axis=0)
+    apart = apart[apart > SAME * size]
+    return bool(apart.size and apart.min() > COARSE * size)
 
 
 def _late(evidence: Evidence, signal: Array) -> tuple[Array, slice]:

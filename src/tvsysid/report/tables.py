@@ -21,7 +21,7 @@ RANKED = {
     "rise_time": ("rise time", "s", 3),
     "vaf": ("VAF", "%", 2),
     "bandpassed_vaf": ("VAF 1-10 Hz", "%", 2),
-    "coverage": ("coverage of the 95 % band", "%", 1),
+    "coverage": ("in 95 % band", "%", 1),
     "seconds": ("time", "ms", 1),
 }
 """Heading, unit and decimals of each column of the ranking."""

@@ -91,9 +91,11 @@ class Method(ABC):
         Raises
         ------
         InputError
-            If the ensemble is none, or has too few realizations or samples.
+            If the ensemble is none, or has too few realizations or samples, or for a seed that is none.
         """
         _check_ensemble("tuned", ensemble)
+        if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
+            raise InputError(f"tuned: seed must be a whole number of 0 or more, got {seed!r}")
         evidence = self._evidence(ensemble, seed)
         method = replace(self, **evidence.settings)
         object.__setattr__(method, "evidence", evidence)

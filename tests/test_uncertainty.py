@@ -127,6 +127,7 @@ def test_single_draws_do_not_warn():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        ((tv.BasisIRF, ensemble_of(), 5, 1), r"got an object of .*Meta; make one: BasisIRF\(\)"),
         ((None, ensemble_of(), 5, 1), r"expected a method with identify\(ensemble\), got an object of NoneType"),
         ((Mean(), np.zeros((3, 4)), 5, 1), "expected an Ensemble, got ndarray"),
         ((Mean(), ensemble_of().select([0]), 5, 1), "at least 2 realizations to draw from, got 1"),

@@ -194,9 +194,10 @@ def bootstrap(method: Any, ensemble: Ensemble, count: int, seed: int, progress: 
     >>> found.stiffness.shape, lower.shape
     ((20, 200), (200,))
     """
-    if not callable(getattr(method, "identify", None)):
+    if isinstance(method, type) or not callable(getattr(method, "identify", None)):
         raise InputError(
             f"bootstrap: expected a method with identify(ensemble), got an object of {type(method).__name__}"
+            f"{'; make one: ' + method.__name__ + '()' if isinstance(method, type) else ''}"
         )
     if not isinstance(ensemble, Ensemble):
         raise InputError(f"bootstrap: expected an Ensemble, got {type(ensemble).__name__}")

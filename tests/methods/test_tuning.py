@@ -8,12 +8,14 @@ import pytest
 from benchmarks import plain
 
 import tvsysid as tv
-from tvsysid.methods import birf, halves
+from tvsysid.methods import halves
 from tvsysid.methods.likelihood import Likelihood
 from tvsysid.methods.record import Record, lagged
+from tvsysid.methods.residuals import independent_share
 from tvsysid.methods.search import CLEARLY
 from tvsysid.numerics.differentiation import differentiate
 from tvsysid.numerics.lowpass import low_pass
+from tvsysid.numerics.noise import white_share
 
 METHODS = [tv.EnsembleIRF(), tv.ShortDataSegments(), tv.BasisIRF(), tv.EnsembleSpectral(), tv.KernelRegression()]
 
@@ -460,13 +462,16 @@ def test_wrong_ways_to_ask_for_tuning_are_refused(create, message):
 @pytest.mark.parametrize(("alike", "share"), [(1, 1.0), (10, 0.1)])
 def test_samples_of_noise_that_lasts_are_worth_less(random, alike, share):
     noise = np.repeat(random.normal(size=(60, 400 // alike)), alike, axis=1)
-    ensemble = tv.Ensemble(np.ones_like(noise) + 1e-9 * random.normal(size=noise.shape), noise, 100.0)
-
-    class Silent:
-        def predict(self, other):
-            return np.zeros_like(other.torque)
-
-    assert birf._independent_share(ensemble, Silent()) == pytest.approx(share, rel=0.15)
+    slow = np.repeat(random.normal(size=(60, 4)), 100, axis=1)
+    ensemble = tv.Ensemble(slow, noise, 100.0)
+    worth = independent_share(ensemble, np.zeros_like(noise), (0.0, 50.0))
+    # An angle that lasts ten times as long, not for ever, leaves the noise a little more.
+    assert share <= worth < 1.4 * share + 0.01
+    assert worth == pytest.approx(white_share(noise, slow, 100.0, (0.0, 50.0)))
+    edges = np.zeros_like(noise)
+    edges[:, :10] = np.nan
+    inner = tv.Ensemble(slow[:, 10:], noise[:, 10:], 100.0)
+    assert independent_share(ensemble, edges, (0.0, 50.0)) == independent_share(inner, edges[:, 10:], (0.0, 50.0))
 
 
 def test_a_basis_is_chosen_by_its_function_not_by_its_size(ensemble_of):

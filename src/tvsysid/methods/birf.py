@@ -23,7 +23,13 @@ from tvsysid.methods.base import (
 )
 from tvsysid.methods.correlations import impulse_response_model
 from tvsysid.methods.evidence import Evidence
-from tvsysid.methods.residuals import colour, independent_realizations, residual, second_order_agreement
+from tvsysid.methods.residuals import (
+    colour,
+    independent_realizations,
+    independent_share,
+    residual,
+    second_order_agreement,
+)
 from tvsysid.models import Diagnostics, ImpulseResponseModel, Model, SecondOrderModel, Spread
 from tvsysid.numerics.bands import arc_length
 from tvsysid.numerics.bases import Basis, CubicBSplines, FourierSeries, HaarWavelets, evaluate
@@ -45,8 +51,6 @@ BASES: tuple[Basis, ...] = (
 """Bases of which a tuned one is the best."""
 MOST = 500
 """Coefficients of the largest model that is tried."""
-PIECE = 0.5
-"""Duration in s over which noise may be alike."""
 CLEARLY = 3.0
 """Log evidence by which a basis must be better than the one given to be chosen: 20 to 1."""
 
@@ -135,7 +139,8 @@ class BasisIRF(Method):
                 "BasisIRF: least squares has no evidence to choose a basis by; set prior to 'ard' or 'ridge'"
             )
         per_function = 2 if self.model == "parametric" else 2 * fitting_lags("BasisIRF", self.max_lag, ensemble) + 1
-        share = _independent_share(ensemble, self._identify(ensemble))
+        nyquist = ensemble.sampling_rate / 2
+        share = independent_share(ensemble, self._identify(ensemble).predict(ensemble), (0.0, nyquist))
         tried: list[Basis] = []
         values, counts = [], []
         for basis in (self.basis, *(basis for basis in BASES if basis != self.basis)):
@@ -275,20 +280,6 @@ class BasisIRF(Method):
         count = len(ensemble) * share
         samples = round(count * (ensemble.samples - 2 * missing))
         return PRIORS[self.prior](gram * count, cross * count, square * count, samples)
-
-
-def _independent_share(ensemble: Ensemble, model: Model) -> float:
-    """How many independent samples one sample is worth for stiffness, at most 1.
-
-    The variance of the angle times the residual, over that of its sums over pieces of a realization: what an estimate
-    of stiffness from a piece takes from the noise.
-    """
-    product = ensemble.angle[:, ensemble.core] * (ensemble.torque[:, ensemble.core] - model.predict(ensemble))
-    length = min(max(2, round(PIECE * ensemble.sampling_rate)), ensemble.samples)
-    pieces = product[:, : ensemble.samples // length * length].reshape(-1, length)
-    pieces = pieces[np.isfinite(pieces).all(axis=1)]
-    sums = float(np.mean(pieces.sum(axis=1) ** 2)) if len(pieces) else 0.0
-    return min(1.0, length * float(np.mean(pieces**2)) / sums) if sums > 0 else 1.0
 
 
 def _kind(basis: Basis) -> str:

@@ -29,13 +29,19 @@ from tvsysid.methods.record import (
     times_of,
     weak_prior,
 )
-from tvsysid.methods.residuals import colour, independent_realizations, residual, second_order_agreement
+from tvsysid.methods.residuals import (
+    colour,
+    independent_realizations,
+    independent_share,
+    residual,
+    second_order_agreement,
+)
 from tvsysid.methods.search import Search
 from tvsysid.models import QUANTITIES, Diagnostics, SecondOrderModel, Spread
 from tvsysid.numerics.bands import arc_length
 from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.numerics.gaussian import Fit, fit
-from tvsysid.numerics.noise import autocovariance, cross_covariance, power_in_band, white_share
+from tvsysid.numerics.noise import autocovariance, cross_covariance, power_in_band
 from tvsysid.signals import Ensemble
 
 Array = NDArray[np.float64]
@@ -294,10 +300,7 @@ class KernelRegression(Method):
     def _noise(self, ensemble: Ensemble) -> tuple[float, float]:
         """Variance of what these settings leave, without decay, and what one of its samples is worth in white ones."""
         endless = replace(self, length_decay=ENDLESS)._identify(ensemble)
-        left = ensemble.torque[:, ensemble.core] - endless.predict(ensemble)
-        known = np.isfinite(left).all(axis=0)
-        angle = ensemble.angle[:, ensemble.core]
-        share = white_share(left[:, known], angle[:, known], ensemble.sampling_rate, self.band)
+        share = independent_share(ensemble, endless.predict(ensemble), self.band)
         return endless.diagnostics.details["noise_variance"], share
 
     def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:

@@ -9,7 +9,13 @@ from numpy.typing import NDArray
 
 from tvsysid.impedance import agreement
 from tvsysid.numerics.moments import convolve_lags
-from tvsysid.numerics.noise import autocovariance, colour_factors, regressor_correlation, regressor_covariances
+from tvsysid.numerics.noise import (
+    autocovariance,
+    colour_factors,
+    regressor_correlation,
+    regressor_covariances,
+    white_share,
+)
 from tvsysid.signals import Ensemble
 
 Array = NDArray[np.float64]
@@ -27,6 +33,19 @@ def independent_realizations(ensemble: Ensemble) -> int:
     torque = ensemble.torque[:, ensemble.core]
     mean, size = np.abs(torque.mean(axis=0)).max(), np.sqrt(np.mean(torque**2))
     return len(ensemble) - 1 if mean <= SUBTRACTED * size else len(ensemble)
+
+
+def independent_share(ensemble: Ensemble, predicted: Array, band: tuple[float, float]) -> float:
+    """How many independent samples a sample is worth for stiffness, at most 1: what is left unexplained is not white.
+
+    ``predicted`` is the torque (realization, time) by some model, ``band`` the frequencies in Hz that are fitted; see
+    :func:`tvsysid.numerics.noise.white_share`.
+    """
+    known = np.isfinite(predicted).all(axis=0)
+    angle, left = (
+        x[:, known] for x in (ensemble.angle[:, ensemble.core], ensemble.torque[:, ensemble.core] - predicted)
+    )
+    return white_share(left, angle, ensemble.sampling_rate, band)
 
 
 def counted(ensemble: Ensemble) -> str:

@@ -212,7 +212,7 @@ def test_inspect_diagnoses(tvsysid, tmp_path):
     tvsysid("simulate", "joint.mat", "--duration", 100)
     code, out, err = tvsysid("inspect", "joint.mat", "--diagnose", *IDENTIFY)
     assert (code, err) == (0, "")
-    assert "joint.mat: 48 realizations of 2 s at 1000 Hz: nothing is wrong of 28 things that were looked for" in out
+    assert "joint.mat: 48 realizations of 2 s at 1000 Hz: nothing is wrong of 29 things that were looked for" in out
     assert "wrote tvsysid-inspect/joint.mat.diagnosis.html" in out
     page = (tmp_path / "tvsysid-inspect" / "joint.mat.diagnosis.html").read_text()
     assert "tvsysid inspect joint.mat --diagnose --angle angle" in page

@@ -29,7 +29,7 @@ def test_a_finding_says_what_how_strong_what_it_does_and_what_to_do(spoilt):
 
 def test_it_prints(spoilt, diagnosis):
     text = repr(spoilt)
-    assert text.startswith("Diagnosis of 75 realizations of 2 s at 100 Hz: 2 found of 28 things that were looked for")
+    assert text.startswith("Diagnosis of 75 realizations of 2 s at 100 Hz: 2 found of 29 things that were looked for")
     assert "- delay: the torque fits best" in text
     assert "    does: a torque that is late by d" in text
     assert "    do:   shift one channel" in text

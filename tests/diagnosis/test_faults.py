@@ -192,6 +192,29 @@ def test_the_same_perturbation_with_its_mean():
     assert {"same-perturbation", "mean-torque", "mean-angle"} <= set(findings)
 
 
+def against_the_wave(ensemble):
+    """Torque of a joint that is soft where it was stiff; the wave's mean is 100 N·m/rad."""
+    time = (np.arange(ensemble.torque.shape[1]) - ensemble.context) / ensemble.sampling_rate
+    return ensemble.torque + 2 * (100 - tv.simulate.SineWave()(time)) * ensemble.angle
+
+
+@pytest.mark.parametrize("perturbation", ["noise", "prbs"])
+@pytest.mark.parametrize(
+    ("differently", "expected", "least"),
+    [
+        (lambda ensemble: 1.3 * ensemble.torque, {"scattered-realizations"}, 10),
+        (lambda ensemble: 2 * ensemble.torque, {"scattered-realizations"}, 25),
+        (against_the_wave, {"scattered-realizations"}, 30),
+        (lambda ensemble: -ensemble.torque, {"scattered-realizations", "weak-answer"}, 90),
+    ],
+)
+def test_half_of_the_realizations_of_another_behaviour(perturbation, differently, expected, least):
+    findings = found(faults.halved(cut(simulated(perturbation=perturbation)), differently))
+    # Some of those twice as stiff may also fit better a little later.
+    assert expected <= set(findings) <= expected | {"misaligned-realizations"}
+    assert findings["scattered-realizations"].value > least
+
+
 def test_strengths_grow_with_the_fault():
     strengths = [tv.diagnose(cut(faults.softening(simulated(), share))).checks for share in (0.0, 0.2, 0.4, 0.6)]
     drifts = [next(check.value for check in checks if check.name == "drift") for checks in strengths]

@@ -194,6 +194,16 @@ KINDS: dict[str, Kind] = {
         "they count as much as the others and pull the result towards theirs",
         "look at them and exclude them (ensemble.select; tv.preprocess.prepare does it for a task with a target)",
     ),
+    "scattered-realizations": Kind(
+        "Realizations are of different behaviours",
+        "standard deviation over realizations of the stiffness, beyond noise and drift, over the stiffness' RMS",
+        "%",
+        10,
+        "above",
+        "what is identified is a mean of different behaviours, and belongs to none of them; bands do not tell of it",
+        "sort the realizations by what may differ (task, muscle activity, instruction), and identify each kind by "
+        "itself",
+    ),
     "misaligned-realizations": Kind(
         "Some realizations come early or late",
         "share of the realizations that fit clearly better when they are shifted",

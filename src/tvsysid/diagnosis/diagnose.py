@@ -11,7 +11,7 @@ import numpy as np
 
 from tvsysid.diagnosis import excitation, losses, repetition, scales, structure
 from tvsysid.diagnosis.catalogue import KINDS
-from tvsysid.diagnosis.check import Check
+from tvsysid.diagnosis.check import Check, unjudged
 from tvsysid.diagnosis.curves import Curves, curves
 from tvsysid.diagnosis.evidence import SHORTEST, Evidence, known_samples
 from tvsysid.errors import InputError
@@ -151,7 +151,7 @@ def diagnose(ensemble: Ensemble) -> Diagnosis:
     >>> recording = tv.preprocess.decimate(simulation.recording, 100)
     >>> ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))
     >>> tv.diagnose(ensemble)
-    Diagnosis of 30 realizations of 2 s at 100 Hz: nothing is wrong of 28 things that were looked for; ...
+    Diagnosis of 30 realizations of 2 s at 100 Hz: nothing is wrong of 29 things that were looked for; ...
     """
     if not isinstance(ensemble, Ensemble):
         raise InputError(
@@ -182,6 +182,8 @@ def diagnose(ensemble: Ensemble) -> Diagnosis:
     late, samples = scales.delay(level)
     timely = level.synchronised(samples)
     misaligned, moved = repetition.misaligned(timely)
+    unlike, others = repetition.unlike(timely, moved)
+    period = repetition.wrong_period(timely)
     found = [
         late,
         scales.clock_skew(timely),
@@ -199,8 +201,12 @@ def diagnose(ensemble: Ensemble) -> Diagnosis:
         repetition.drift(timely),
         angle_offset,
         torque_offset,
-        repetition.unlike(timely, moved),
-        repetition.wrong_period(timely),
+        unlike,
+        # With another period each realization holds another part of the behaviour.
+        unjudged("scattered-realizations", "the period is wrong")
+        if period.found
+        else repetition.scattered(timely, others | (moved if misaligned.found else False)),
+        period,
         *(losses.clipped(timely, which) for which in ("angle", "torque")),
         *(losses.lost(timely, which) for which in ("angle", "torque")),
         losses.angle_spikes(timely),

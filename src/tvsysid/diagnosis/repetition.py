@@ -7,10 +7,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
-from scipy.ndimage import uniform_filter1d
+from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
 from tvsysid.diagnosis.check import Check, judged, unjudged
-from tvsysid.diagnosis.evidence import CHANCE, LEAST_REALIZATIONS, Evidence, chance, subtracted
+from tvsysid.diagnosis.evidence import CHANCE, FOLDS, LEAST_REALIZATIONS, Evidence, chance, subtracted, without
 from tvsysid.diagnosis.excitation import ANSWERED, NO_ANSWER
 from tvsysid.diagnosis.fit import SecondOrder, fit_motion
 
@@ -45,6 +45,10 @@ SLOWEST, FASTEST = 0.3, 3.3
 """Cycles in a realization that are looked for as another period: the clock of a PRBS is faster."""
 BEAT = 1.25
 """Times as coherent in the inertia as in the stiffness that a line is no behaviour."""
+PARTS = 10
+"""Parts of a realization that must tell alike how it differs from the others; those side by side share too much."""
+SMOOTH = 1.5
+"""Standard deviation in samples of the low-pass behind which realizations are compared."""
 RESOLUTION = 0.25
 """Step in frequency, as a share of one over the record's length."""
 
@@ -257,13 +261,13 @@ def _has_a_shape(evidence: Evidence) -> bool:
     return float(np.corrcoef(*profiles)[0, 1]) > ALIKE
 
 
-def unlike(evidence: Evidence, misaligned_ones: NDArray[np.bool_]) -> Check:
-    """Realizations of other stiffness, other size of answer, or other noise; not those that are only shifted."""
-    name = "unlike-realizations"
+def unlike(evidence: Evidence, misaligned_ones: NDArray[np.bool_]) -> tuple[Check, NDArray[np.bool_]]:
+    """Realizations of other stiffness, size of answer, or noise, and which these are; those only shifted are none."""
+    name, none = "unlike-realizations", np.zeros(len(evidence.ensemble), dtype=bool)
     if len(evidence.ensemble) < LEAST_REALIZATIONS:
-        return unjudged(name, TOO_FEW)
+        return unjudged(name, TOO_FEW), none
     if evidence.explained < ANSWERED:
-        return unjudged(name, NO_ANSWER)
+        return unjudged(name, NO_ANSWER), none
     grams, moments = _own_fits(evidence)
     whole = np.maximum(grams.sum(axis=(1, 2)), np.finfo(float).tiny)
     answers = 1 + moments.sum(axis=1) / whole
@@ -290,7 +294,58 @@ def unlike(evidence: Evidence, misaligned_ones: NDArray[np.bool_]) -> Check:
         what += (
             f", first realization {first}: stiffness {stiffness[first]:.2g}, noise {noise[first]:.2g} times the usual"
         )
-    return judged(name, int(out.sum()), what)
+    return judged(name, int(out.sum()), what), out
+
+
+def scattered(evidence: Evidence, told: NDArray[np.bool_]) -> Check:
+    """Standard deviation over realizations of the stiffness beyond noise and drift, over the stiffness' RMS.
+
+    How far the stiffness of a realization is from that of all is estimated in each tenth of its time. Noise differs
+    from part to part, a realization of another behaviour differs in all of them by the pattern in time of the others
+    that differ. So the products of two parts that are no neighbours, weighed by the pattern of other realizations, are
+    on average the variance that is sought, with no need to know the noise; their scatter over realizations tells
+    chance. It does not matter how many realizations differ, where a median breaks down at half of them.
+
+    Parameters
+    ----------
+    told
+        Realizations that are left out, as something else is wrong with them, shape (realization,).
+    """
+    name = "scattered-realizations"
+    order = evidence.order[~told[evidence.order]]
+    count = len(order)
+    if count < 2 * LEAST_REALIZATIONS:
+        return unjudged(name, f"it takes {2 * LEAST_REALIZATIONS} realizations")
+    # Near half the sampling rate the fit's error goes with the switches of a PRBS, whose clock beats with the sampling.
+    motion, left = (
+        gaussian_filter1d(values, SMOOTH, axis=-1)
+        for values in (evidence.whitened(evidence.fit.motion), evidence.white_residual)
+    )
+    alone = without(motion[0], motion[1:])
+    edges = np.linspace(0, alone.shape[1], PARTS, endpoint=False).astype(np.int64)
+    power = np.add.reduceat(np.mean(alone * motion[0], axis=0), edges)
+    if power.min() <= 0:
+        return unjudged(name, "the angle does not move at all times")
+    apart = np.add.reduceat(alone * left, edges, axis=1)[order] / power
+    # Drift is a check of its own: a line, and a step in the middle.
+    place = np.linspace(-1, 1, count)
+    slow = np.stack([np.ones(count), place, np.sign(place)], axis=1)
+    apart -= slow @ np.linalg.lstsq(slow, apart, rcond=None)[0]
+    far = np.abs(np.subtract.outer(np.arange(PARTS), np.arange(PARTS))) > 1
+    variances = np.empty(count)
+    for out in np.array_split(np.arange(count), FOLDS):
+        others = np.delete(apart, out, axis=0)
+        pattern = np.linalg.eigh(np.where(far, others.T @ others, 0.0))[1][:, -1]
+        weights = np.where(far, np.outer(pattern, pattern), 0.0)
+        variances[out] = np.einsum("rj,jl,rl->r", apart[out], weights, apart[out]) / (PARTS * np.sum(weights**2))
+    variance = max(0.0, float(variances.mean()))
+    certain = variance > 0 and chance(variances) < CHANCE
+    if evidence.explained < ANSWERED and not certain:
+        return unjudged(name, NO_ANSWER)
+    size = math.sqrt(float(np.mean(evidence.fit.stiffness[evidence.fit.bins] ** 2)) + variance)
+    value = 100 * math.sqrt(variance) / size if size > 0 else 0.0
+    what = f"beyond noise and drift, the stiffness differs by {value:.2g} % (standard deviation) between realizations"
+    return judged(name, value, what, certain=certain)
 
 
 def wrong_period(evidence: Evidence) -> Check:

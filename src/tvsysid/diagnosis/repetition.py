@@ -47,6 +47,10 @@ BEAT = 1.25
 """Times as coherent in the inertia as in the stiffness that a line is no behaviour."""
 PARTS = 10
 """Parts of a realization that must tell alike how it differs from the others; those side by side share too much."""
+BESIDE, BESIDE_DRIFT = 0.2, 4.0
+"""Distance from a harmonic, in one over the record's length, where no line is another period; so if all drifts."""
+NEAR_HARMONIC = 0.1
+"""Share of a harmonic's number by which a line may be off it."""
 SMOOTH = 1.5
 """Standard deviation in samples of the low-pass behind which realizations are compared."""
 RESOLUTION = 0.25
@@ -98,7 +102,7 @@ def repeated(evidence: Evidence) -> Check:
     rounded = np.round(both / np.where(scale > 0, scale, 1.0), ROUNDED)
     _, first, which = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
     again = np.flatnonzero(np.arange(len(both)) != first[which.ravel()])
-    what = f"{len(again)} of {len(both)} realizations are the same as another one"
+    what = f"{len(again)} of {len(both)} realizations {'is' if len(again) == 1 else 'are'} the same as another one"
     if len(again):
         what += f", first realization {again[0]}, as realization {first[which.ravel()[again[0]]]}"
     return judged("repeated-realizations", len(again), what)
@@ -237,7 +241,7 @@ def misaligned(evidence: Evidence) -> tuple[Check, NDArray[np.bool_]]:
     likelier = 0.5 * len(weights) * -np.log1p(-np.clip(gain, 0.0, 1 - 1e-12))
     out &= likelier > math.log(left.size / CHANCE)
     count = int(out.sum())
-    what = f"{count} of {len(out)} realizations fit better elsewhere"
+    what = f"{count} of {len(out)} realizations {'fits' if count == 1 else 'fit'} better elsewhere"
     if count:
         farthest = np.flatnonzero(out)[np.argmax(np.abs(seconds[out]))]
         what += f", such as realization {farthest} by {seconds[farthest]:+.2g} s"
@@ -288,7 +292,7 @@ def unlike(evidence: Evidence, misaligned_ones: NDArray[np.bool_]) -> tuple[Chec
     usual = 1.4826 * float(np.median(np.abs(level)))
     out |= (noise > OTHER_NOISE) & (level > FAR_OUT * usual)
     out &= ~misaligned_ones
-    what = f"{int(out.sum())} of {len(out)} realizations lie far out"
+    what = f"{int(out.sum())} of {len(out)} realizations {'lies' if out.sum() == 1 else 'lie'} far out"
     if out.any():
         first = int(np.flatnonzero(out)[0])
         what += (
@@ -348,7 +352,7 @@ def scattered(evidence: Evidence, told: NDArray[np.bool_]) -> Check:
     return judged(name, value, what, certain=certain)
 
 
-def wrong_period(evidence: Evidence) -> Check:
+def wrong_period(evidence: Evidence, drifts: bool) -> Check:
     """Stiffness that varies with a frequency of which no whole number fits into a realization.
 
     What the fit left is projected on the torque of stiffness at each sample; a line in that series between the
@@ -356,6 +360,11 @@ def wrong_period(evidence: Evidence) -> Check:
     the signals that were fitted: as they are whitened, stiffness and viscosity are fitted again, for the first fit's
     error, which slow noise makes large, is the same in all realizations. The power of a line over what realizations of
     random phase would give tells chance.
+
+    Parameters
+    ----------
+    drifts
+        Whether the behaviour was found to drift, which shows beside the harmonics: no line is looked for there then.
     """
     name = "wrong-period"
     ensemble = evidence.ensemble
@@ -375,15 +384,23 @@ def wrong_period(evidence: Evidence) -> Check:
     _, beating, _ = _lines(left * evidence.white_parts[2], evidence)
     width = 2 * round(1 / RESOLUTION) + 1
     beat = uniform_filter1d(beating, width) > BEAT * uniform_filter1d(coherent, width)
-    coherent = np.where(beat, 0.0, coherent)
+    cycles = frequencies * ensemble.duration
+    record = max(float(np.ptp(ensemble.onsets[ensemble.trials == number])) for number in numbers) + ensemble.duration
+    beside = np.abs(cycles - np.round(cycles)) * record / ensemble.duration
+    coherent = np.where(beat | (beside < (BESIDE_DRIFT if drifts else BESIDE)), 0.0, coherent)
     amplitude = 200 * np.sqrt(power) / float(np.sum(evidence.white_parts[0] ** 2))
     best = int(np.argmax(np.where(coherent > 1, amplitude, 0.0)))
     largest = len(ensemble) / len(numbers)
     independent = max(1.0, len(frequencies) * RESOLUTION)
     probability = independent * max(0.0, 1 - float(coherent[best]) / (largest * len(numbers))) ** (len(ensemble) - 1)
+    # A line near a harmonic is that harmonic of a period near the one that was given.
+    number = max(1, round(float(cycles[best])))
+    number = number if abs(float(cycles[best]) - number) < NEAR_HARMONIC * number else 1
+    period, given = number / float(frequencies[best]), ensemble.duration
+    digits = next((n for n in range(3, 6) if f"{period:.{n}g}" != f"{given:.{n}g}"), 6)
     what = (
-        f"stiffness varies by {amplitude[best]:.2g} % of its mean with {1 / frequencies[best]:.3g} s, beside what "
-        f"repeats every {ensemble.duration:g} s"
+        f"stiffness varies by {amplitude[best]:.2g} % of its mean with {period:.{digits}g} s, beside what "
+        f"repeats every {given:g} s"
     )
     return judged(name, float(amplitude[best]), what, certain=probability < CHANCE)
 

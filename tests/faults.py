@@ -168,6 +168,13 @@ def mixed(ensemble, share=0.15, factor=1.6):
     return replace(ensemble, torque=ensemble.torque * factors[:, None])
 
 
+def halved(ensemble, differently, seed=6):
+    """A random half of the realizations with another torque, as a function of the ensemble says."""
+    half = np.random.default_rng(seed).random(len(ensemble)) < 0.5
+    torque = np.where(half[:, None], differently(ensemble), ensemble.torque)
+    return tv.preprocess.subtract_mean(replace(ensemble, torque=torque))
+
+
 def thrice(ensemble, count=10):
     """The same few realizations three times each."""
     return ensemble.select(np.repeat(np.arange(count), 3))

@@ -212,10 +212,15 @@ def test_inspect_diagnoses(tvsysid, tmp_path):
     tvsysid("simulate", "joint.mat", "--duration", 100)
     code, out, err = tvsysid("inspect", "joint.mat", "--diagnose", *IDENTIFY)
     assert (code, err) == (0, "")
-    assert "joint.mat: 48 realizations of 2 s at 1000 Hz: nothing is wrong of 28 things that were looked for" in out
-    assert "wrote tvsysid-inspect/joint.mat.diagnosis.html" in out
-    page = (tmp_path / "tvsysid-inspect" / "joint.mat.diagnosis.html").read_text()
+    assert (
+        "joint.mat (angle, torque): 48 realizations of 2 s at 1000 Hz: nothing is wrong of 28 things that were judged"
+        in out
+    )
+    assert "not judged: mean-torque, mean-angle (the mean over realizations has been subtracted)" in out
+    assert "wrote tvsysid-inspect/joint.mat.angle-torque.diagnosis.html" in out
+    page = (tmp_path / "tvsysid-inspect" / "joint.mat.angle-torque.diagnosis.html").read_text()
     assert "tvsysid inspect joint.mat --diagnose --angle angle" in page
+    assert "Diagnosis of joint.mat (angle, torque)" in page
     code, out, err = tvsysid("inspect", "joint.mat", "--diagnose", *IDENTIFY, "--torque-sign", "-1", "--period", "1.9")
     assert (code, err) == (0, "")
     assert "reversed-torque (-" in out

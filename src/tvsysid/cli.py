@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import re
 import shlex
 import signal
 import sys
@@ -506,7 +507,7 @@ def inspect(
 
     With `--diagnose`, looks for what would spoil the result: units, signs, delays, lost or clipped signals, drift,
     misaligned realizations, a wrong period, feedback, reflexes; says what each does and what to do, and writes a page
-    with pictures, `FILE.diagnosis.html`, beside the picture.
+    with pictures, `FILE.ANGLE-TORQUE.diagnosis.html` (the channels' names), beside the picture.
 
     Example: `tvsysid inspect ankle.mat`
 
@@ -558,9 +559,11 @@ def inspect(
     # Small matrices: BLAS threads would only wait for each other.
     with _waiting("diagnosing"), threadpool_limits(1):
         diagnosis = diagnosis_of(ensemble)
-    page = picture.with_name(f"{file.name}.diagnosis.html")
-    write_diagnosis(page, {file.name: diagnosis}, _command_line())
-    _print_diagnosis(diagnosis, file.name)
+    # A file may hold several pairs of channels, each of which has a page of its own.
+    page = picture.with_name(re.sub(r"[^\w.-]+", "_", f"{file.name}.{angle}-{torque}.diagnosis.html"))
+    name = f"{file.name} ({angle}, {torque})"
+    write_diagnosis(page, {name: diagnosis}, _command_line())
+    _print_diagnosis(diagnosis, name)
     output.print(f"wrote {page}", highlight=False, soft_wrap=True)
 
 
@@ -1362,6 +1365,8 @@ def _print_diagnosis(diagnosis: Diagnosis, name: str) -> None:
     for check in diagnosis.findings:
         lines = f"  seen: {check.what}\n  does: {check.effect}\n  do:   {check.remedy}"
         output.print(f"[bold]{check.name}[/] ({strength(check)})\n{escape(lines)}", highlight=False, soft_wrap=True)
+    for line in diagnosis.doubts:
+        output.print(escape(line), highlight=False, soft_wrap=True)
 
 
 def _outlines(channels: dict[str, Any]) -> dict[str, Any]:

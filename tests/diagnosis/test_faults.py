@@ -103,7 +103,17 @@ def test_a_delay_is_measured(seconds):
 @pytest.mark.parametrize("perturbation", ["noise", "prbs"])
 @pytest.mark.parametrize(("seconds", "snr_db"), [(0.002, 20.0), (0.004, 30.0), (-0.008, 30.0), (0.012, 30.0)])
 def test_a_small_delay_is_nothing_else(perturbation, seconds, snr_db):
-    assert not found(cut(faults.late(simulated(perturbation=perturbation, snr_db=snr_db), seconds)))
+    findings = found(cut(faults.late(simulated(perturbation=perturbation, snr_db=snr_db), seconds)))
+    assert set(findings) == ({"delay"} if abs(seconds) > 0.005 else set())
+
+
+@pytest.mark.parametrize("perturbation", ["noise", "prbs"])
+@pytest.mark.parametrize("seconds", [0.007, 0.010, 0.014])
+def test_a_delay_that_takes_a_third_of_the_viscosity_is_told_in_noise(perturbation, seconds):
+    """Stiffness over viscosity is 45 per second."""
+    findings = found(cut(faults.late(simulated(perturbation=perturbation, snr_db=5.0), seconds)))
+    assert list(findings) == ["delay"]
+    assert findings["delay"].value == pytest.approx(1000 * seconds, abs=2)
 
 
 @pytest.mark.parametrize("which", ["angle", "torque"])
@@ -148,6 +158,28 @@ def test_a_torque_smoothed_both_ways_is_no_feedback():
     assert "feedback" not in found(cut(changed(recording, torque=smooth)))
 
 
+def test_one_channel_as_both():
+    recording = simulated()
+    for factor in (1.0, -1000.0):
+        findings = found(cut(changed(recording, torque=factor * recording.angle)))
+        assert list(findings) == ["same-channel"]
+
+
+@pytest.mark.parametrize(("which", "other"), [("angle", "torque"), ("torque", "angle")])
+@pytest.mark.parametrize("perturbation", ["noise", "prbs"])
+def test_spikes_are_no_losses_of_the_other_signal(perturbation, which, other):
+    findings = found(cut(faults.spiked(simulated(perturbation=perturbation), which, height=20.0)))
+    assert f"{which}-spikes" in findings
+    assert f"lost-{other}" not in findings
+
+
+def test_a_drift_is_no_other_period():
+    recording = simulated(profile="square")
+    late = np.arange(len(recording)) > len(recording) / 2
+    findings = found(cut(changed(recording, torque=np.where(late, 1.6, 1.0) * recording.torque)))
+    assert list(findings) == ["drift"]
+
+
 def test_swapped_channels_are_hinted_at():
     recording = simulated()
     check = found(cut(changed(recording, angle=recording.torque, torque=recording.angle)))["angle-unit"]
@@ -190,6 +222,29 @@ def test_a_slow_perturbation_leaves_impedance_undetermined(random):
 def test_the_same_perturbation_with_its_mean():
     findings = found(faults.repeated(simulated()))
     assert {"same-perturbation", "mean-torque", "mean-angle"} <= set(findings)
+
+
+def against_the_wave(ensemble):
+    """Torque of a joint that is soft where it was stiff; the wave's mean is 100 N·m/rad."""
+    time = (np.arange(ensemble.torque.shape[1]) - ensemble.context) / ensemble.sampling_rate
+    return ensemble.torque + 2 * (100 - tv.simulate.SineWave()(time)) * ensemble.angle
+
+
+@pytest.mark.parametrize("perturbation", ["noise", "prbs"])
+@pytest.mark.parametrize(
+    ("differently", "expected", "least"),
+    [
+        (lambda ensemble: 1.3 * ensemble.torque, {"scattered-realizations"}, 10),
+        (lambda ensemble: 2 * ensemble.torque, {"scattered-realizations"}, 25),
+        (against_the_wave, {"scattered-realizations"}, 30),
+        (lambda ensemble: -ensemble.torque, {"scattered-realizations", "weak-answer"}, 90),
+    ],
+)
+def test_half_of_the_realizations_of_another_behaviour(perturbation, differently, expected, least):
+    findings = found(faults.halved(cut(simulated(perturbation=perturbation)), differently))
+    # Some of those twice as stiff may also fit better a little later.
+    assert expected <= set(findings) <= expected | {"misaligned-realizations"}
+    assert findings["scattered-realizations"].value > least
 
 
 def test_strengths_grow_with_the_fault():

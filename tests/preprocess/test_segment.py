@@ -104,7 +104,7 @@ def test_realizations_that_are_all_alike_are_refused(random):
 
 
 def test_trials_without_context_are_told_what_to_do():
-    with pytest.raises(tv.InputError, match="give less context \\(0 keeps every realization\\)"):
+    with pytest.raises(tv.InputError, match="give less context \\(--context 0 keeps every realization\\)"):
         tv.preprocess.segment(recording_of(400, trial_starts=(0, 200)), 2.0)
 
 

@@ -10,6 +10,7 @@ from tests.report.elements import Elements
 
 import tvsysid as tv
 from tvsysid.diagnosis import KINDS
+from tvsysid.errors import InputError
 from tvsysid.report import diagnosis_section, write_diagnosis
 
 
@@ -59,7 +60,7 @@ def test_headings_anchors_and_regions(elements):
 
 def test_findings_with_effect_and_remedy(elements):
     found = next(text for _, text in elements.of("table") if "What was found in" in text)
-    for part in (KINDS["delay"].title, KINDS["delay"].effect, KINDS["delay"].remedy, "ms late", "at most 15"):
+    for part in (KINDS["delay"].title, KINDS["delay"].effect, KINDS["delay"].remedy, "ms late", "at most 5"):
         assert part in found
 
 
@@ -68,6 +69,8 @@ def test_everything_that_was_looked_at_is_there(elements):
     assert len(tables) == 2
     for text in tables:
         assert all(name in text for name in KINDS)
+    assert "not judged not judged" not in " ".join(tables[0].replace("–", " ").split())
+    assert "Not judged: mean-torque, mean-angle (the mean over" in " ".join(text for _, text in elements.of("p"))
     assert "✗ found" in tables[1]
     assert "✗ found" not in tables[0]
 
@@ -83,6 +86,13 @@ def test_the_command_is_told_if_there_is_one(elements, diagnoses, tmp_path):
     assert [text for _, text in elements.of("pre")] == ["tvsysid inspect ankle.mat --diagnose && echo"]
     write_diagnosis(tmp_path / "page.html", {"clean": diagnoses["clean"]})
     assert "This page was made by" not in (tmp_path / "page.html").read_text()
+
+
+@pytest.mark.parametrize("given", [{}, {"ankle": None}, "diagnosis"])
+def test_what_is_no_diagnosis_by_name_is_told(given, tmp_path):
+    with pytest.raises(InputError, match="expected diagnoses by name, got"):
+        write_diagnosis(tmp_path / "page.html", given)
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_section_for_another_page(diagnoses):

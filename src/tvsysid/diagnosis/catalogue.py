@@ -101,6 +101,15 @@ KINDS: dict[str, Kind] = {
         "an offset or an imposed movement counts as perturbation, and biases the stiffness",
         "ensemble = tv.preprocess.subtract_mean(ensemble)",
     ),
+    "same-channel": Kind(
+        "Angle and torque are one signal",
+        "correlation of angle and torque, whichever its sign",
+        "%",
+        99.99,
+        "above",
+        "what comes out is the factor between the two, and no impedance",
+        "see which channels were named as angle and as torque (--angle, --torque)",
+    ),
     "reversed-torque": Kind(
         "The torque counts the other way",
         "mean stiffness",
@@ -144,7 +153,7 @@ KINDS: dict[str, Kind] = {
         "Angle and torque are not recorded at the same time",
         "by how much the torque is late",
         "ms",
-        15,
+        5,
         "above",
         "a torque that is late by d lowers the viscosity by stiffness times d, even below zero, and bends the rest",
         "shift one channel against the other by this much before cutting, and find what delays it (a filter, a clock)",
@@ -193,6 +202,16 @@ KINDS: dict[str, Kind] = {
         "above",
         "they count as much as the others and pull the result towards theirs",
         "look at them and exclude them (ensemble.select; tv.preprocess.prepare does it for a task with a target)",
+    ),
+    "scattered-realizations": Kind(
+        "Realizations are of different behaviours",
+        "standard deviation over realizations of the stiffness, beyond noise and drift, over the stiffness' RMS",
+        "%",
+        10,
+        "above",
+        "what is identified is a mean of different behaviours, and belongs to none of them; bands do not tell of it",
+        "sort the realizations by what may differ (task, muscle activity, instruction), and identify each kind by "
+        "itself",
     ),
     "misaligned-realizations": Kind(
         "Some realizations come early or late",

@@ -101,4 +101,4 @@ def judged(name: str, value: float, what: str, *, certain: bool = True) -> Check
 
 def unjudged(name: str, why: str) -> Check:
     """Check that these data do not allow."""
-    return Check(name, math.nan, False, f"not judged: {why}")
+    return Check(name, math.nan, False, why)

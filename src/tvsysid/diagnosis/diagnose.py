@@ -11,7 +11,7 @@ import numpy as np
 
 from tvsysid.diagnosis import excitation, losses, repetition, scales, structure
 from tvsysid.diagnosis.catalogue import KINDS
-from tvsysid.diagnosis.check import Check
+from tvsysid.diagnosis.check import Check, unjudged
 from tvsysid.diagnosis.curves import Curves, curves
 from tvsysid.diagnosis.evidence import SHORTEST, Evidence, known_samples
 from tvsysid.errors import InputError
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 LARGEST = 1e60
 """Value beyond which squares of derivatives are no numbers."""
+OF_ANY_SIGNAL = ("few-realizations", "repeated-realizations", "same-channel")
+"""Checks that do not take the torque for an answer."""
 MOST_POWER = 0.95
 """Share of the angle's power that lies within its bandwidth."""
 LAGS = 0.12
@@ -72,10 +74,21 @@ class Diagnosis:
     @property
     def verdict(self) -> str:
         """The outcome in a sentence."""
-        unknown = sum(not check.judged for check in self.checks)
-        left = f"; {unknown} could not be judged" if unknown else ""
+        judged = sum(check.judged for check in self.checks)
         told = "nothing is wrong" if self.clean else f"{len(self.findings)} found"
-        return f"{told} of {len(self.checks)} things that were looked for{left}"
+        return f"{told} of {judged} things that were judged"
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """A line on what is uncertain, with its value, and one on what was not judged, with the reason, if any is."""
+        uncertain = [f"{check.name} ({strength(check)})" for check in self.checks if check.state == "uncertain"]
+        reasons: dict[str, list[str]] = {}
+        for check in self.checks:
+            if not check.judged:
+                reasons.setdefault(check.what, []).append(check.name)
+        unknown = [f"{', '.join(names)} ({why})" for why, names in reasons.items()]
+        lines = {"uncertain": uncertain, "not judged": unknown}
+        return tuple(f"{state}: {'; '.join(told)}" for state, told in lines.items() if told)
 
     def __repr__(self) -> str:
         lines = [f"Diagnosis of {self.ensemble}: {self.verdict}"]
@@ -85,7 +98,7 @@ class Diagnosis:
                 f"    does: {check.effect}",
                 f"    do:   {check.remedy}",
             ]
-        return "\n".join(lines)
+        return "\n".join([*lines, *self.doubts])
 
     def _repr_html_(self) -> str:
         rows = "".join(
@@ -96,7 +109,8 @@ class Diagnosis:
         )
         headings = "".join(f"<th style='text-align:left'>{text}</th>" for text in HEADINGS)
         table = f"<table><thead><tr>{headings}</tr></thead><tbody>{rows}</tbody></table>" if rows else ""
-        return f"<p><b>Diagnosis</b> of {html.escape(self.ensemble)}: {html.escape(self.verdict)}.</p>{table}"
+        doubts = "".join(f"<p>{html.escape(line)}.</p>" for line in self.doubts)
+        return f"<p><b>Diagnosis</b> of {html.escape(self.ensemble)}: {html.escape(self.verdict)}.</p>{table}{doubts}"
 
 
 HEADINGS = ("found", "what was seen", "how strong", "what it does to the result", "what to do")
@@ -111,11 +125,12 @@ def strength(check: Check) -> str:
     '24.3 %, at most 10 is in order'
     """
     if not check.judged:
-        return "not judged"
+        return "–"
     allowed = "at most" if check.wrong == "above" else "at least"
     value = "0" if abs(check.value) < 1e-9 else f"{check.value:.3g}" if abs(check.value) < 1e4 else f"{check.value:.2g}"
     doubt = ", but this may be chance" if check.state == "uncertain" else ""
-    return f"{value} {check.unit}, {allowed} {check.threshold:g} is in order{doubt}"
+    unit = check.unit.removesuffix("s") if value == "1" else check.unit
+    return f"{value} {unit}, {allowed} {check.threshold:g} is in order{doubt}"
 
 
 def diagnose(ensemble: Ensemble) -> Diagnosis:
@@ -151,7 +166,8 @@ def diagnose(ensemble: Ensemble) -> Diagnosis:
     >>> recording = tv.preprocess.decimate(simulation.recording, 100)
     >>> ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))
     >>> tv.diagnose(ensemble)
-    Diagnosis of 30 realizations of 2 s at 100 Hz: nothing is wrong of 28 things that were looked for; ...
+    Diagnosis of 30 realizations of 2 s at 100 Hz: nothing is wrong of 27 things that were judged
+    not judged: mean-torque, mean-angle (the mean over realizations has been subtracted); clipped-angle (...)
     """
     if not isinstance(ensemble, Ensemble):
         raise InputError(
@@ -174,6 +190,7 @@ def diagnose(ensemble: Ensemble) -> Diagnosis:
             f"diagnose: derivatives are known at {known} samples of a realization at {evidence.rate:g} Hz, it "
             f"takes {SHORTEST}; give longer realizations, or {HALF_WIDTH / evidence.rate:g} s of context"
         )
+    same = scales.same_channel(evidence)
     # Drifting offsets and a delay would look like much else: the rest is judged without them.
     (angle_offset, angle_line), (torque_offset, torque_line) = (
         repetition.offset(evidence, which) for which in ("angle", "torque")
@@ -182,6 +199,9 @@ def diagnose(ensemble: Ensemble) -> Diagnosis:
     late, samples = scales.delay(level)
     timely = level.synchronised(samples)
     misaligned, moved = repetition.misaligned(timely)
+    unlike, others = repetition.unlike(timely, moved)
+    drift = repetition.drift(timely)
+    period = repetition.wrong_period(timely, drift.found)
     found = [
         late,
         scales.clock_skew(timely),
@@ -192,15 +212,20 @@ def diagnose(ensemble: Ensemble) -> Diagnosis:
         excitation.same_perturbation(timely),
         repetition.repeated(timely),
         *(repetition.mean_left(evidence, which) for which in ("torque", "angle")),
+        same,
         scales.reversed_torque(timely),
         scales.angle_unit(timely),
         scales.torque_unit(timely),
         scales.sampling_rate(timely),
-        repetition.drift(timely),
+        drift,
         angle_offset,
         torque_offset,
-        repetition.unlike(timely, moved),
-        repetition.wrong_period(timely),
+        unlike,
+        # With another period each realization holds another part of the behaviour.
+        unjudged("scattered-realizations", "the period is wrong")
+        if period.found
+        else repetition.scattered(timely, others | (moved if misaligned.found else False)),
+        period,
         *(losses.clipped(timely, which) for which in ("angle", "torque")),
         *(losses.lost(timely, which) for which in ("angle", "torque")),
         losses.angle_spikes(timely),
@@ -210,6 +235,11 @@ def diagnose(ensemble: Ensemble) -> Diagnosis:
         structure.slow_answer(timely),
     ]
     checks = {check.name: check for check in found}
+    if same.found:
+        # Nothing else that is seen then is of a joint.
+        checks |= {
+            name: unjudged(name, "angle and torque are one signal") for name in KINDS if name not in OF_ANY_SIGNAL
+        }
     seen = curves(evidence)
     return Diagnosis(
         tuple(checks[name] for name in KINDS),

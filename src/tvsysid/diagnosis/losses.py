@@ -36,6 +36,8 @@ USUAL_ANGLE, USUAL_TORQUE = 0.99, 0.9
 """Quantiles against which spikes are held: a PRBS surprises at every switch, noise never."""
 OUT_OF_LINE = 1.2
 """Times the usual distance from the median about it that makes a sample stand out."""
+FAR_OUT_OF_LINE = 2.0
+"""The same, of a sample that is taken out before what is lost is looked for."""
 DISTURBED = 4.5
 """Times the usual residual that a spike in the angle causes beside it."""
 SCATTER = 2.0
@@ -93,6 +95,14 @@ def lost(evidence: Evidence, which: str) -> Check:
         gone = (left > LOUD * noise) & (expected < STILL * there) & (np.abs(together) < STILL * there)
     for values in _held(evidence, which, samples):
         gone |= values
+    # A spike in the other signal moves much, and is answered by nothing.
+    other = "angle" if which == "torque" else "torque"
+    heights = _angle_heights(evidence) if other == "angle" else _torque_heights(evidence)
+    first, length = evidence.fit.first + evidence.whitening, heights.shape[1]
+    alone = _against_neighbours(getattr(evidence, other))[:, first : first + length] > FAR_OUT_OF_LINE
+    spikes = maximum_filter1d(alone & (heights > KINDS[f"{other}-spikes"].limit), 2 * BESIDE + 1, axis=1)
+    count = gone.shape[1]
+    gone &= ~spikes[:, : count * samples].reshape(len(spikes), count, samples).any(axis=2)
     seconds = float(gone.sum()) * samples / evidence.rate
     if not gone.any():
         return judged(name, 0.0, f"the {which} is there throughout")
@@ -126,16 +136,26 @@ def _held(evidence: Evidence, which: str, samples: int) -> list[NDArray[np.bool_
 
 def angle_spikes(evidence: Evidence) -> Check:
     """Samples that neither past nor neighbours foretell, and that the torque does not answer."""
+    return _highest(evidence, "angle-spikes", _angle_heights(evidence))
+
+
+def _angle_heights(evidence: Evidence) -> Array:
+    """How high the samples that stand out are over what is usual, shape (realization, time - w); others are zero."""
     surprise, _, place = _surprises(evidence)
     standing_out = surprise > 0
     standing_out &= _against_neighbours(evidence.angle)[:, place] > OUT_OF_LINE
     residual = _over_usual(np.abs(evidence.white_residual), USUAL_TORQUE)
     standing_out &= maximum_filter1d(residual, 2 * BESIDE + 1, axis=1) > DISTURBED
-    return _highest(evidence, "angle-spikes", np.where(standing_out, surprise, 0.0))
+    return np.where(standing_out, surprise, 0.0)
 
 
 def torque_spikes(evidence: Evidence) -> Check:
     """Samples that neither the model nor the past of what it leaves foretell, and that are not the angle's."""
+    return _highest(evidence, "torque-spikes", _torque_heights(evidence))
+
+
+def _torque_heights(evidence: Evidence) -> Array:
+    """The same of the torque."""
     surprise, torque_surprise, _ = _surprises(evidence)
     residual = _over_usual(np.abs(evidence.white_residual), USUAL_TORQUE)
     # What is high at this time in most realizations is not a spike: a change of stiffness that the bins do not follow.
@@ -143,7 +163,7 @@ def torque_spikes(evidence: Evidence) -> Check:
     together = np.median(np.abs(evidence.white_residual - np.median(evidence.white_residual, axis=0)), axis=0)
     residual /= np.maximum(1.0, together / max(SCATTER * float(np.median(together)), np.finfo(float).tiny))
     of_angle = maximum_filter1d(surprise, 4 * BESIDE + 1, axis=1) > KINDS["angle-spikes"].limit
-    return _highest(evidence, "torque-spikes", np.where((torque_surprise > surprise) & ~of_angle, residual, 0.0))
+    return np.where((torque_surprise > surprise) & ~of_angle, residual, 0.0)
 
 
 def _surprises(evidence: Evidence) -> tuple[Array, Array, slice]:

@@ -7,10 +7,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
-from scipy.ndimage import uniform_filter1d
+from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
 from tvsysid.diagnosis.check import Check, judged, unjudged
-from tvsysid.diagnosis.evidence import CHANCE, LEAST_REALIZATIONS, Evidence, chance, subtracted
+from tvsysid.diagnosis.evidence import CHANCE, FOLDS, LEAST_REALIZATIONS, Evidence, chance, subtracted, without
 from tvsysid.diagnosis.excitation import ANSWERED, NO_ANSWER
 from tvsysid.diagnosis.fit import SecondOrder, fit_motion
 
@@ -45,6 +45,14 @@ SLOWEST, FASTEST = 0.3, 3.3
 """Cycles in a realization that are looked for as another period: the clock of a PRBS is faster."""
 BEAT = 1.25
 """Times as coherent in the inertia as in the stiffness that a line is no behaviour."""
+PARTS = 10
+"""Parts of a realization that must tell alike how it differs from the others; those side by side share too much."""
+BESIDE, BESIDE_DRIFT = 0.2, 4.0
+"""Distance from a harmonic, in one over the record's length, where no line is another period; so if all drifts."""
+NEAR_HARMONIC = 0.1
+"""Share of a harmonic's number by which a line may be off it."""
+SMOOTH = 1.5
+"""Standard deviation in samples of the low-pass behind which realizations are compared."""
 RESOLUTION = 0.25
 """Step in frequency, as a share of one over the record's length."""
 
@@ -94,7 +102,7 @@ def repeated(evidence: Evidence) -> Check:
     rounded = np.round(both / np.where(scale > 0, scale, 1.0), ROUNDED)
     _, first, which = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
     again = np.flatnonzero(np.arange(len(both)) != first[which.ravel()])
-    what = f"{len(again)} of {len(both)} realizations are the same as another one"
+    what = f"{len(again)} of {len(both)} realizations {'is' if len(again) == 1 else 'are'} the same as another one"
     if len(again):
         what += f", first realization {again[0]}, as realization {first[which.ravel()[again[0]]]}"
     return judged("repeated-realizations", len(again), what)
@@ -233,7 +241,7 @@ def misaligned(evidence: Evidence) -> tuple[Check, NDArray[np.bool_]]:
     likelier = 0.5 * len(weights) * -np.log1p(-np.clip(gain, 0.0, 1 - 1e-12))
     out &= likelier > math.log(left.size / CHANCE)
     count = int(out.sum())
-    what = f"{count} of {len(out)} realizations fit better elsewhere"
+    what = f"{count} of {len(out)} realizations {'fits' if count == 1 else 'fit'} better elsewhere"
     if count:
         farthest = np.flatnonzero(out)[np.argmax(np.abs(seconds[out]))]
         what += f", such as realization {farthest} by {seconds[farthest]:+.2g} s"
@@ -257,13 +265,13 @@ def _has_a_shape(evidence: Evidence) -> bool:
     return float(np.corrcoef(*profiles)[0, 1]) > ALIKE
 
 
-def unlike(evidence: Evidence, misaligned_ones: NDArray[np.bool_]) -> Check:
-    """Realizations of other stiffness, other size of answer, or other noise; not those that are only shifted."""
-    name = "unlike-realizations"
+def unlike(evidence: Evidence, misaligned_ones: NDArray[np.bool_]) -> tuple[Check, NDArray[np.bool_]]:
+    """Realizations of other stiffness, size of answer, or noise, and which these are; those only shifted are none."""
+    name, none = "unlike-realizations", np.zeros(len(evidence.ensemble), dtype=bool)
     if len(evidence.ensemble) < LEAST_REALIZATIONS:
-        return unjudged(name, TOO_FEW)
+        return unjudged(name, TOO_FEW), none
     if evidence.explained < ANSWERED:
-        return unjudged(name, NO_ANSWER)
+        return unjudged(name, NO_ANSWER), none
     grams, moments = _own_fits(evidence)
     whole = np.maximum(grams.sum(axis=(1, 2)), np.finfo(float).tiny)
     answers = 1 + moments.sum(axis=1) / whole
@@ -284,16 +292,67 @@ def unlike(evidence: Evidence, misaligned_ones: NDArray[np.bool_]) -> Check:
     usual = 1.4826 * float(np.median(np.abs(level)))
     out |= (noise > OTHER_NOISE) & (level > FAR_OUT * usual)
     out &= ~misaligned_ones
-    what = f"{int(out.sum())} of {len(out)} realizations lie far out"
+    what = f"{int(out.sum())} of {len(out)} realizations {'lies' if out.sum() == 1 else 'lie'} far out"
     if out.any():
         first = int(np.flatnonzero(out)[0])
         what += (
             f", first realization {first}: stiffness {stiffness[first]:.2g}, noise {noise[first]:.2g} times the usual"
         )
-    return judged(name, int(out.sum()), what)
+    return judged(name, int(out.sum()), what), out
 
 
-def wrong_period(evidence: Evidence) -> Check:
+def scattered(evidence: Evidence, told: NDArray[np.bool_]) -> Check:
+    """Standard deviation over realizations of the stiffness beyond noise and drift, over the stiffness' RMS.
+
+    How far the stiffness of a realization is from that of all is estimated in each tenth of its time. Noise differs
+    from part to part, a realization of another behaviour differs in all of them by the pattern in time of the others
+    that differ. So the products of two parts that are no neighbours, weighed by the pattern of other realizations, are
+    on average the variance that is sought, with no need to know the noise; their scatter over realizations tells
+    chance. It does not matter how many realizations differ, where a median breaks down at half of them.
+
+    Parameters
+    ----------
+    told
+        Realizations that are left out, as something else is wrong with them, shape (realization,).
+    """
+    name = "scattered-realizations"
+    order = evidence.order[~told[evidence.order]]
+    count = len(order)
+    if count < 2 * LEAST_REALIZATIONS:
+        return unjudged(name, f"it takes {2 * LEAST_REALIZATIONS} realizations")
+    # Near half the sampling rate the fit's error goes with the switches of a PRBS, whose clock beats with the sampling.
+    motion, left = (
+        gaussian_filter1d(values, SMOOTH, axis=-1)
+        for values in (evidence.whitened(evidence.fit.motion), evidence.white_residual)
+    )
+    alone = without(motion[0], motion[1:])
+    edges = np.linspace(0, alone.shape[1], PARTS, endpoint=False).astype(np.int64)
+    power = np.add.reduceat(np.mean(alone * motion[0], axis=0), edges)
+    if power.min() <= 0:
+        return unjudged(name, "the angle does not move at all times")
+    apart = np.add.reduceat(alone * left, edges, axis=1)[order] / power
+    # Drift is a check of its own: a line, and a step in the middle.
+    place = np.linspace(-1, 1, count)
+    slow = np.stack([np.ones(count), place, np.sign(place)], axis=1)
+    apart -= slow @ np.linalg.lstsq(slow, apart, rcond=None)[0]
+    far = np.abs(np.subtract.outer(np.arange(PARTS), np.arange(PARTS))) > 1
+    variances = np.empty(count)
+    for out in np.array_split(np.arange(count), FOLDS):
+        others = np.delete(apart, out, axis=0)
+        pattern = np.linalg.eigh(np.where(far, others.T @ others, 0.0))[1][:, -1]
+        weights = np.where(far, np.outer(pattern, pattern), 0.0)
+        variances[out] = np.einsum("rj,jl,rl->r", apart[out], weights, apart[out]) / (PARTS * np.sum(weights**2))
+    variance = max(0.0, float(variances.mean()))
+    certain = variance > 0 and chance(variances) < CHANCE
+    if evidence.explained < ANSWERED and not certain:
+        return unjudged(name, NO_ANSWER)
+    size = math.sqrt(float(np.mean(evidence.fit.stiffness[evidence.fit.bins] ** 2)) + variance)
+    value = 100 * math.sqrt(variance) / size if size > 0 else 0.0
+    what = f"beyond noise and drift, the stiffness differs by {value:.2g} % (standard deviation) between realizations"
+    return judged(name, value, what, certain=certain)
+
+
+def wrong_period(evidence: Evidence, drifts: bool) -> Check:
     """Stiffness that varies with a frequency of which no whole number fits into a realization.
 
     What the fit left is projected on the torque of stiffness at each sample; a line in that series between the
@@ -301,6 +360,11 @@ def wrong_period(evidence: Evidence) -> Check:
     the signals that were fitted: as they are whitened, stiffness and viscosity are fitted again, for the first fit's
     error, which slow noise makes large, is the same in all realizations. The power of a line over what realizations of
     random phase would give tells chance.
+
+    Parameters
+    ----------
+    drifts
+        Whether the behaviour was found to drift, which shows beside the harmonics: no line is looked for there then.
     """
     name = "wrong-period"
     ensemble = evidence.ensemble
@@ -320,15 +384,23 @@ def wrong_period(evidence: Evidence) -> Check:
     _, beating, _ = _lines(left * evidence.white_parts[2], evidence)
     width = 2 * round(1 / RESOLUTION) + 1
     beat = uniform_filter1d(beating, width) > BEAT * uniform_filter1d(coherent, width)
-    coherent = np.where(beat, 0.0, coherent)
+    cycles = frequencies * ensemble.duration
+    record = max(float(np.ptp(ensemble.onsets[ensemble.trials == number])) for number in numbers) + ensemble.duration
+    beside = np.abs(cycles - np.round(cycles)) * record / ensemble.duration
+    coherent = np.where(beat | (beside < (BESIDE_DRIFT if drifts else BESIDE)), 0.0, coherent)
     amplitude = 200 * np.sqrt(power) / float(np.sum(evidence.white_parts[0] ** 2))
     best = int(np.argmax(np.where(coherent > 1, amplitude, 0.0)))
     largest = len(ensemble) / len(numbers)
     independent = max(1.0, len(frequencies) * RESOLUTION)
     probability = independent * max(0.0, 1 - float(coherent[best]) / (largest * len(numbers))) ** (len(ensemble) - 1)
+    # A line near a harmonic is that harmonic of a period near the one that was given.
+    number = max(1, round(float(cycles[best])))
+    number = number if abs(float(cycles[best]) - number) < NEAR_HARMONIC * number else 1
+    period, given = number / float(frequencies[best]), ensemble.duration
+    digits = next((n for n in range(3, 6) if f"{period:.{n}g}" != f"{given:.{n}g}"), 6)
     what = (
-        f"stiffness varies by {amplitude[best]:.2g} % of its mean with {1 / frequencies[best]:.3g} s, beside what "
-        f"repeats every {ensemble.duration:g} s"
+        f"stiffness varies by {amplitude[best]:.2g} % of its mean with {period:.{digits}g} s, beside what "
+        f"repeats every {given:g} s"
     )
     return judged(name, float(amplitude[best]), what, certain=probability < CHANCE)
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tvsysid.diagnosis.check import Check, judged, unjudged
 from tvsysid.diagnosis.evidence import CHANCE, LEAST_REALIZATIONS, Evidence, chance, left_by, refitted
-from tvsysid.diagnosis.excitation import ANSWERED, NO_ANSWER
+from tvsysid.diagnosis.excitation import ANSWERED, NO_ANSWER, narrow_excitation
 
 Array = NDArray[np.float64]
 
@@ -22,10 +22,20 @@ LARGEST_INERTIA = 1.0
 """In kg·m²: more than an arm or a lower leg has."""
 LONGEST_DELAY = 0.1
 """In s, to either side."""
-CLEARER = 1.3
-"""Times as much as with the best shift that a joint must leave unexplained without it."""
+CLEARER, CLEARER_LATE = 1.3, 1.05
+"""Times as much as with the best shift that a joint must leave unexplained without it; so if only a delay does that."""
 FINER = np.linspace(-1, 1, 9)
 """Samples beside the best shift that are tried."""
+
+
+def same_channel(evidence: Evidence) -> Check:
+    """Correlation of angle and torque; noise, viscosity and inertia keep that of a joint from being all of it."""
+    angle, torque = evidence.angle, evidence.torque
+    size = math.sqrt(float(np.sum(angle**2)) * float(np.sum(torque**2)))
+    if size == 0:
+        return unjudged("same-channel", "a channel does not move")
+    value = 100 * abs(float(np.sum(angle * torque))) / size
+    return judged("same-channel", value, f"the correlation of angle and torque is {value:.6g} %")
 
 
 def reversed_torque(evidence: Evidence) -> Check:
@@ -95,8 +105,11 @@ def delay(evidence: Evidence) -> tuple[Check, float]:
     if 1 - best.left < ANSWERED:
         return unjudged(name, NO_ANSWER), 0.0
     squares, left = (each[0] for each in _left(evidence, np.zeros(1)))
-    # An angle that gives way to the torque follows it too, but then hardly better than with no shift.
-    certain = bool(left > CLEARER * best.left) and chance(squares - best.squares) < CHANCE
+    # An angle that gives way to the torque is the later of the two, but hardly fits better then than with no shift; and
+    # a perturbation of few frequencies hardly tells a delay from a viscosity.
+    sure = best.samples > 0 and not narrow_excitation(evidence.synchronised(best.samples)).beyond
+    clearer = left > (CLEARER_LATE if sure else CLEARER) * best.left
+    certain = bool(clearer) and chance(squares - best.squares) < CHANCE
     late = 1000 * best.samples / evidence.rate
     edge = "at least " if abs(round(best.samples)) == reach else ""
     what = f"the torque fits best if it is {edge}{abs(late):.3g} ms {'late' if late > 0 else 'early'}"

@@ -52,7 +52,7 @@ def feedback(evidence: Evidence) -> Check:
     )
     more = forward.mean() > MIRRORED * backward.mean() and chance(forward - backward) < CHANCE
     certain = bool(more and probability < CHANCE)
-    return judged(name, 100 * share, what, certain=share > 0 and certain)
+    return judged(name, 100 * max(0.0, share), what, certain=certain)
 
 
 def _foretelling(angle: Array, residual: Array, first: int, rate: float) -> Array | None:
@@ -122,7 +122,7 @@ def _foretold(evidence: Evidence, name: str, cause: Array, words: str) -> Check:
         return unjudged(name, SHORT)
     share, probability = gained(evidence.residual[:, region], causes)
     what = f"{words} foretells {_percent(share)} of the torque left over"
-    return judged(name, 100 * share, what, certain=share > 0 and probability < CHANCE)
+    return judged(name, 100 * max(0.0, share), what, certain=probability < CHANCE)
 
 
 def _percent(share: float) -> str:

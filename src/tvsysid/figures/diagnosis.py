@@ -145,6 +145,7 @@ def _coherence(figure: Figure, axes: Axes, curves: Curves) -> None:
     )
     bar = figure.colorbar(mesh, ax=axes, pad=0.02)
     bar.ax.tick_params(labelsize=7)
+    bar.set_label("coherence", fontsize=8)
     bar.outline.set_visible(False)
 
 

@@ -59,7 +59,11 @@ def segment(recording: Recording, period: float, context: float = 0.5) -> Ensemb
         trials += [number] * len(with_context)
     if not firsts:
         longest = max(trial.stop - trial.start for trial in recording.trials) / rate
-        advice = "give less context (0 keeps every realization)" if left_out else "give a shorter period"
+        advice = (
+            "give less context (--context 0 keeps every realization)"
+            if left_out
+            else "give a shorter period (--period)"
+        )
         raise InputError(
             f"segment: no realization of {period:g} s with {context:g} s of context on both sides fits into "
             f"{longest:g} s of record from {recording.start:g} s on; {advice}"
@@ -115,7 +119,10 @@ def subtract_mean(ensemble: Ensemble) -> Ensemble:
         For a single realization, which would leave nothing.
     """
     if len(ensemble) < 2:
-        raise InputError("subtract_mean: expected at least two realizations, got one; its mean is the signal itself")
+        raise InputError(
+            "subtract_mean: expected at least two realizations, got one; its mean is the signal itself; cut the "
+            "recording with a shorter period (--period)"
+        )
     deviations = {}
     for name in ("angle", "torque"):
         values = getattr(ensemble, name)

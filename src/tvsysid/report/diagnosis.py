@@ -9,6 +9,7 @@ from typing import Any
 
 from tvsysid import __version__
 from tvsysid.diagnosis import Check, Diagnosis, strength
+from tvsysid.errors import InputError
 from tvsysid.figures import diagnosis_illustration
 from tvsysid.report.rendering import filled, picture, write_page
 from tvsysid.report.tables import number
@@ -27,6 +28,11 @@ def write_diagnosis(path: str | Path, diagnoses: Mapping[str, Diagnosis], comman
         Of :func:`tvsysid.diagnose`, by what the ensembles are called.
     command
         What was typed; the page says nothing of it if empty.
+
+    Raises
+    ------
+    InputError
+        For what is no mapping of names to diagnoses, and for none.
     """
     content = {**_content(diagnoses), "command": command, "version": __version__}
     write_page(path, "diagnosis.html", content)
@@ -49,6 +55,13 @@ def diagnosis_section(diagnoses: Mapping[str, Diagnosis]) -> str:
 
 
 def _content(diagnoses: Mapping[str, Diagnosis]) -> dict[str, Any]:
+    if not isinstance(diagnoses, Mapping) or not all(isinstance(each, Diagnosis) for each in diagnoses.values()):
+        raise InputError(
+            f"write_diagnosis: expected diagnoses by name, got {type(diagnoses).__name__}; give "
+            "{'ankle': tvsysid.diagnose(ensemble)}"
+        )
+    if not diagnoses:
+        raise InputError("write_diagnosis: expected diagnoses by name, got none; give {'ankle': diagnosis}")
     return {
         "diagnoses": [
             {
@@ -56,6 +69,7 @@ def _content(diagnoses: Mapping[str, Diagnosis]) -> dict[str, Any]:
                 "anchor": f"diagnosis-{index}",
                 "ensemble": each.ensemble,
                 "verdict": each.verdict,
+                "doubts": each.doubts,
                 "findings": [_row(check) for check in each.findings],
                 "checks": [_row(check) for check in each.checks],
                 "measures": [

@@ -35,7 +35,7 @@ def same_channel(evidence: Evidence) -> Check:
     if size == 0:
         return unjudged("same-channel", "a channel does not move")
     value = 100 * abs(float(np.sum(angle * torque))) / size
-    return judged("same-channel", value, f"the correlation of angle and torque is {value:.6g} %")
+    return judged("same-channel", value, f"the correlation of angle and torque is {value:.4g} %")
 
 
 def reversed_torque(evidence: Evidence) -> Check:

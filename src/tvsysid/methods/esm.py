@@ -227,9 +227,9 @@ def _segment_fit(ensemble: Ensemble, power: Array, missing: tuple[int, int], rea
     products = np.array([np.einsum("rt,rt->t", both[a], both[b]) for a, b in pairs])
     segments = sliding_window_view(np.pad(products, ((0, 0), edges)), length, axis=1)
     sums, fourth = np.empty((times, 4, 4)), np.empty((times, 4, 4))
-    for total, weights in ((sums, power), (fourth, power**2)):
-        for (a, b), values in zip(pairs, segments @ weights, strict=True):
-            total[:, a, b] = total[:, b, a] = values
+    for (a, b), values in zip(pairs, segments @ np.stack([power, power**2], axis=1), strict=True):
+        for total, column in ((sums, 0), (fourth, 1)):
+            total[:, a, b] = total[:, b, a] = values[:, column]
 
     impedance, inverse = second_order_fit(sums[:, :3, :3], sums[:, :3, 3])
     explained = np.einsum("tm,tm->t", impedance, sums[:, :3, 3])

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tvsysid.errors import DoubtfulWarning, InputError
 from tvsysid.methods.foreign import adopted
 from tvsysid.models import QUANTITIES, Model
-from tvsysid.numerics.bands import critical_value
+from tvsysid.numerics.bands import critical_value, mean_and_spread
 from tvsysid.preprocess.bootstrap import bootstrap_weights
 from tvsysid.signals import Ensemble
 
@@ -60,7 +60,7 @@ class Bootstrap:
         return len(self.stiffness)
 
     def __repr__(self) -> str:
-        deviation = _deviation(self.stiffness)
+        _, deviation = mean_and_spread(self.stiffness)
         known = np.isfinite(deviation)
         size = f"±{deviation[known].mean():.2g} N·m/rad (standard deviation)" if known.any() else "not known"
         failed = f", {self.failed} failed," if self.failed else ""
@@ -111,9 +111,9 @@ class Bootstrap:
         Davison and Hinkley 1997, Bootstrap Methods and their Application, section 4.2.4.
         """
         lower, upper = self._band(0, level)
-        deviation = _deviation(self.stiffness)
+        mean, deviation = mean_and_spread(self.stiffness)
         with np.errstate(divide="ignore", invalid="ignore"):
-            distances = np.abs(self.stiffness - _mean(self.stiffness)) / deviation
+            distances = np.abs(self.stiffness - mean) / deviation
         largest = np.max(distances, axis=1, where=np.isfinite(distances), initial=0.0)[self._identified]
         at_one = float(critical_value(level, np.array(np.inf)))
         wider = max(1.0, float(np.quantile(largest, level)) / at_one) if len(largest) else 1.0
@@ -129,7 +129,8 @@ class Bootstrap:
         freedom = self.realizations - 1
         # A draw's own variance is that of so many realizations over so many, not over one less.
         multiple = critical_value(level, np.array(float(freedom))) * math.sqrt(self.realizations / freedom)
-        width = multiple * _deviation(getattr(self, name))
+        _, deviation = mean_and_spread(getattr(self, name))
+        width = multiple * deviation
         estimate = getattr(self.model, name)
         return estimate - width, estimate + width
 
@@ -231,17 +232,3 @@ def bootstrap(method: Any, ensemble: Ensemble, count: int, seed: int, progress: 
         warnings.warn(f"bootstrap: {said}; they are left out", DoubtfulWarning, stacklevel=2)
     stiffness, viscosity, inertia = found
     return Bootstrap(model, len(ensemble), stiffness, viscosity, inertia, len(reasons))
-
-
-def _mean(values: Array) -> Array:
-    """Mean over draws, of those that have an estimate."""
-    known = np.isfinite(values)
-    return np.asarray(np.sum(values, axis=0, where=known) / np.maximum(known.sum(axis=0), 1))
-
-
-def _deviation(values: Array) -> Array:
-    """Standard deviation over draws, of those that have an estimate."""
-    known = np.isfinite(values)
-    number = known.sum(axis=0)
-    squares = np.sum((values - _mean(values)) ** 2, axis=0, where=known)
-    return np.where(number >= FEWEST, np.sqrt(squares / np.maximum(number - 1, 1)), np.nan)

@@ -251,11 +251,6 @@ def _at(ensemble: Ensemble, angle: Array, torque: Array, rate: float, context: i
     return Ensemble(angle, torque, rate, context=context, onsets=ensemble.onsets, trials=ensemble.trials)
 
 
-def subtracted(values: Array) -> bool:
-    """Whether the mean over realizations of values, shape (realization, time), has been subtracted."""
-    return bool(np.abs(values.mean(axis=0)).max() <= 1e-9 * float(values.std()))
-
-
 def _deviation(values: Array) -> Array:
     return values - values.mean(axis=0) if len(values) > 1 else values
 

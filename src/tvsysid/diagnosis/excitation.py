@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from tvsysid.diagnosis.check import Check, judged, unjudged
-from tvsysid.diagnosis.evidence import Evidence, subtracted
+from tvsysid.diagnosis.evidence import Evidence
+from tvsysid.numerics.moments import mean_subtracted
 from tvsysid.numerics.spectra import power_share
 
 ANSWERED = 0.1
@@ -61,7 +62,7 @@ def same_perturbation(evidence: Evidence) -> Check:
             f"{QUARTER * evidence.rate:g} Hz",
         )
     ]
-    if not subtracted(angle):
+    if not mean_subtracted(angle):
         told.append((100 * common, f"{100 * common:.0f} % of the angle's variance is common to all realizations"))
     value, what = max(told)
     if evidence.explained >= ANSWERED:

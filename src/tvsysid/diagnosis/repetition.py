@@ -10,9 +10,10 @@ from scipy.fft import irfft, next_fast_len, rfft
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
 from tvsysid.diagnosis.check import Check, judged, unjudged
-from tvsysid.diagnosis.evidence import CHANCE, FOLDS, LEAST_REALIZATIONS, Evidence, chance, subtracted, without
+from tvsysid.diagnosis.evidence import CHANCE, FOLDS, LEAST_REALIZATIONS, Evidence, chance, without
 from tvsysid.diagnosis.excitation import ANSWERED, NO_ANSWER
 from tvsysid.diagnosis.fit import SecondOrder, fit_motion
+from tvsysid.numerics.moments import mean_subtracted
 
 Array = NDArray[np.float64]
 
@@ -68,7 +69,7 @@ def mean_left(evidence: Evidence, which: str) -> Check:
     count = len(values)
     if count < LEAST_REALIZATIONS:
         return unjudged(name, TOO_FEW)
-    if subtracted(values):
+    if mean_subtracted(values):
         return unjudged(name, "the mean over realizations has been subtracted")
     mean, offsets = values.mean(axis=0), values.mean(axis=1)
     size = float(np.sqrt(np.mean(mean**2)))

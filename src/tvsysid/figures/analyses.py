@@ -73,16 +73,6 @@ def recording_of(results: xr.Dataset, participant: str, perturbation: str) -> st
     return str(labels[0]) if len(labels) else None
 
 
-def mean_and_spread(values: Array) -> tuple[Array, Array]:
-    """Mean and standard deviation over the first axis; NaN is left out, and comes out where nothing else is there."""
-    known = np.isfinite(values)
-    count = known.sum(axis=0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        mean = np.sum(values, axis=0, where=known) / count
-        spread = np.sqrt(np.sum(np.square(values - mean), axis=0, where=known) / (count - 1))
-    return mean, spread
-
-
 def usual_range(values: Array, always: Array) -> tuple[float, float]:
     """Limits of an axis that shows what methods have in common, and all of other values, with room; from zero if near.
 

@@ -13,7 +13,6 @@ from tvsysid.errors import InputError
 from tvsysid.figures.analyses import (
     headings,
     least_data,
-    mean_and_spread,
     one_period,
     recording_of,
     unique,
@@ -21,6 +20,7 @@ from tvsysid.figures.analyses import (
 )
 from tvsysid.figures.style import TARGET, TRUTH, Style, legend_below, lines, plain
 from tvsysid.figures.words import told, wrapped
+from tvsysid.numerics.bands import mean_and_spread
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -122,8 +122,7 @@ def participant_in_detail(results: xr.Dataset, participant: str, title: str = ""
     -------
     matplotlib.figure.Figure
         A column for each method, with the fewest realizations that it was given; a row for each perturbation with the
-        stiffness, and one with the VAF. A grey line is the torque to be followed, with its scale on the right, or the
-        mean torque where none was to be followed.
+        stiffness, and one with the VAF. A grey line is the torque to be followed, with its scale on the right.
 
     Raises
     ------
@@ -187,18 +186,15 @@ def _bands(results: xr.Dataset, recordings: dict[str, str], with_vaf: bool, titl
     bands = np.stack([mean - 2 * spread, mean + 2 * spread], axis=1)
     limits = usual_range(np.moveaxis(bands, 2, 0), here.true_stiffness.values)
     # Without a torque to be followed there need be no task, and the mean torque tells little.
-    followed = "target_torque"
-    torque_limits = usual_range(np.zeros((0, 1)), here[followed].values)
+    torque_limits = usual_range(np.zeros((0, 1)), here.target_torque.values)
     places = [(name, words, each) for name, words in rows for each in recordings]
     for row, (name, words, each) in zip(grid, places, strict=True):
         place = list(recordings).index(each)
-        torque = here[followed].values[place]
+        torque = here.target_torque.values[place]
         for column, (axes, method) in enumerate(zip(row, least, strict=True)):
             plain(axes).tick_params(labelsize=SMALL)
             if np.isfinite(torque).any():
-                _behind(
-                    axes, here.time.values, torque, torque_limits, column == len(least) - 1, followed == "target_torque"
-                )
+                _behind(axes, here.time.values, torque, torque_limits, column == len(least) - 1)
             truth = here.true_stiffness.values[place]
             if name == "stiffness" and np.isfinite(truth).any():
                 axes.plot(here.time.values, truth, color=TRUTH, linewidth=1.0, linestyle="--", label="truth", zorder=3)
@@ -212,7 +208,7 @@ def _bands(results: xr.Dataset, recordings: dict[str, str], with_vaf: bool, titl
     for axes in grid[-1]:
         axes.set_xlabel("time (s)", fontsize=SMALL)
     figure.align_ylabels(grid[:, 0])
-    _legend_of_bands(figure, here, followed)
+    _legend_of_bands(figure, here)
     figure.suptitle(title, fontsize=10)
     return figure
 
@@ -269,10 +265,10 @@ def _nothing(axes: Axes, why: str) -> None:
     axes.text(0.5, 0.96, why, transform=axes.transAxes, ha="center", va="top", fontsize=SMALL)
 
 
-def _behind(axes: Axes, time: Array, torque: Array, limits: tuple[float, float], scale: bool, smooth: bool) -> None:
+def _behind(axes: Axes, time: Array, torque: Array, limits: tuple[float, float], scale: bool) -> None:
     """Draw a torque as a grey line behind what the axes show, with its scale on the right if asked for."""
     other = axes.twinx()
-    other.plot(time, torque, color="#C0C0C0", linewidth=1.3 if smooth else 0.7, label="torque")
+    other.plot(time, torque, color="#C0C0C0", linewidth=1.3, label="torque")
     other.set_ylim(limits)
     other.spines[["top", "left"]].set_visible(False)
     other.spines["right"].set_visible(scale)
@@ -316,7 +312,7 @@ def _legend_of_methods(figure: Figure, results: xr.Dataset, perturbations: Seque
     legend_below(figure, handles)
 
 
-def _legend_of_bands(figure: Figure, here: xr.Dataset, followed: str) -> None:
+def _legend_of_bands(figure: Figure, here: xr.Dataset) -> None:
     from matplotlib.lines import Line2D  # noqa: PLC0415  # heavy
     from matplotlib.patches import Patch  # noqa: PLC0415  # heavy
 
@@ -326,7 +322,6 @@ def _legend_of_bands(figure: Figure, here: xr.Dataset, followed: str) -> None:
         handles.append(Patch(color=grey, alpha=0.35, linewidth=0, label="± 2 standard deviations"))
     if np.isfinite(here.true_stiffness.values).any():
         handles.append(Line2D([], [], color=TRUTH, linewidth=1.0, linestyle="--", label="truth"))
-    if np.isfinite(here[followed].values).any():
-        words = "torque to be followed" if followed == "target_torque" else "mean torque"
-        handles.append(Line2D([], [], color="#C0C0C0", linewidth=1.3, label=words))
+    if np.isfinite(here.target_torque.values).any():
+        handles.append(Line2D([], [], color="#C0C0C0", linewidth=1.3, label="torque to be followed"))
     legend_below(figure, handles)

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.figures.analyses import headings, least_data, mean_and_spread, one_period, unique, usual_range
+from tvsysid.figures.analyses import headings, least_data, one_period, unique, usual_range
 from tvsysid.figures.style import TRUTH, legend_below, lines, plain
 from tvsysid.figures.words import told, wrapped
+from tvsysid.numerics.bands import mean_and_spread
 
 if TYPE_CHECKING:
     import pandas as pd

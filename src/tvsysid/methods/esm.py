@@ -10,7 +10,6 @@ from typing import ClassVar, Literal, NamedTuple
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.linalg import toeplitz
 
 from tvsysid.errors import InputError
 from tvsysid.impedance import derivative_filters, second_order_fit
@@ -29,15 +28,14 @@ from tvsysid.methods.halves import evidence_by_halves
 from tvsysid.methods.residuals import (
     LONGEST_COLOUR,
     Colour,
+    agreement_of,
     colour,
     counted,
     independent_realizations,
-    second_order_agreement,
 )
 from tvsysid.models import Diagnostics, FrequencyResponseModel, Spread
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.moments import convolve_lags
-from tvsysid.numerics.noise import autocovariance, cross_covariance
 from tvsysid.numerics.spectra import hann, power_share, short_time_spectra
 from tvsysid.signals import Ensemble
 
@@ -252,15 +250,8 @@ def _segment_fit(ensemble: Ensemble, power: Array, missing: tuple[int, int], rea
     factors = Colour(tint.noise * overlap / overlap[0], tint.regressors).factors()
     freedom = np.full(white.shape, independent * power.sum() ** 2 / overlap[0] - 3)
     lags = min(centre, round(LONGEST_COLOUR * ensemble.sampling_rate))
-    lagged = autocovariance(ensemble.angle, 2 * lags)
     # The response itself would not do for a comparison, because leakage takes more from it than higher dynamics.
-    shared = second_order_agreement(
-        float(np.mean(fit**2)),
-        cross_covariance(signals[0, :, known], remainder, lags),
-        toeplitz(lagged),
-        float(np.mean(remainder**2)),
-        remainder.size,
-    )
+    shared = agreement_of(fit, remainder, signals[0, :, known], ensemble.angle, lags)
     return _Fit(impedance, factors * white, freedom, shared)
 
 

@@ -10,7 +10,6 @@ from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import toeplitz
 from scipy.signal import firwin
 
 from tvsysid.errors import DoubtfulWarning, InputError
@@ -30,18 +29,18 @@ from tvsysid.methods.record import (
     weak_prior,
 )
 from tvsysid.methods.residuals import (
+    agreement_of,
     colour,
     independent_realizations,
     independent_share,
     residual,
-    second_order_agreement,
 )
 from tvsysid.methods.search import Search
 from tvsysid.models import QUANTITIES, Diagnostics, SecondOrderModel, Spread
 from tvsysid.numerics.bands import arc_length
 from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.numerics.gaussian import Fit, fit
-from tvsysid.numerics.noise import autocovariance, cross_covariance, power_in_band
+from tvsysid.numerics.noise import power_in_band
 from tvsysid.signals import Ensemble
 
 Array = NDArray[np.float64]
@@ -365,13 +364,7 @@ def _agreement(model: KernelModel, ensemble: Ensemble) -> float:
     known = np.isfinite(fit).all(axis=0)
     angle, torque = (x[:, ensemble.core][:, known] for x in (ensemble.angle, ensemble.torque))
     fit, left = fit[:, known], torque - fit[:, known]
-    return second_order_agreement(
-        float(np.mean(fit**2)),
-        cross_covariance(angle, left, HALF_WIDTH),
-        toeplitz(autocovariance(angle, 2 * HALF_WIDTH)),
-        float(np.mean(left**2)),
-        left.size,
-    )
+    return agreement_of(fit, left, angle, angle, HALF_WIDTH)
 
 
 def _inverse(precision: Array) -> Array:

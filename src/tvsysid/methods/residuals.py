@@ -6,12 +6,14 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import toeplitz
 
 from tvsysid.impedance import agreement
-from tvsysid.numerics.moments import convolve_lags
+from tvsysid.numerics.moments import convolve_lags, mean_subtracted
 from tvsysid.numerics.noise import (
     autocovariance,
     colour_factors,
+    cross_covariance,
     regressor_correlation,
     regressor_covariances,
     white_share,
@@ -30,9 +32,7 @@ def independent_realizations(ensemble: Ensemble) -> int:
     One less than there are realizations where the mean over them was subtracted: what is fitted then is a regression
     with an intercept at each time.
     """
-    torque = ensemble.torque[:, ensemble.core]
-    mean, size = np.abs(torque.mean(axis=0)).max(), np.sqrt(np.mean(torque**2))
-    return len(ensemble) - 1 if mean <= SUBTRACTED * size else len(ensemble)
+    return len(ensemble) - 1 if mean_subtracted(ensemble.torque[:, ensemble.core]) else len(ensemble)
 
 
 def independent_share(ensemble: Ensemble, predicted: Array, band: tuple[float, float]) -> float:
@@ -131,6 +131,20 @@ def correlation(left: Array, taken: Array) -> Array:
     return np.asarray(np.concatenate([[1.0], covariance[1:] / variance + taken[1:]]))
 
 
+def agreement_of(fit: Array, left: Array, angle: Array, around: Array, lags: int) -> float:
+    """Agreement of a fit (realization, time) and what it ``left`` of the torque; see :func:`second_order_agreement`.
+
+    ``angle`` is that at the same times, ``around`` the same or more of it, from which its own correlation is taken.
+    """
+    return second_order_agreement(
+        float(np.mean(fit**2)),
+        cross_covariance(angle, left, lags),
+        toeplitz(autocovariance(around, 2 * lags)),
+        float(np.mean(left**2)),
+        left.size,
+    )
+
+
 def second_order_agreement(fitted: float, cross: Array, moments: Array, left: float, samples: int) -> float:
     """Share of the torque that angles explain which a second-order fit explains; the rest answers to lagged angles.
 
@@ -160,8 +174,6 @@ def second_order_agreement(fitted: float, cross: Array, moments: Array, left: fl
     return agreement(*(np.array([value]) for value in (fitted, answer, chance)))
 
 
-SUBTRACTED = 1e-9
-"""Share of the torque's RMS up to which a mean over realizations is rounding."""
 ROUNDING = 1e-9
 """Share of the largest eigenvalue below which directions of lagged angles are rounding."""
 LEAST_LEFT = 0.1

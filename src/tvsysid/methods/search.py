@@ -73,12 +73,13 @@ class Search:
         tried += self._decays(record, tried[1:])
         own = int(np.nanargmax([each.value for each in tried]))
 
-        other = list(self._orders(everything, endless))
+        other = list(self._orders(record, everything, endless))
         for each in (endless, *other):
             other += self._lags(each, max(endless, *other, key=_value))
         best = _clearly_best(endless, other)
         if best is not endless and tried[own].decay < endless.decay:
-            other += self._one_decay(self._record(best.lag), best, tried[own].decay)
+            decayed = self._one_decay(self._record(best.lag), best, tried[own].decay)
+            other += [] if decayed is None else [decayed]
         alike = [place for place, each in enumerate(other) if (each.order, each.lag) == (best.order, best.lag)]
         found = max(alike, key=lambda place: other[place].value, default=-1)
         chosen = own
@@ -136,24 +137,26 @@ class Search:
         best = max(strict, key=_value)
         for share in DECAYS:
             decay = float(share * (record.stop - record.start))
-            found = list(self._one_decay(record, best, decay)) if decay >= 2 * self.period else []
-            yield from found
-            if not found or found[0].value < best.value - CLEARLY:
+            found = self._one_decay(record, best, decay) if decay >= 2 * self.period else None
+            if found is None:
                 break
-            best = max(best, found[0], key=_value)
+            yield found
+            if found.value < best.value - CLEARLY:
+                break
+            best = max(best, found, key=_value)
 
-    def _one_decay(self, record: Record, best: Tried, decay: float) -> Iterator[Tried]:
+    def _one_decay(self, record: Record, best: Tried, decay: float) -> Tried | None:
         """Best settings for a decay; none if that takes too many coefficients."""
         own = record.up_to(best.order)
         kernel = record.kernel(self.period, math.exp(best.theta[0]), decay)
         likelihood = self._likelihood(own, kernel, LEEWAY * _gammas(best), best.lag, decay)
-        if likelihood is not None:
-            name = f"decay {decay:.3g} s"
-            yield likelihood.climb(best.theta, name, leeway=math.log(LEEWAY))
+        if likelihood is None:
+            return None
+        return likelihood.climb(best.theta, f"decay {decay:.3g} s", leeway=math.log(LEEWAY))
 
-    def _orders(self, likelihood: Likelihood, best: Tried) -> Iterator[Tried]:
+    def _orders(self, record: Record, likelihood: Likelihood, best: Tried) -> Iterator[Tried]:
         """Best settings for each other order."""
-        loose = self._loose(self._record(likelihood.lag))
+        loose = self._loose(record)
         for order in range(HIGHEST + 1):
             if order != best.order:
                 own, theta = likelihood.up_to(order), best.theta.copy()

@@ -110,3 +110,13 @@ def _tube(level: float, freedom: Array, arc: float) -> Array:
 def _check(level: float) -> None:
     if isinstance(level, bool) or not isinstance(level, (int, float, np.number)) or not 0 < level < 1:
         raise InputError(f"level: expected a probability between 0 and 1, such as 0.95, got {level!r}")
+
+
+def mean_and_spread(values: Array) -> tuple[Array, Array]:
+    """Mean and standard deviation over the first axis, NaN left out; NaN of nothing, and the latter of one value."""
+    known = np.isfinite(values)
+    count = known.sum(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = np.sum(values, axis=0, where=known) / count
+        spread = np.sqrt(np.sum(np.square(values - mean), axis=0, where=known) / np.where(count > 1, count - 1, np.nan))
+    return mean, spread

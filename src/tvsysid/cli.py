@@ -499,7 +499,7 @@ def inspect(
     start: StartOption = 0.0,
     context: ContextOption = 0.5,
 ) -> None:
-    """Show which channels a file holds.
+    """Show which channels a file holds, and with --diagnose what is wrong with a recording.
 
     Prints the name, shape and type of each, and unit and sampling rate where the file states them, and draws those
     that are signals, against time where the rate is stated and against samples where it is not. The names are what

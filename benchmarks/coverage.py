@@ -71,7 +71,7 @@ def trial(
 
     Shape (method, 11, time).
     """
-    warnings.simplefilter("ignore", tv.DoubtfulWarning)
+    warnings.simplefilter("ignore", tv.DataQualityWarning)
     with threadpool_limits(1):
         simulation = tv.simulate.joint(
             duration,

@@ -77,7 +77,7 @@ def moments_table(ensemble: tv.Ensemble | None) -> Table:
     for heading in ("method", "identification, ms", "moments, ms", "share, %"):
         table.add_column(heading, justify="left" if heading == "method" else "right")
     with warnings.catch_warnings(), threadpool_limits(1):
-        warnings.simplefilter("ignore", tv.DoubtfulWarning)
+        warnings.simplefilter("ignore", tv.DataQualityWarning)
         for key, of_moments in moments.items():
             method = methods[key]
             whole, part = np.transpose(

@@ -81,7 +81,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Speed and memory of tvsysid, as ratios.")
     parser.add_argument("--quick", action="store_true", help="repeat less, leave out the longest")
     quick = parser.parse_args().quick
-    warnings.simplefilter("ignore", tv.DoubtfulWarning)
+    warnings.simplefilter("ignore", tv.DataQualityWarning)
     console = Console(width=None if sys.stdout.isatty() else 120)
     with threadpool_limits(1):
         console.print(methods_table(quick))

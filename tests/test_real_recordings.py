@@ -5,7 +5,7 @@ import pytest
 
 import tvsysid as tv
 
-reflexes_are_told = pytest.mark.filterwarnings("ignore:.*not of second order:tvsysid.errors.DoubtfulWarning")
+reflexes_are_told = pytest.mark.filterwarnings("ignore:.*not of second order:tvsysid.errors.DataQualityWarning")
 MUSCLES = ("plantarflexor", "dorsiflexor", "dorsiflexor_2")
 # Time-averaged stiffness by independent fits.
 EXPECTED = {"plantarflexor": (107, 112), "dorsiflexor": (100, 105), "dorsiflexor_2": (55, 61)}
@@ -24,7 +24,7 @@ def identified(method, ensemble, muscle):
     """Model; that strong reflexes are no second-order dynamics is told by the methods that can tell."""
     if muscle != "plantarflexor":
         return method.identify(ensemble)
-    with pytest.warns(tv.DoubtfulWarning, match="the joint is not of second order"):
+    with pytest.warns(tv.DataQualityWarning, match="the joint is not of second order"):
         return method.identify(ensemble)
 
 
@@ -65,7 +65,7 @@ def test_a_tuned_kernel_finds_that_tonic_stiffness_does_not_change(recordings_fo
 
 
 def test_too_few_realizations_for_the_ensemble_alone_are_told(recordings_folder):
-    with pytest.warns(tv.DoubtfulWarning, match="28 realizations are less than twice the 25 lags"):
+    with pytest.warns(tv.DataQualityWarning, match="28 realizations are less than twice the 25 lags"):
         tv.EnsembleIRF().identify(tonic(recordings_folder, "dorsiflexor"))
 
 
@@ -114,7 +114,7 @@ def test_reversed_sign_is_told(recordings_folder):
         sampling_rate=1000,
     )
     ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
-    with pytest.warns(tv.DoubtfulWarning, match="sign reversed"):
+    with pytest.warns(tv.DataQualityWarning, match="sign reversed"):
         tv.ShortDataSegments().identify(tv.preprocess.subtract_mean(ensemble))
 
 

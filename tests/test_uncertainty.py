@@ -78,7 +78,7 @@ class Fragile(Mean):
 
 
 def test_a_bad_draw_is_left_out_and_told():
-    with pytest.warns(tv.DoubtfulWarning, match=r"of 200 draws \(the first: LinAlgError: SVD did not") as caught:
+    with pytest.warns(tv.DataQualityWarning, match=r"of 200 draws \(the first: LinAlgError: SVD did not") as caught:
         found = tv.uncertainty.bootstrap(Fragile((2,)), ensemble_of(), 200, seed=1)
     assert caught[0].filename == __file__
     lost = np.isnan(found.stiffness).all(axis=1)
@@ -119,7 +119,7 @@ def test_simultaneous_band_holds_all_times_together(random):
 
 
 def test_single_draws_do_not_warn():
-    with pytest.warns(tv.DoubtfulWarning, match="fewer than the 25 lags") as caught:
+    with pytest.warns(tv.DataQualityWarning, match="fewer than the 25 lags") as caught:
         tv.uncertainty.bootstrap(tv.EnsembleIRF(), ensemble_of(40.0), 3, seed=1)
     assert len(caught) == 1
 

@@ -10,7 +10,7 @@ from . import report as report
 from . import simulate as simulate
 from . import uncertainty as uncertainty
 from .diagnosis import diagnose as diagnose
-from .errors import DoubtfulWarning as DoubtfulWarning
+from .errors import DataQualityWarning as DataQualityWarning
 from .errors import InputError as InputError
 from .methods import BasisIRF as BasisIRF
 from .methods import EnsembleIRF as EnsembleIRF

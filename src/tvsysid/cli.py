@@ -21,7 +21,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from tvsysid.errors import DoubtfulWarning, InputError
+from tvsysid.errors import DataQualityWarning, InputError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -810,7 +810,7 @@ def _command_line() -> str:
 def _shown_warnings() -> Iterator[None]:
     """Print the package's warnings as one line each when the block ends, however it ends."""
     with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", DoubtfulWarning)
+        warnings.simplefilter("always", DataQualityWarning)
         try:
             yield
         finally:
@@ -1284,9 +1284,9 @@ def _bands_of(label: str, model: Model) -> dict[str, Any]:
     """Lower and upper 95 % band of each quantity; that a method that tells of its random error has none is told."""
     error = model.random_error
     if error is not None and error.absent:
-        warnings.warn(f"{label}: no band: {error.absent}", DoubtfulWarning, stacklevel=2)
+        warnings.warn(f"{label}: no band: {error.absent}", DataQualityWarning, stacklevel=2)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DoubtfulWarning)
+        warnings.simplefilter("ignore", DataQualityWarning)
         return {
             "stiffness": model.stiffness_band(),
             "viscosity": model.viscosity_band(),

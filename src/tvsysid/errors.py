@@ -7,5 +7,5 @@ class InputError(ValueError):
     """Input that cannot be used: says what came, what was expected and what to do."""
 
 
-class DoubtfulWarning(UserWarning):
+class DataQualityWarning(UserWarning):
     """Input that is legal, but whose result deserves doubt; kept in the model's diagnostics too."""

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.errors import DoubtfulWarning, InputError
+from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.numerics.bands import critical_value, simultaneous_value
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.moments import convolve_lags
@@ -230,7 +230,7 @@ class Model(ABC):
 
         Warns
         -----
-        DoubtfulWarning
+        DataQualityWarning
             If there is none at any time; it says why.
         """
         return self._band(0, level)
@@ -260,7 +260,7 @@ class Model(ABC):
         width = np.full(len(self.time), np.nan)
         known = np.isfinite(deviation)
         if spread.absent and not known.any():
-            warnings.warn(f"{QUANTITIES[quantity]}_band: {spread.absent}", DoubtfulWarning, stacklevel=3)
+            warnings.warn(f"{QUANTITIES[quantity]}_band: {spread.absent}", DataQualityWarning, stacklevel=3)
         freedom = spread.freedom[quantity][known]
         if simultaneous:
             width[known] = simultaneous_value(level, freedom, spread.arcs[quantity])

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.errors import DoubtfulWarning, InputError
+from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods.foreign import adopted
 from tvsysid.models import QUANTITIES, Model
 from tvsysid.numerics.bands import critical_value, mean_and_spread
@@ -177,7 +177,7 @@ def bootstrap(method: Any, ensemble: Ensemble, count: int, seed: int, progress: 
 
     Warns
     -----
-    DoubtfulWarning
+    DataQualityWarning
         If the method cannot identify some draws: how many, and why the first. They are left out.
 
     References
@@ -216,7 +216,7 @@ def bootstrap(method: Any, ensemble: Ensemble, count: int, seed: int, progress: 
         try:
             drawn = ensemble.select(np.repeat(every, times))
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore", DoubtfulWarning)
+                warnings.simplefilter("ignore", DataQualityWarning)
                 own = adopted(method.identify(drawn), label, drawn)
             found[:, draw] = [getattr(own, name) for name in QUANTITIES]
         # One draw may be what no other is, and a method of one's own may raise anything.
@@ -229,6 +229,6 @@ def bootstrap(method: Any, ensemble: Ensemble, count: int, seed: int, progress: 
         said = f"{label} could not identify {len(reasons)} of {count} draws (the first: {reasons[0]})"
         if count - len(reasons) < FEWEST:
             raise InputError(f"bootstrap: {said}; at least {FEWEST} are needed")
-        warnings.warn(f"bootstrap: {said}; they are left out", DoubtfulWarning, stacklevel=2)
+        warnings.warn(f"bootstrap: {said}; they are left out", DataQualityWarning, stacklevel=2)
     stiffness, viscosity, inertia = found
     return Bootstrap(model, len(ensemble), stiffness, viscosity, inertia, len(reasons))

@@ -23,7 +23,7 @@ class Fit:
 
     def identify(self, ensemble):
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", tv.DoubtfulWarning)
+            warnings.simplefilter("ignore", tv.DataQualityWarning)
             return BIRF.identify(ensemble)
 
 
@@ -203,7 +203,7 @@ class Chatters(Fit):
 
 class Doubts(Fit):
     def identify(self, ensemble):
-        warnings.warn("all is not well", tv.DoubtfulWarning, stacklevel=1)
+        warnings.warn("all is not well", tv.DataQualityWarning, stacklevel=1)
         return super().identify(ensemble)
 
 

@@ -15,7 +15,7 @@ five = pytest.mark.parametrize("method", FIVE, ids=list(tv.methods.METHODS))
 
 
 def doubts(method, ensemble):
-    with pytest.warns(tv.DoubtfulWarning) as caught:
+    with pytest.warns(tv.DataQualityWarning) as caught:
         model = method.identify(ensemble)
     texts = [str(warning.message) for warning in caught]
     assert [f"{method.key}: {text}" for text in model.diagnostics.warnings] == texts
@@ -54,7 +54,7 @@ def test_an_offset_shifts_the_stiffness_unless_subtracted():
     ensemble = ensemble_of(150.0, "constant")
     offset = dataclasses.replace(ensemble, torque=ensemble.torque + 1.0)
     plain = tv.EnsembleIRF(solver="full").identify(ensemble).stiffness
-    with pytest.warns(tv.DoubtfulWarning):
+    with pytest.warns(tv.DataQualityWarning):
         shifted = tv.EnsembleIRF(solver="full").identify(offset).stiffness
     mended = tv.EnsembleIRF(solver="full").identify(tv.preprocess.subtract_mean(offset)).stiffness
     assert np.sqrt(np.mean((shifted - plain) ** 2)) > 5 * np.sqrt(np.mean((mended - plain) ** 2))

@@ -46,7 +46,7 @@ def parametrize(*names):
 @pytest.fixture(autouse=True)
 def _doubts_are_not_the_point():
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", tv.DoubtfulWarning)
+        warnings.simplefilter("ignore", tv.DataQualityWarning)
         yield
 
 

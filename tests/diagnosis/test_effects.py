@@ -9,7 +9,7 @@ from tests.faults import changed, cut, simulated
 
 import tvsysid as tv
 
-pytestmark = pytest.mark.filterwarnings("ignore::tvsysid.DoubtfulWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::tvsysid.DataQualityWarning")
 
 
 def impedance(ensemble):

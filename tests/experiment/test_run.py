@@ -118,7 +118,9 @@ def test_other_settings_are_refused_and_other_data_identified_again(tmp_path):
         run(Experiment(**settings | {"bootstraps": 3}), store=path, workers=1)
     savemat(tmp_path / "trial0.mat", trial(7))
     # Other data are identified again; the others are not.
-    with pytest.warns(tv.DoubtfulWarning, match="not the data that were identified before: P1-noise; identified again"):
+    with pytest.warns(
+        tv.DataQualityWarning, match="not the data that were identified before: P1-noise; identified again"
+    ):
         changed = run(Experiment(**settings), store=path, workers=1)
     xr.testing.assert_allclose(changed.stiffness, run(Experiment(**settings), workers=1).stiffness)
 
@@ -226,7 +228,7 @@ def test_a_recording_that_is_mended_is_done_and_the_others_are_kept(tmp_path):
     (folder / "b").mkdir()
     write_trials(folder / "b", stiffness=50.0)
     seen = []
-    with pytest.warns(tv.DoubtfulWarning, match="before: B-noise; identified again"):
+    with pytest.warns(tv.DataQualityWarning, match="before: B-noise; identified again"):
         second = run(
             Experiment(**settings, folder=folder), store=folder / "r.zarr", workers=1,
             progress=lambda done, total: seen.append(done),

@@ -32,7 +32,7 @@ TRIALS = 24
 @pytest.fixture(autouse=True)
 def _doubts_are_not_the_point():
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", tv.DoubtfulWarning)
+        warnings.simplefilter("ignore", tv.DataQualityWarning)
         yield
 
 
@@ -169,7 +169,7 @@ def repeated(name, duration, perturbation):
     """Estimates, standard deviations and bands of stiffness of some trials, their mean subtracted."""
     estimates, deviations, bands = [], [], []
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", tv.DoubtfulWarning)
+        warnings.simplefilter("ignore", tv.DataQualityWarning)
         for seed in range(TRIALS):
             ensemble = tv.preprocess.subtract_mean(ensemble_of(duration, "sine", perturbation, seed=300 + seed))
             model = DEFAULTS[name].identify(ensemble)
@@ -232,7 +232,9 @@ def test_bands_of_few_realizations_hold_the_truth(perturbation, subtracted):
 def test_fewer_realizations_than_lags_leave_no_band():
     model = tv.EnsembleIRF().identify(ensemble_of(40.0))
     for band in (model.stiffness_band, model.viscosity_band, model.inertia_band, model.simultaneous_stiffness_band):
-        with pytest.warns(tv.DoubtfulWarning, match=r"_band: 20 realizations are no more than the 25 lags") as caught:
+        with pytest.warns(
+            tv.DataQualityWarning, match=r"_band: 20 realizations are no more than the 25 lags"
+        ) as caught:
             lower, upper = band()
         assert caught[0].filename == __file__
         assert np.isnan(lower).all()
@@ -272,7 +274,7 @@ def test_a_model_of_other_people_may_bring_its_band():
     np.testing.assert_array_equal(model.stiffness_band(0.5), [np.full(200, 95.0), np.full(200, 105.0)])
     with pytest.raises(tv.InputError, match=r"viscosity_band\(level\) must be a lower and an upper edge"):
         model.viscosity_band()
-    with pytest.warns(tv.DoubtfulWarning, match="inertia_band: the method tells nothing of its random error"):
+    with pytest.warns(tv.DataQualityWarning, match="inertia_band: the method tells nothing of its random error"):
         assert np.isnan(model.inertia_band()).all()
 
 
@@ -289,7 +291,7 @@ def test_a_model_of_other_people_may_bring_its_band():
 )
 def test_too_little_data_has_no_band_and_says_why(method, realizations, subtracted, message):
     model = method.identify(prepared(ensemble_of(40.0).select(np.arange(realizations)), subtracted))
-    with pytest.warns(tv.DoubtfulWarning, match=f"stiffness_band: .*{message}"):
+    with pytest.warns(tv.DataQualityWarning, match=f"stiffness_band: .*{message}"):
         assert np.isnan(model.stiffness_band()).all()
     assert np.isfinite(model.stiffness).all()
 
@@ -297,7 +299,7 @@ def test_too_little_data_has_no_band_and_says_why(method, realizations, subtract
 def test_what_is_known_beside_a_missing_band_is_told():
     model = tv.EnsembleSpectral().identify(ensemble_of(40.0).select([0]))
     with warnings.catch_warnings():
-        warnings.simplefilter("error", tv.DoubtfulWarning)
+        warnings.simplefilter("error", tv.DataQualityWarning)
         lower, upper = model.viscosity_band()
     assert (lower < upper).all()
 

@@ -103,7 +103,7 @@ def test_prediction_is_at_the_phase_of_each_realization(duration, decay):
     recording = tv.preprocess.decimate(simulation.recording, 100)
     method, ensemble = tv.KernelRegression(period=2.0, length_decay=decay), tv.preprocess.segment(recording, duration)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", tv.DoubtfulWarning)
+        warnings.simplefilter("ignore", tv.DataQualityWarning)
         model = method.identify(ensemble)
     assert tv.metrics.vaf(ensemble.torque[:, ensemble.core], model.predict(ensemble)).min() > 98
     # Realizations that begin at another phase than those identified from are predicted at theirs.
@@ -186,7 +186,7 @@ def test_what_a_lower_order_leaves_out_is_none_and_has_no_band(ensemble_of, tmp_
     deviation = model.random_error.deviation
     assert np.isfinite(deviation[:2]).all()
     assert np.isnan(deviation[2]).all()
-    with pytest.warns(tv.DoubtfulWarning, match=r"inertia_band: the model has no inertia \(order 1\)"):
+    with pytest.warns(tv.DataQualityWarning, match=r"inertia_band: the model has no inertia \(order 1\)"):
         assert np.isnan(model.inertia_band()).all()
     assert np.isfinite(model.viscosity_band()).all()
     assert np.isfinite(model.simultaneous_stiffness_band()).all()

@@ -26,7 +26,7 @@ def with_reflex(ensemble, share):
 
 def test_agreement_is_what_a_regression_on_lagged_angles_leaves():
     ensemble = with_reflex(ensemble_of(40.0, "sine", "prbs"), 0.5)
-    with pytest.warns(tv.DoubtfulWarning, match="not of second order"):
+    with pytest.warns(tv.DataQualityWarning, match="not of second order"):
         model = tv.BasisIRF().identify(ensemble)
     whole = slice(ensemble.context - HALF_WIDTH, ensemble.context + ensemble.samples + HALF_WIDTH)
     signals = differentiate(ensemble.angle[:, whole], ensemble.sampling_rate)

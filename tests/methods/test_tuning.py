@@ -23,7 +23,7 @@ METHODS = [tv.EnsembleIRF(), tv.ShortDataSegments(), tv.BasisIRF(), tv.EnsembleS
 @pytest.fixture(autouse=True)
 def _doubts_are_not_the_point():
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", tv.DoubtfulWarning)
+        warnings.simplefilter("ignore", tv.DataQualityWarning)
         yield
 
 

@@ -47,11 +47,13 @@ def test_what_is_stated_is_described_and_contradictions_warn(file):
         read(file, 500.0)
         return
     assert described["pos"].sampling_rate == 200.0
-    with pytest.warns(tv.DoubtfulWarning, match="the file states 200 Hz for pos, tq, and is read at 500 Hz as you say"):
+    with pytest.warns(
+        tv.DataQualityWarning, match="the file states 200 Hz for pos, tq, and is read at 500 Hz as you say"
+    ):
         assert read(file, 500.0).sampling_rate == 500.0
     if file.suffix not in (".mat", ".npz"):
         assert described["pos"].unit == "rad"
-        with pytest.warns(tv.DoubtfulWarning, match="the file states the unit 'rad' for pos, and is read in deg"):
+        with pytest.warns(tv.DataQualityWarning, match="the file states the unit 'rad' for pos, and is read in deg"):
             read(file, angle_unit="deg")
 
 
@@ -83,7 +85,7 @@ def test_damage_never_ends_in_another_error(file, random):
             read(file)
         except tv.InputError:
             continue
-        except tv.DoubtfulWarning:
+        except tv.DataQualityWarning:
             continue
 
 
@@ -209,7 +211,7 @@ def test_toolbox_objects_with_realizations_and_without_names(tmp_path, signals):
     three = np.stack([np.stack(signals, axis=1), np.stack(signals[::-1], axis=1)], axis=2)
     unnamed = nldat(signals, dataSet=three, chanNames=cells("x", "x"), domainName=np.array(["Frequency (Hz)"]))
     write_object(tmp_path / "ankle.mat", unnamed, "old")
-    with pytest.warns(tv.DoubtfulWarning, match="has an RMS|states the unit 'deg'"):
+    with pytest.warns(tv.DataQualityWarning, match="has an RMS|states the unit 'deg'"):
         recording = read(tmp_path / "ankle.mat", angle="io.1", torque="io.2", columns="trials")
     np.testing.assert_array_equal(recording.angle, np.concatenate(signals))
     assert describe_file(tmp_path / "ankle.mat")["io.1"].sampling_rate is None

@@ -74,7 +74,7 @@ def test_units_and_sign(mat, signals):
 def test_an_angle_that_is_probably_in_degrees_warns(tmp_path, random):
     file = tmp_path / "degrees.csv"
     pd.DataFrame({"pos": 3 * random.normal(size=50), "tq": random.normal(size=50)}).to_csv(file)
-    with pytest.warns(tv.DoubtfulWarning, match="pos has an RMS of 3.* rad .* angle_unit='deg'"):
+    with pytest.warns(tv.DataQualityWarning, match="pos has an RMS of 3.* rad .* angle_unit='deg'"):
         read(file)
     read(file, angle_unit="deg")
 
@@ -205,7 +205,7 @@ def test_a_lost_signal_is_told_with_trial_and_time(tmp_path, random):
     signals[0, 100:140, 1] = 0.05
     signals[1, 460:, 0] = 0.0
     savemat(tmp_path / "ankle.mat", {"pos": signals[0], "tq": signals[1]})
-    with pytest.warns(tv.DoubtfulWarning) as told:
+    with pytest.warns(tv.DataQualityWarning) as told:
         read(tmp_path / "ankle.mat", columns="trials", start=-1.0)
     assert [str(item.message) for item in told] == [
         "ankle.mat: pos stays at 0.05 for 0.4 s from 0 s in trial 2 of 2; if the signal was lost there, cut that out",
@@ -226,7 +226,7 @@ def test_a_perturbation_between_two_levels_is_no_doubt_but_a_third_is(tmp_path, 
     read(tmp_path / "ankle.mat")
     angle[400:450] = 0.0
     savemat(tmp_path / "ankle.mat", {"pos": angle, "tq": torque})
-    with pytest.warns(tv.DoubtfulWarning, match=r"pos stays at 0 for 0\.5 s from 4 s in trial 1 of 1;"):
+    with pytest.warns(tv.DataQualityWarning, match=r"pos stays at 0 for 0\.5 s from 4 s in trial 1 of 1;"):
         read(tmp_path / "ankle.mat")
 
 
@@ -234,5 +234,5 @@ def test_a_constant_channel_is_told(tmp_path, random):
     savemat(
         tmp_path / "ankle.mat", {"pos": 0.1 * random.normal(size=50), "tq": random.normal(size=50), "emg": np.ones(50)}
     )
-    with pytest.warns(tv.DoubtfulWarning, match="all 50 values of channel emg are 1; is this the right channel"):
+    with pytest.warns(tv.DataQualityWarning, match="all 50 values of channel emg are 1; is this the right channel"):
         read(tmp_path / "ankle.mat", channels=["emg"])

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from tvsysid import metrics
-from tvsysid.errors import DoubtfulWarning, InputError
+from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods.foreign import told
 from tvsysid.preprocess import decimate, segment
 from tvsysid.signals import Ensemble
@@ -158,7 +158,7 @@ class _Subject:
             warnings.simplefilter("always")
             yield
         for item in caught:
-            if not issubclass(item.category, DoubtfulWarning):
+            if not issubclass(item.category, DataQualityWarning):
                 self.warned[f"{item.category.__name__}: {item.message}"] = None
 
 
@@ -409,10 +409,10 @@ def _few_realizations(subject: _Subject) -> str:
 def _own_warnings(subject: _Subject) -> str:
     if subject.warned:
         raise _FailedError(
-            f"it warned in other words than tvsysid.DoubtfulWarning, which reports do not show: "
+            f"it warned in other words than tvsysid.DataQualityWarning, which reports do not show: "
             f"{'; '.join(list(subject.warned)[:3])}"
         )
-    return "none but tvsysid.DoubtfulWarning"
+    return "none but tvsysid.DataQualityWarning"
 
 
 class _Rule(NamedTuple):

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tvsysid import metrics
 from tvsysid.benchmark.study import PERIOD, PERTURBATIONS, RATE, Scenario
-from tvsysid.errors import DoubtfulWarning
+from tvsysid.errors import DataQualityWarning
 from tvsysid.execution import Outcome, Task, identified, versions
 from tvsysid.methods.foreign import told
 from tvsysid.models import Model
@@ -165,7 +165,7 @@ def _measure(method: Any, ensemble: Ensemble, torque: Array, truth: Array, clock
 def _covered(model: Model, truth: Array) -> Array:
     """1 where the 95 % band of the stiffness holds the truth, 0 where not, NaN where there is none; shape (time,)."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DoubtfulWarning)  # that there is no band
+        warnings.simplefilter("ignore", DataQualityWarning)  # that there is no band
         lower, upper = model.stiffness_band()
     inside = (lower <= truth) & (truth <= upper)
     return np.where(np.isfinite(lower) & np.isfinite(upper), inside, np.nan)

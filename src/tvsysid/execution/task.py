@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
 from tvsysid import __version__
-from tvsysid.errors import DoubtfulWarning, InputError
+from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods.foreign import adopted, is_loose
 from tvsysid.models import Model
 from tvsysid.signals import Ensemble
@@ -141,12 +141,12 @@ def identified(method: Any, ensemble: Ensemble) -> tuple[Model, list[str]]:
         If what it returns is no model, or holds no stiffness at any time. Its own errors pass.
     """
     with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", DoubtfulWarning)
+        warnings.simplefilter("always", DataQualityWarning)
         found = method.identify(ensemble)
     model = adopted(found, type(method).__name__, ensemble)
     if not np.isfinite(model.stiffness).any():
         raise InputError("it found no stiffness at any time")
-    return model, [str(item.message) for item in caught if issubclass(item.category, DoubtfulWarning)]
+    return model, [str(item.message) for item in caught if issubclass(item.category, DataQualityWarning)]
 
 
 def differences(theirs: Mapping[str, Any], ours: Mapping[str, Any]) -> str:

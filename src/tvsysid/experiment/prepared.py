@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.errors import DoubtfulWarning, InputError
+from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.execution import single_thread
 from tvsysid.experiment.experiment import Experiment, Recorded
 from tvsysid.preprocess import Account, Preparation, prepare
@@ -115,7 +115,7 @@ def shown(experiment: Experiment, recorded: Recorded) -> tuple[Recording, Prepar
         If it cannot be read or prepared.
     """
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DoubtfulWarning)  # told when it was prepared
+        warnings.simplefilter("ignore", DataQualityWarning)  # told when it was prepared
         recording, _ = _recording(experiment, recorded)
         return _excerpt(recording, experiment.preparation.reference), _preparation(experiment, recording)
 
@@ -126,7 +126,7 @@ def _prepared(experiment: Experiment, recorded: Recorded) -> Prepared:
     refused: dict[str, str] = {}
     trials, failure, preparation = 0, "", None
     with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", DoubtfulWarning)
+        warnings.simplefilter("always", DataQualityWarning)
         try:
             recording, refused = _recording(experiment, recorded)
             trials = len(recording.trials)

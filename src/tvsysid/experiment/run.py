@@ -11,7 +11,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tvsysid.errors import DoubtfulWarning, InputError
+from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.execution import Place, carry_out_missing, open_store, pickled, read_store
 from tvsysid.experiment.analysis import DrawsTask
 from tvsysid.experiment.experiment import Experiment
@@ -69,7 +69,7 @@ def run(
 
     Warns
     -----
-    DoubtfulWarning
+    DataQualityWarning
         If recordings are others than those in the store.
 
     Examples
@@ -114,7 +114,7 @@ def run(
             if labels:
                 warnings.warn(
                     f"not the data that were identified before: {', '.join(labels)}; identified again",
-                    DoubtfulWarning,
+                    DataQualityWarning,
                     stacklevel=2,
                 )
             known = of_recordings(experiment, ready)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtr
 
-from tvsysid.errors import DoubtfulWarning, InputError
+from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods.evidence import Evidence
 from tvsysid.models import Model
 from tvsysid.numerics.spectra import power_share
@@ -60,7 +60,7 @@ class Method(ABC):
 
         Warns
         -----
-        DoubtfulWarning
+        DataQualityWarning
             For what is legal but doubtful; kept in the model's diagnostics.
         """
         _check_ensemble("identify", ensemble)
@@ -69,7 +69,7 @@ class Method(ABC):
         doubts = (*self._doubts(ensemble), *_doubts_of_all(ensemble, model, *self._needed_band(ensemble)))
         diagnostics = replace(model.diagnostics, warnings=doubts, seconds=perf_counter() - started)
         for doubt in doubts:
-            warnings.warn(f"{self.key}: {doubt}", DoubtfulWarning, stacklevel=2)
+            warnings.warn(f"{self.key}: {doubt}", DataQualityWarning, stacklevel=2)
         return replace(model, diagnostics=diagnostics)
 
     def tuned(self, ensemble: Ensemble, seed: int = 0) -> Self:

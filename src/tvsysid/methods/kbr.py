@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import firwin
 
-from tvsysid.errors import DoubtfulWarning, InputError
+from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.impedance import derivative_filters
 from tvsysid.methods.base import EXCITED_ABOVE, Method, check_positive, missing_edge, padded
 from tvsysid.methods.evidence import Evidence
@@ -353,7 +353,7 @@ class KernelModel(SecondOrderModel):
         order = len(self.coefficients) // self.kernel.columns - 1
         for quantity in QUANTITIES[order + 1 :]:
             if quantity in name:
-                warnings.warn(f"{name}: the model has no {quantity} (order {order})", DoubtfulWarning, stacklevel=4)
+                warnings.warn(f"{name}: the model has no {quantity} (order {order})", DataQualityWarning, stacklevel=4)
                 return np.full(len(self.time), np.nan), np.full(len(self.time), np.nan)
         return None
 

@@ -12,7 +12,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.errors import DoubtfulWarning, InputError
+from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.recordings.channel import TIMES_ITS_SIZE, Channel, listed
 from tvsysid.recordings.doubts import of_signals, of_statements, of_trials
 from tvsysid.recordings.find import describe_file
@@ -75,7 +75,7 @@ def read_recording(
 
     Warns
     -----
-    DoubtfulWarning
+    DataQualityWarning
         If the angle, said to be in rad, is so large that it is probably in degrees; if the file states another unit or
         sampling rate; if angle or torque stand still while the joint moves, or a channel does throughout.
 
@@ -98,7 +98,7 @@ def read_recording(
     }
     recording = say.recording(signals, tuple(range(0, rows * trials, rows)) if columns == "trials" else (0,))
     for doubt in say.doubts(found, recording):
-        warnings.warn(f"{file.name}: {doubt}", DoubtfulWarning, stacklevel=2)
+        warnings.warn(f"{file.name}: {doubt}", DataQualityWarning, stacklevel=2)
     return recording
 
 
@@ -188,7 +188,7 @@ def read_usable_trials(paths: Mapping[str, Path], shortest: float = 0.0, **setti
 
     Warns
     -----
-    DoubtfulWarning
+    DataQualityWarning
         As :func:`read_recording` does.
     """
     say = _Said(**settings)
@@ -223,9 +223,9 @@ def read_usable_trials(paths: Mapping[str, Path], shortest: float = 0.0, **setti
             usable.append(recording)
             names.append(name)
             for doubt in say.doubts(found, recording):
-                warnings.warn(f"{name}: {doubt}", DoubtfulWarning, stacklevel=2)
+                warnings.warn(f"{name}: {doubt}", DataQualityWarning, stacklevel=2)
     for doubt in of_trials(usable, names):
-        warnings.warn(doubt, DoubtfulWarning, stacklevel=2)
+        warnings.warn(doubt, DataQualityWarning, stacklevel=2)
     return UsableTrials(join_trials(usable) if usable else None, tuple(names), refused)
 
 

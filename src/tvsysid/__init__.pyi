@@ -9,6 +9,7 @@ from . import recordings as recordings
 from . import report as report
 from . import simulate as simulate
 from . import uncertainty as uncertainty
+from .check import check_method as check_method
 from .diagnosis import diagnose as diagnose
 from .errors import DataQualityWarning as DataQualityWarning
 from .errors import InputError as InputError

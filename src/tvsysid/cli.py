@@ -26,7 +26,7 @@ from tvsysid.errors import DataQualityWarning, InputError
 if TYPE_CHECKING:
     import pandas as pd
 
-    from tvsysid.benchmark import Check
+    from tvsysid.check import Check
     from tvsysid.diagnosis import Diagnosis
     from tvsysid.methods import Method
     from tvsysid.models import Model
@@ -945,7 +945,7 @@ def _checked_apart(name: str) -> list[Check]:
 
 
 def _checks_of(name: str) -> list[Check]:
-    from tvsysid.benchmark import check_method as check
+    from tvsysid.check import check_method as check
     from tvsysid.methods import parse
 
     return check(parse(name))
@@ -1230,14 +1230,15 @@ def _duration(seconds: float) -> str:
 
 def _identified(label: str, method: Any, ensemble: Ensemble) -> Model:
     """Model, whoever's the method is; an error of somebody else's is told with its place."""
-    from tvsysid.methods import adopted, told
+    from tvsysid.errors import describe_error
+    from tvsysid.methods import adopted
 
     try:
         return adopted(method.identify(ensemble), label, ensemble)
     except InputError:
         raise
     except Exception as error:
-        raise InputError(f"method {label}: {told(error)}") from error
+        raise InputError(f"method {label}: {describe_error(error)}") from error
 
 
 def _tuned(label: str, method: Any, ensemble: Ensemble) -> Method:

@@ -18,7 +18,7 @@ LEVELS = [
     ["models"],
     ["recordings", "preprocess", "simulate", "methods", "metrics"],
     ["uncertainty", "execution", "verdicts"],
-    ["benchmark", "experiment", "diagnosis"],
+    ["benchmark", "experiment", "diagnosis", "check"],
     ["figures"],
     ["report"],
     ["cli"],

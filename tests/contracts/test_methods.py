@@ -61,7 +61,7 @@ def enough_for(method):
 
 @parametrize()
 def test_contract_holds(method):
-    checks = tv.benchmark.check_method(method)
+    checks = tv.check_method(method)
     assert [f"{check.name}: {check.message}" for check in checks if not check.passed] == []
 
 

@@ -439,7 +439,7 @@ def test_a_method_that_tunes_itself(ensemble_of):
 
 
 def test_a_method_that_tunes_itself_keeps_the_contract():
-    checks = tv.benchmark.check_method(tv.methods.Tuned(tv.BasisIRF()))
+    checks = tv.check_method(tv.methods.Tuned(tv.BasisIRF()))
     assert [f"{check.name}: {check.message}" for check in checks if not check.passed] == []
 
 

@@ -1,7 +1,6 @@
 """Comparing methods on simulated data: what is studied, running it, where results are kept, and what they say."""
 
 from tvsysid.benchmark.claims import judge
-from tvsysid.benchmark.contract import Check, check_method
 from tvsysid.benchmark.example import example_responses
 from tvsysid.benchmark.plan import plan
 from tvsysid.benchmark.run import read_results, run
@@ -12,9 +11,7 @@ __all__ = [
     "PERTURBATIONS",
     "PRESETS",
     "PROFILES",
-    "Check",
     "Study",
-    "check_method",
     "example_responses",
     "judge",
     "plan",

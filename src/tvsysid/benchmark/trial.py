@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 
 from tvsysid import metrics
 from tvsysid.benchmark.study import PERIOD, PERTURBATIONS, RATE, Scenario
-from tvsysid.errors import DataQualityWarning
+from tvsysid.errors import DataQualityWarning, describe_error
 from tvsysid.execution import Outcome, Task, identified, versions
-from tvsysid.methods.foreign import told
 from tvsysid.models import Model
 from tvsysid.preprocess import decimate, segment
 from tvsysid.signals import Ensemble
@@ -138,7 +137,7 @@ def _attempt(method: bytes, ensemble: Ensemble, torque: Array, truth: Array, clo
         # Unpickled for each trial, so that nothing that it remembers passes from one to the next.
         return _measure(cloudpickle.loads(method), ensemble, torque, truth, clock)
     except (Exception, SystemExit) as error:
-        return _failed(told(error))
+        return _failed(describe_error(error))
 
 
 def _measure(method: Any, ensemble: Ensemble, torque: Array, truth: Array, clock: _Clock) -> dict[str, Any]:

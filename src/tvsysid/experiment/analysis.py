@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid import metrics
-from tvsysid.errors import InputError
+from tvsysid.errors import InputError, describe_error
 from tvsysid.execution import Outcome, Task, identified, versions
-from tvsysid.methods.foreign import told
 from tvsysid.preprocess import block_weights, bootstrap_weights
 from tvsysid.signals import Ensemble
 
@@ -119,7 +118,7 @@ class DrawsTask(Task):
             }
         except (Exception, SystemExit) as error:
             numbers = {key: np.full(self._shape(key), np.nan) for key in NUMBERS}
-            return numbers | {"seconds": time.perf_counter() - started, "doubts": [], "failure": told(error)}
+            return numbers | {"seconds": time.perf_counter() - started, "doubts": [], "failure": describe_error(error)}
 
     def _shape(self, key: str) -> tuple[int, ...]:
         return (self.samples,) if key in ("stiffness", "time_varying_vaf") else ()

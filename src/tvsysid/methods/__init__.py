@@ -5,7 +5,7 @@ from tvsysid.methods.birf import BasisIRF
 from tvsysid.methods.eirf import EnsembleIRF
 from tvsysid.methods.esm import EnsembleSpectral
 from tvsysid.methods.evidence import Evidence
-from tvsysid.methods.foreign import Identifies, adopted, told
+from tvsysid.methods.foreign import Identifies, adopted
 from tvsysid.methods.kbr import KernelRegression
 from tvsysid.methods.registry import METHODS, clashes, create, describe, key_of, names, parse, typed
 from tvsysid.methods.sds import ShortDataSegments
@@ -29,6 +29,5 @@ __all__ = [
     "key_of",
     "names",
     "parse",
-    "told",
     "typed",
 ]

@@ -6,15 +6,9 @@ import importlib
 import inspect
 import json
 import math
-import os
-import sysconfig
-import textwrap
-import traceback
 from collections.abc import Callable
 from dataclasses import dataclass, is_dataclass
-from functools import cache
 from importlib.metadata import distributions
-from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple, Protocol, get_type_hints
 
@@ -22,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ConfigDict, PydanticUserError, TypeAdapter, ValidationError
 
-from tvsysid.errors import InputError
+from tvsysid.errors import InputError, describe_error, library_folders
 from tvsysid.models import Diagnostics, Model
 from tvsysid.signals import Ensemble
 
@@ -30,8 +24,6 @@ Array = NDArray[np.float64]
 
 GROUP = "tvsysid.methods"
 """Group of entry points under which a package offers its methods."""
-
-PACKAGE = str(Path(__file__).parents[1])
 
 
 class Identifies(Protocol):
@@ -94,7 +86,9 @@ def load(name: str) -> Any:
                 f"method {name!r}: there is no module {absent!r}; the current folder and the installed packages were "
                 "searched. Go to the folder that holds it, or install its package"
             ) from error
-        raise InputError(f"method {name!r}: module {where!r} fails while it is imported: {told(error)}") from error
+        raise InputError(
+            f"method {name!r}: module {where!r} fails while it is imported: {describe_error(error)}"
+        ) from error
     target: Any = module
     for word in path.split("."):
         if not hasattr(target, word):
@@ -140,7 +134,9 @@ def make(label: str, target: Any, settings: dict[str, Any]) -> Identifies:
     try:
         return target(**settings)  # type: ignore[no-any-return]
     except (Exception, SystemExit) as error:
-        raise InputError(f"method {label!r}: {what} cannot be made with these settings: {told(error)}") from error
+        raise InputError(
+            f"method {label!r}: {what} cannot be made with these settings: {describe_error(error)}"
+        ) from error
 
 
 def converted(label: str, target: Any, texts: dict[str, str]) -> dict[str, Any]:
@@ -249,49 +245,11 @@ def adopted(found: Any, label: str, ensemble: Ensemble) -> Model:
 def is_loose(module: ModuleType) -> bool:
     """Whether a module is a file of the user's, not an installed package."""
     file = getattr(module, "__file__", None)
-    return bool(file) and not str(file).startswith(_library_folders()) and module.__name__ != "__main__"
-
-
-def told(error: BaseException, file: str | None = None) -> str:
-    """Describe an exception in one line: its type, its message, and where in the user's code it arose.
-
-    Parameters
-    ----------
-    error
-        What was raised.
-    file
-        File of the user's code, if known; the last line of it that was reached is named.
-    """
-    text = str(error)
-    if isinstance(error, SyntaxError):
-        text, place = str(error.msg), (error.filename, error.lineno)
-    else:
-        place = _place(error, file)
-    name, line = place
-    said = textwrap.shorten(f"{type(error).__name__}: {text}".rstrip(": "), 300, placeholder=" …")
-    return f"{said} ({Path(name).name}, line {line})" if name and line else said
+    return bool(file) and not str(file).startswith(library_folders()) and module.__name__ != "__main__"
 
 
 _BY_NAME = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
 _GATHERED = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
-
-
-def _place(error: BaseException, file: str | None) -> tuple[str | None, int | None]:
-    package, *libraries = _library_folders()
-    frames = [frame for frame in traceback.extract_tb(error.__traceback__) if not frame.filename.startswith(package)]
-    of_file = [frame for frame in frames if frame.filename == file]
-    of_user = [frame for frame in frames if not frame.filename.startswith(("<frozen", *libraries))]
-    for chosen in (of_file, of_user, frames):
-        if chosen:
-            return chosen[-1].filename, chosen[-1].lineno
-    return None, None
-
-
-@cache
-def _library_folders() -> tuple[str, ...]:
-    paths = sysconfig.get_paths()
-    folders = (PACKAGE, *(paths[name] for name in ("stdlib", "platstdlib", "purelib", "platlib")))
-    return tuple(f"{folder}{os.sep}" for folder in folders)
 
 
 def _methods_of(module: Any) -> list[str]:

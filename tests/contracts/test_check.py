@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import tvsysid as tv
-from tvsysid.benchmark import Check, check_method
+from tvsysid.check import Check, check_method
 
 BIRF = tv.BasisIRF()
 
@@ -225,7 +225,7 @@ def test_good_methods_pass(method):
         (3, "has identify", "expected an object with identify(ensemble), got an object of type int"),
         (Writes(), "leaves the ensemble untouched", "work on a copy, as in ensemble.angle.copy()"),
         (Crashes(), "identifies a joint", "it stopped with ValueError: matmul"),
-        (CrashesFarBelow(), "identifies a joint", "LinAlgError: Singular matrix (test_contract.py, line "),
+        (CrashesFarBelow(), "identifies a joint", "LinAlgError: Singular matrix (test_check.py, line "),
         (ReturnsNothing(), "returns a model", "identify returned None"),
         (ReturnsArray(), "returns a model", "an object of type ndarray without stiffness and predict(ensemble)"),
         (CountsContext(), "returns a model", "= (200,), got (300,); this counts the context"),
@@ -288,7 +288,7 @@ def test_advice_is_no_requirement(method, name, words):
 
 def test_line_of_the_users_file_is_named():
     line = 1 + Path(__file__).read_text().splitlines().index("        angle -= angle.mean()")
-    assert f"(test_contract.py, line {line})" in failed(Writes())[0].message
+    assert f"(test_check.py, line {line})" in failed(Writes())[0].message
 
 
 def test_what_depends_on_a_failure_is_not_reached():

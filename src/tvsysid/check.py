@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from tvsysid import metrics
-from tvsysid.errors import DataQualityWarning, InputError
-from tvsysid.methods.foreign import told
+from tvsysid.errors import DataQualityWarning, InputError, describe_error
 from tvsysid.preprocess import decimate, segment
 from tvsysid.signals import Ensemble
 from tvsysid.simulate import Constant, FilteredNoise, SineWave, joint
@@ -318,8 +317,8 @@ def _travels(subject: _Subject) -> str:
         copy = cloudpickle.loads(cloudpickle.dumps(subject.method))
     except Exception as error:
         raise _FailedError(
-            f"expected a method that cloudpickle can send to a worker process, got {told(error, subject.file)}; "
-            "hold no open file, lock or generator in it"
+            "expected a method that cloudpickle can send to a worker process, got "
+            f"{describe_error(error, subject.file)}; hold no open file, lock or generator in it"
         ) from error
     there = _stiffness(_Subject(copy).identify(ensemble), ensemble)
     if not _same(there, subject.first):
@@ -394,11 +393,11 @@ def _few_realizations(subject: _Subject) -> str:
         except (Exception, SystemExit) as error:
             plain = isinstance(error, ValueError) and not isinstance(error, np.linalg.LinAlgError)
             if plain and str(error).strip():
-                told_of.append(f"{words}: refused ({told(error, subject.file)})")
+                told_of.append(f"{words}: refused ({describe_error(error, subject.file)})")
                 continue
             raise _FailedError(
-                f"{words}: {told(error, subject.file)}; expected a result, or a tvsysid.InputError that says how many "
-                "are needed"
+                f"{words}: {describe_error(error, subject.file)}; expected a result, or a tvsysid.InputError that says "
+                "how many are needed"
             ) from error
         _stiffness(model, few)
         subject.predict(model, few)
@@ -458,7 +457,7 @@ def _judged(rule: _Rule, subject: _Subject, done: dict[str, Check]) -> Check:
 
 
 def _explained(error: BaseException, subject: _Subject) -> str:
-    text = told(error, subject.file)
+    text = describe_error(error, subject.file)
     if _wrote(error):
         return f"it writes to an array that all methods share; work on a copy, as in ensemble.angle.copy(). {text}"
     if isinstance(error, InputError):

@@ -144,15 +144,15 @@ def test_stiffness_rises_with_the_ankle_angle(moving):
         torque="io.tqPert1",
         sampling_rate=1000,
         torque_sign=-1,
-        channels=[SCHEDULING],
+        channels={"posture": SCHEDULING},
     )
     recording = tv.preprocess.decimate(recording, 100)
-    posture = recording.channels[SCHEDULING]
+    posture = recording.channels["posture"]
     assert posture.min() == pytest.approx(-0.4, abs=0.05)
     assert posture.max() == pytest.approx(0.2, abs=0.05)
     # Not periodic: second-long pieces are sorted by posture, each half taken as constant.
     ensemble = tv.preprocess.segment(recording, 1.0)
-    mean = ensemble.channels[SCHEDULING].mean(axis=1)
+    mean = ensemble.channels["posture"].mean(axis=1)
     low, high = (
         tv.ShortDataSegments(window=0.9).identify(tv.preprocess.subtract_mean(ensemble.select(chosen))).stiffness
         for chosen in (mean < np.quantile(mean, 0.4), mean > np.quantile(mean, 0.6))

@@ -60,7 +60,7 @@ def test_text(tmp_path, signals, ending, separator):
         for row in zip(*(s.ravel() for s in signals), range(120), strict=True)
     ]
     file.write_text("\n".join(lines))
-    recording = read(file, channels=["emg"])
+    recording = read(file, channels={"emg": "emg"})
     np.testing.assert_array_equal(recording.angle, signals[0].ravel())
     np.testing.assert_array_equal(recording.channels["emg"], np.arange(120))
 
@@ -89,7 +89,12 @@ def test_an_angle_that_is_probably_in_degrees_warns(tmp_path, random):
         ({"torque_sign": 2}, "torque_sign must be 1 or -1; got 2"),
         ({"columns": "rows"}, "columns must be 'contiguous' or 'trials'; got 'rows'"),
         ({"sampling_rate": 0.0}, "positive number of hertz"),
-        ({"channels": ["emg"]}, "no channel 'emg'"),
+        ({"channels": {"emg": "EMG"}}, "no channel 'EMG'; it holds pos"),
+        (
+            {"channels": ["emg"]},
+            r"channels: expected a name in the recording and one in the file for each, got \['emg'\]",
+        ),
+        ({"channels": {"torque": "angle"}}, "channels: 'torque' is the name of a signal already"),
     ],
 )
 def test_a_wrong_request_is_refused(mat, settings, message):
@@ -173,7 +178,7 @@ def read_days(days, **settings):
 
 
 def test_trials_in_files_of_their_own(days):
-    recording = read_days(days, torque_sign=-1, start=-0.5, channels=["emg"])
+    recording = read_days(days, torque_sign=-1, start=-0.5, channels={"emg": "emg"})
     assert recording.trial_starts == (0, 200)
     assert recording.start == -0.5
     for file, trial in zip(days, recording.trials, strict=True):
@@ -235,4 +240,4 @@ def test_a_constant_channel_is_told(tmp_path, random):
         tmp_path / "ankle.mat", {"pos": 0.1 * random.normal(size=50), "tq": random.normal(size=50), "emg": np.ones(50)}
     )
     with pytest.warns(tv.DataQualityWarning, match="all 50 values of channel emg are 1; is this the right channel"):
-        read(tmp_path / "ankle.mat", channels=["emg"])
+        read(tmp_path / "ankle.mat", channels={"emg": "emg"})

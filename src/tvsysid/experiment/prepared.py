@@ -190,7 +190,7 @@ def _read(experiment: Experiment, recorded: Recorded) -> tuple[Recording, dict[s
     assert experiment.reading is not None
     preparing = experiment.preparation
     files, missing = _files(experiment.folder, recorded.files)
-    channels = [] if preparing.reference is None else [preparing.reference]
+    channels = {} if preparing.reference is None else {preparing.reference: preparing.reference}
     shortest = 2 * preparing.ends + preparing.period
     usable = read_usable_trials(files, shortest, **experiment.reading.model_dump(), channels=channels)
     refused = missing | usable.refused

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -35,7 +35,7 @@ def read_recording(
     torque_sign: Literal[1, -1] = 1,
     columns: Columns = "contiguous",
     start: float = 0.0,
-    channels: Sequence[str] = (),
+    channels: Mapping[str, str] | None = None,
 ) -> Recording:
     """Read angle and torque from a file.
 
@@ -60,8 +60,8 @@ def read_recording(
     start
         Time of the first sample (of each trial) in s.
     channels
-        Names of further variables to take along, as they are: a reference torque, an external perturbation, EMG, a
-        scheduling variable.
+        Further signals to take along, as they are (EMG, a reference torque, a scheduling variable): the name that each
+        gets in the recording, and its name in the file, ``{"emg": "EMG_SIGNAL"}``.
 
     Returns
     -------
@@ -71,7 +71,7 @@ def read_recording(
     Raises
     ------
     InputError
-        If the file cannot be read, lacks a channel (the message lists those found), or holds no usable numbers.
+        If the file cannot be read, lacks a channel (the message lists those that it holds), or holds no usable numbers.
 
     Warns
     -----
@@ -88,7 +88,7 @@ def read_recording(
     ...     read_recording(f"{folder}/ankle.npz", angle="pos", torque="tq", sampling_rate=100)
     Recording(20 s at 100 Hz; angle RMS 0.0142 rad, torque RMS 1.14 N·m)
     """
-    say = _Said(angle, torque, sampling_rate, angle_unit, torque_sign, columns, start, tuple(channels))
+    say = _Said(angle, torque, sampling_rate, angle_unit, torque_sign, columns, start, channels or {})
     file = Path(path)
     found, values = _signals(file, say)
     rows, trials = values[angle].shape
@@ -113,7 +113,7 @@ class _Said:
     torque_sign: Literal[1, -1] = 1
     columns: Columns = "contiguous"
     start: float = 0.0
-    channels: tuple[str, ...] = ()
+    channels: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.angle_unit not in ANGLE_UNITS:
@@ -122,11 +122,18 @@ class _Said:
             raise InputError(f"torque_sign must be 1 or -1; got {self.torque_sign!r}")
         if self.columns not in ("contiguous", "trials"):
             raise InputError(f"columns must be 'contiguous' or 'trials'; got {self.columns!r}")
+        if not isinstance(self.channels, Mapping):
+            raise InputError(
+                f"channels: expected a name in the recording and one in the file for each, got {self.channels!r}; "
+                "give them as in {'emg': 'EMG_SIGNAL'}"
+            )
+        if taken := [name for name in ("angle", "torque") if name in self.channels]:
+            raise InputError(f"channels: {taken[0]!r} is the name of a signal already; give the channel another one")
 
     @property
     def names(self) -> tuple[str, ...]:
         """Of all channels that are read."""
-        return tuple(dict.fromkeys((self.angle, self.torque, *self.channels)))
+        return tuple(dict.fromkeys((self.angle, self.torque, *self.channels.values())))
 
     def recording(self, signals: Mapping[str, Array], trial_starts: tuple[int, ...] = (0,)) -> Recording:
         """Recording of signals of shape (time,), in the units that are said."""
@@ -135,7 +142,7 @@ class _Said:
             torque=signals[self.torque] * self.torque_sign,
             sampling_rate=self.sampling_rate,
             start=self.start,
-            channels={name: signals[name] for name in self.channels},
+            channels={name: signals[theirs] for name, theirs in self.channels.items()},
             trial_starts=trial_starts,
         )
 

@@ -193,10 +193,10 @@ def no_fit(ensemble: tv.Ensemble, *_: Any) -> _Fit:
 
 BAND_WORK: dict[str, Call] = {
     "birf._spread": lambda *_: None,
-    "kbr._spread": lambda *_: None,
+    "kbr.kbr._spread": lambda *_: None,
     "sds.coloured_variances": lambda _, __, ___, windows: windows.white,
-    "correlations.second_order_readout": no_readout,
-    "correlations._agreement_error": lambda *_: 0.0,
+    "shared.correlations.second_order_readout": no_readout,
+    "shared.correlations._agreement_error": lambda *_: 0.0,
     "esm._segment_fit": no_fit,
     "esm._variance_at_rest": lambda *_: 0.0,
 }

@@ -12,7 +12,7 @@ from scipy.linalg import toeplitz
 from tests.conftest import ensemble_of
 
 import tvsysid as tv
-from tvsysid.methods import correlations, residuals
+from tvsysid.methods.shared import correlations, residuals
 from tvsysid.numerics.bases import evaluate
 from tvsysid.numerics.differentiation import differentiate
 from tvsysid.numerics.spectra import hann

@@ -8,9 +8,9 @@ import xarray as xr
 from benchmarks import plain
 
 import tvsysid as tv
-from tvsysid.methods import kbr, record
-from tvsysid.methods.kernel import Kernel
-from tvsysid.methods.record import lagged
+from tvsysid.methods.kbr import kbr, record
+from tvsysid.methods.kbr.kernel import Kernel
+from tvsysid.methods.kbr.record import lagged
 from tvsysid.numerics.differentiation import differentiate
 from tvsysid.numerics.lowpass import low_pass
 

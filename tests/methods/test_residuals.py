@@ -9,8 +9,8 @@ from scipy.signal import lfilter
 from tests.conftest import ensemble_of
 
 import tvsysid as tv
-from tvsysid.methods import correlations
-from tvsysid.methods.residuals import second_order_agreement
+from tvsysid.methods.shared import correlations
+from tvsysid.methods.shared.residuals import second_order_agreement
 from tvsysid.numerics.bases import CubicBSplines
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 

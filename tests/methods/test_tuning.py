@@ -8,11 +8,11 @@ import pytest
 from benchmarks import plain
 
 import tvsysid as tv
-from tvsysid.methods import halves
-from tvsysid.methods.likelihood import Likelihood
-from tvsysid.methods.record import Record, lagged
-from tvsysid.methods.residuals import independent_share
-from tvsysid.methods.search import CLEARLY
+from tvsysid.methods.kbr.likelihood import Likelihood
+from tvsysid.methods.kbr.record import Record, lagged
+from tvsysid.methods.kbr.search import CLEARLY
+from tvsysid.methods.shared.residuals import independent_share
+from tvsysid.methods.tuning import halves
 from tvsysid.numerics.differentiation import differentiate
 from tvsysid.numerics.lowpass import low_pass
 from tvsysid.numerics.noise import white_share
@@ -252,7 +252,7 @@ def test_an_order_or_a_lag_must_be_clearly_better(ensemble_of, monkeypatch):
     )
     assert evidence.settings["order"] == 1
     assert gain > CLEARLY
-    monkeypatch.setattr("tvsysid.methods.search.CLEARLY", gain + 0.1)
+    monkeypatch.setattr("tvsysid.methods.kbr.search.CLEARLY", gain + 0.1)
     assert tv.KernelRegression().tuned(ensemble).order == 2
 
 

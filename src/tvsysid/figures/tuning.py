@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tvsysid.figures.style import PALETTE, STYLES, TRUTH, plain
-from tvsysid.methods.evidence import Evidence
+from tvsysid.methods.tuning.evidence import Evidence
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -4,12 +4,12 @@ from tvsysid.methods.base import Method
 from tvsysid.methods.birf import BasisIRF
 from tvsysid.methods.eirf import EnsembleIRF
 from tvsysid.methods.esm import EnsembleSpectral
-from tvsysid.methods.evidence import Evidence
 from tvsysid.methods.foreign import Identifies, adopted
-from tvsysid.methods.kbr import KernelRegression
+from tvsysid.methods.kbr.kbr import KernelRegression
 from tvsysid.methods.registry import METHODS, clashes, create, describe, key_of, names, parse, typed
 from tvsysid.methods.sds import ShortDataSegments
-from tvsysid.methods.tuning import Tuned
+from tvsysid.methods.tuning.evidence import Evidence
+from tvsysid.methods.tuning.tuning import Tuned
 
 __all__ = [
     "METHODS",

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtr
 
 from tvsysid.errors import DataQualityWarning, InputError
-from tvsysid.methods.evidence import Evidence
+from tvsysid.methods.tuning.evidence import Evidence
 from tvsysid.models import Model
 from tvsysid.numerics.spectra import power_share
 from tvsysid.signals import Ensemble

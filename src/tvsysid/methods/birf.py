@@ -21,15 +21,15 @@ from tvsysid.methods.base import (
     missing_edge,
     padded,
 )
-from tvsysid.methods.correlations import impulse_response_model
-from tvsysid.methods.evidence import Evidence
-from tvsysid.methods.residuals import (
+from tvsysid.methods.shared.correlations import impulse_response_model
+from tvsysid.methods.shared.residuals import (
     colour,
     independent_realizations,
     independent_share,
     residual,
     second_order_agreement,
 )
+from tvsysid.methods.tuning.evidence import Evidence
 from tvsysid.models import Diagnostics, ImpulseResponseModel, Model, SecondOrderModel, Spread
 from tvsysid.numerics.bands import arc_length
 from tvsysid.numerics.bases import Basis, CubicBSplines, FourierSeries, HaarWavelets, evaluate

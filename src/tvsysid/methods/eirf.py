@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid.methods.base import EXCITED_ABOVE, Method, check_choice, check_positive, fitting_lags, whole_samples
-from tvsysid.methods.correlations import (
+from tvsysid.methods.shared.correlations import (
     Solver,
     impulse_response_model,
     solve_windows,
     window_diagnostics,
     window_spread,
 )
-from tvsysid.methods.evidence import Evidence
-from tvsysid.methods.halves import evidence_by_halves
-from tvsysid.methods.residuals import counted, independent_realizations
+from tvsysid.methods.shared.residuals import counted, independent_realizations
+from tvsysid.methods.tuning.evidence import Evidence
+from tvsysid.methods.tuning.halves import evidence_by_halves
 from tvsysid.models import ImpulseResponseModel, Spread
 from tvsysid.numerics import pseudoinverse
 from tvsysid.numerics.pseudoinverse import Order, Solution

@@ -23,9 +23,7 @@ from tvsysid.methods.base import (
     padded,
     whole_samples,
 )
-from tvsysid.methods.evidence import Evidence
-from tvsysid.methods.halves import evidence_by_halves
-from tvsysid.methods.residuals import (
+from tvsysid.methods.shared.residuals import (
     LONGEST_COLOUR,
     Colour,
     agreement_of,
@@ -33,6 +31,8 @@ from tvsysid.methods.residuals import (
     counted,
     independent_realizations,
 )
+from tvsysid.methods.tuning.evidence import Evidence
+from tvsysid.methods.tuning.halves import evidence_by_halves
 from tvsysid.models import Diagnostics, FrequencyResponseModel, Spread
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.moments import convolve_lags

@@ -16,9 +16,9 @@ from tvsysid.methods.birf import BasisIRF
 from tvsysid.methods.eirf import EnsembleIRF
 from tvsysid.methods.esm import EnsembleSpectral
 from tvsysid.methods.foreign import Identifies
-from tvsysid.methods.kbr import KernelRegression
+from tvsysid.methods.kbr.kbr import KernelRegression
 from tvsysid.methods.sds import ShortDataSegments
-from tvsysid.methods.tuning import Tuned
+from tvsysid.methods.tuning.tuning import Tuned
 from tvsysid.numerics.bases import basis_from_text
 
 METHODS: dict[str, type[Method]] = {

@@ -10,7 +10,7 @@ import numpy as np
 
 from tvsysid.errors import InputError
 from tvsysid.methods.base import EXCITED_ABOVE, Method, check_positive, fitting_lags, whole_samples
-from tvsysid.methods.correlations import (
+from tvsysid.methods.shared.correlations import (
     Windows,
     coloured_variances,
     impulse_response_model,
@@ -18,9 +18,9 @@ from tvsysid.methods.correlations import (
     window_diagnostics,
     window_spread,
 )
-from tvsysid.methods.evidence import Evidence
-from tvsysid.methods.halves import evidence_by_halves
-from tvsysid.methods.residuals import counted, independent_realizations
+from tvsysid.methods.shared.residuals import counted, independent_realizations
+from tvsysid.methods.tuning.evidence import Evidence
+from tvsysid.methods.tuning.halves import evidence_by_halves
 from tvsysid.models import ImpulseResponseModel, Spread
 from tvsysid.numerics.pseudoinverse import truncated
 from tvsysid.signals import Ensemble

@@ -14,7 +14,7 @@ from scipy.fft import rfft
 from scipy.linalg import blas
 
 from tvsysid.errors import InputError
-from tvsysid.methods.kernel import Kernel
+from tvsysid.methods.kbr.kernel import Kernel
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.gaussian import Statistics
 from tvsysid.numerics.kernels import harmonic_features

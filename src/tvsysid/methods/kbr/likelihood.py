@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from tvsysid.methods.kernel import ENDLESS, Kernel
-from tvsysid.methods.record import Record, weak_prior
+from tvsysid.methods.kbr.kernel import ENDLESS, Kernel
+from tvsysid.methods.kbr.record import Record, weak_prior
 from tvsysid.numerics.gaussian import Statistics, log_evidence, of_columns, of_share, unit_information, without_nuisance
 from tvsysid.numerics.kernels import log_harmonic_variances
 

@@ -27,8 +27,8 @@ from numpy.typing import NDArray
 from tvsysid.errors import InputError
 from tvsysid.impedance import static_stiffness
 from tvsysid.methods.base import Method, fitting_lags, missing_edge, padded
-from tvsysid.methods.correlations import solve_windows
-from tvsysid.methods.evidence import Evidence
+from tvsysid.methods.shared.correlations import solve_windows
+from tvsysid.methods.tuning.evidence import Evidence
 from tvsysid.numerics.pseudoinverse import truncated
 from tvsysid.signals import Ensemble
 

@@ -12,7 +12,7 @@ from scipy.linalg import toeplitz
 
 from tvsysid.impedance import agreement, second_order_readout, static_stiffness
 from tvsysid.methods.base import missing_edge, padded
-from tvsysid.methods.residuals import correlation, independent_realizations, residual
+from tvsysid.methods.shared.residuals import correlation, independent_realizations, residual
 from tvsysid.models import Diagnostics, ImpulseResponseModel, Spread
 from tvsysid.numerics.moments import coloured_moments, lagged_moments, sliding_sum, time_chunks
 from tvsysid.numerics.pseudoinverse import Solution

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from tvsysid.methods.kernel import VISIBLE, Kernel
-from tvsysid.methods.likelihood import LENGTHS, Likelihood, Tried
-from tvsysid.methods.record import Record, lagged, powers_of
+from tvsysid.methods.kbr.kernel import VISIBLE, Kernel
+from tvsysid.methods.kbr.likelihood import LENGTHS, Likelihood, Tried
+from tvsysid.methods.kbr.record import Record, lagged, powers_of
 from tvsysid.signals import Ensemble
 
 Array = NDArray[np.float64]

@@ -15,10 +15,9 @@ from scipy.signal import firwin
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.impedance import derivative_filters
 from tvsysid.methods.base import EXCITED_ABOVE, Method, check_positive, missing_edge, padded
-from tvsysid.methods.evidence import Evidence
-from tvsysid.methods.kernel import ENDLESS, VISIBLE, Kernel
-from tvsysid.methods.likelihood import Tried
-from tvsysid.methods.record import (
+from tvsysid.methods.kbr.kernel import ENDLESS, VISIBLE, Kernel
+from tvsysid.methods.kbr.likelihood import Tried
+from tvsysid.methods.kbr.record import (
     DEGREES,
     LARGEST,
     Record,
@@ -28,14 +27,15 @@ from tvsysid.methods.record import (
     times_of,
     weak_prior,
 )
-from tvsysid.methods.residuals import (
+from tvsysid.methods.kbr.search import Search
+from tvsysid.methods.shared.residuals import (
     agreement_of,
     colour,
     independent_realizations,
     independent_share,
     residual,
 )
-from tvsysid.methods.search import Search
+from tvsysid.methods.tuning.evidence import Evidence
 from tvsysid.models import QUANTITIES, Diagnostics, SecondOrderModel, Spread
 from tvsysid.numerics.bands import arc_length
 from tvsysid.numerics.differentiation import HALF_WIDTH

@@ -73,12 +73,8 @@ def trial(
     """
     warnings.simplefilter("ignore", tv.DataQualityWarning)
     with threadpool_limits(1):
-        simulation = tv.simulate.joint(
-            duration,
-            stiffness=PROFILES[profile],
-            perturbation=PERTURBATIONS[perturbation],
-            snr_db=10,
-            seed=seed,
+        simulation = tv.simulate.Joint(stiffness=PROFILES[profile]).simulate(
+            duration, perturbation=PERTURBATIONS[perturbation], snr_db=10, seed=seed
         )
         ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 2.0)
         if not keep_mean:

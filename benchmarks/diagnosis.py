@@ -54,12 +54,10 @@ def clean_joint(seed: int) -> tv.Ensemble:
     period = float(random.choice(UNDIVIDED if undivided else PERIODS))
     duration = period * round(random.uniform(max(40, 20 * period), 65 if undivided else 300) / period)
     profile = PROFILES[seed % 3]
-    recording = tv.simulate.joint(
-        duration,
-        stiffness=profile if isinstance(profile, tv.simulate.Constant) else replace(profile, period=period),
-        perturbation=PERTURBATIONS[seed // 3 % 2],
-        snr_db=random.uniform(5, 30),
-        seed=seed,
+    stiffness = profile if isinstance(profile, tv.simulate.Constant) else replace(profile, period=period)
+    joint = tv.simulate.Joint(stiffness=stiffness)
+    recording = joint.simulate(
+        duration, perturbation=PERTURBATIONS[seed // 3 % 2], snr_db=random.uniform(5, 30), seed=seed
     ).recording
     late = int(random.integers(-2, 3))
     torque = np.roll(recording.torque, late) + NOISES[seed // 6 % len(NOISES)](recording, period, random)

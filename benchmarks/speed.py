@@ -263,7 +263,9 @@ def peak_bytes(call: Call) -> int:
 def simulation(duration: float, perturbation: Any = None) -> tv.simulate.Simulation:
     perturbation = perturbation or tv.simulate.FilteredNoise()
     square = tv.simulate.SquareWave()
-    return tv.simulate.joint(duration, stiffness=square, perturbation=perturbation, snr_db=10, seed=1, rate=RAW_RATE)
+    return tv.simulate.Joint(stiffness=square).simulate(
+        duration, perturbation=perturbation, snr_db=10, seed=1, rate=RAW_RATE
+    )
 
 
 def simulated(duration: float) -> tv.Ensemble:

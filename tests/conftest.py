@@ -17,13 +17,6 @@ threadpool_limits(1)
 settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=25)
 settings.load_profile("repeatable")
 
-PROFILES = {
-    "square": tv.simulate.SquareWave(),
-    "sine": tv.simulate.SineWave(),
-    "constant": tv.simulate.Constant(100.0),
-}
-PERTURBATIONS = {"noise": tv.simulate.FilteredNoise(), "prbs": tv.simulate.PRBS()}
-
 
 @cache
 def ensemble_of(
@@ -35,12 +28,8 @@ def ensemble_of(
     context: float = 0.5,
     period: float = 2.0,
 ) -> tv.Ensemble:
-    simulation = tv.simulate.joint(
-        duration,
-        stiffness=PROFILES[profile],
-        perturbation=PERTURBATIONS[perturbation],
-        snr_db=snr_db,
-        seed=seed,
+    simulation = tv.simulate.Joint(stiffness=tv.simulate.PROFILES[profile]).simulate(
+        duration, perturbation=tv.simulate.PERTURBATIONS[perturbation], snr_db=snr_db, seed=seed
     )
     return tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), period, context)
 

@@ -14,15 +14,11 @@ RATE = 1000
 @lru_cache(maxsize=16)
 def simulated(duration=150.0, perturbation="noise", profile="sine", snr_db=10.0, seed=1):
     """Recording of a simulated joint at 1 kHz."""
-    kinds = {"noise": tv.simulate.FilteredNoise(), "prbs": tv.simulate.PRBS()}
-    profiles = {
-        "square": tv.simulate.SquareWave(),
-        "sine": tv.simulate.SineWave(),
-        "constant": tv.simulate.Constant(100.0),
-    }
-    return tv.simulate.joint(
-        duration, stiffness=profiles[profile], perturbation=kinds[perturbation], snr_db=snr_db, seed=seed
-    ).recording
+    return (
+        tv.simulate.Joint(stiffness=tv.simulate.PROFILES[profile])
+        .simulate(duration, perturbation=tv.simulate.PERTURBATIONS[perturbation], snr_db=snr_db, seed=seed)
+        .recording
+    )
 
 
 def cut(recording, period=2.0, rate=100.0):

@@ -7,7 +7,7 @@ import pandas as pd
 import xarray as xr
 
 from tvsysid import metrics
-from tvsysid.benchmark import PROFILES
+from tvsysid.simulate import PROFILES
 
 # Half-width of the smoothing in samples, random error at 150 s in N·m/rad, time in s: see docs/simulation.md.
 METHODS = {

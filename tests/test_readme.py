@@ -33,8 +33,8 @@ def test_commands_are_one_line_each(heading, command):
 
 def test_python_example_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    simulation = tv.simulate.joint(
-        60, stiffness=tv.simulate.SineWave(), perturbation=tv.simulate.PRBS(), snr_db=20, seed=0
+    simulation = tv.simulate.Joint(stiffness=tv.simulate.SineWave()).simulate(
+        60, perturbation=tv.simulate.PRBS(), snr_db=20, seed=0
     )
     savemat("ankle.mat", {"pos": simulation.recording.angle, "tq": simulation.recording.torque})
     (code,) = blocks("From Python")
@@ -45,9 +45,11 @@ def test_python_example_runs(tmp_path, monkeypatch):
 
 def test_a_recording_is_diagnosed_as_told(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    recording = tv.simulate.joint(
-        60, stiffness=tv.simulate.SineWave(), perturbation=tv.simulate.PRBS(), snr_db=20, seed=0
-    ).recording
+    recording = (
+        tv.simulate.Joint(stiffness=tv.simulate.SineWave())
+        .simulate(60, perturbation=tv.simulate.PRBS(), snr_db=20, seed=0)
+        .recording
+    )
     savemat("ankle.mat", {"pos": recording.angle, "tq": recording.torque})
     (command,) = (text for text in blocks("Identify your own recording") if "--diagnose" in text)
     monkeypatch.setattr(sys, "argv", shlex.split(command))

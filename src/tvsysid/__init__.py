@@ -3,11 +3,11 @@
 The way data flows::
 
     file -> Recording -> preprocess -> Ensemble -> method.identify -> model -> stiffness, viscosity, inertia
-                simulate.joint -> Simulation(recording, truth)  ^                    metrics, figures ^
+                system.simulate -> Simulation(recording, truth)  ^                    metrics, figures ^
 
 >>> import tvsysid as tv
->>> simulation = tv.simulate.joint(40, stiffness=tv.simulate.SquareWave(),
-...                                perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1)
+>>> joint = tv.simulate.Joint(stiffness=tv.simulate.SquareWave())
+>>> simulation = joint.simulate(40, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1)
 >>> recording = tv.preprocess.decimate(simulation.recording, 100)      # or tv.read_recording("ankle.mat", ...)
 >>> ensemble = tv.preprocess.segment(recording, period=2.0)
 >>> model = tv.ShortDataSegments(max_lag=0.12, window=0.10).identify(ensemble)

@@ -18,8 +18,7 @@ from tvsysid import metrics
 from tvsysid.errors import DataQualityWarning, InputError, describe_error
 from tvsysid.preprocess import decimate, segment
 from tvsysid.signals import Ensemble
-from tvsysid.simulate import Constant, FilteredNoise, SineWave, joint
-from tvsysid.simulate.joint import Profile
+from tvsysid.simulate import Constant, FilteredNoise, Joint, Profile, SineWave
 
 Array = NDArray[np.float64]
 
@@ -114,7 +113,9 @@ def _joint(name: str) -> _Joint:
         "other rate": (120.0, SineWave(period=1.5), 128.0, 1.5, 4),
     }
     duration, profile, rate, period, seed = settings[name]
-    simulation = joint(duration, stiffness=profile, perturbation=FilteredNoise(), snr_db=SNR, seed=seed, rate=8 * rate)
+    simulation = Joint(stiffness=profile).simulate(
+        duration, perturbation=FilteredNoise(), snr_db=SNR, seed=seed, rate=8 * rate
+    )
     ensemble = segment(decimate(simulation.recording, rate), period)
     noiseless = segment(decimate(simulation.noiseless, rate), period)
     return _Joint(ensemble, noiseless.torque[:, noiseless.core], np.asarray(profile(ensemble.time)))

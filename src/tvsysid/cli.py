@@ -662,20 +662,14 @@ def simulate(
 
     Example: `tvsysid simulate P1-noise.mat --participant 1`
     """
-    from tvsysid.benchmark import PERTURBATIONS, PROFILES
     from tvsysid.recordings import write_simulation
-    from tvsysid.simulate import joint
+    from tvsysid.simulate import PERTURBATIONS, PROFILES, Joint
 
     if participant is not None:
         _write_participant(file, participant, perturbation.value)
         return
-    simulation = joint(
-        duration,
-        stiffness=PROFILES[stiffness.value],
-        perturbation=PERTURBATIONS[perturbation.value],
-        snr_db=snr,
-        seed=seed,
-        rate=rate,
+    simulation = Joint(stiffness=PROFILES[stiffness.value]).simulate(
+        duration, perturbation=PERTURBATIONS[perturbation.value], snr_db=snr, seed=seed, rate=rate
     )
     recording = simulation.recording
     first = round(-recording.start * rate)
@@ -683,8 +677,8 @@ def simulate(
     columns = {
         "angle": recording.angle[inner],
         "torque": recording.torque[inner],
-        "noiseless_torque": simulation.noiseless_torque[inner],
-        "stiffness": simulation.stiffness[inner],
+        "noiseless_torque": simulation.noiseless.torque[inner],
+        "stiffness": simulation.truth["stiffness"][inner],
     }
     write_simulation(file, columns, rate)
     decimate = " --decimate 100" if rate > 100 and rate % 100 == 0 else ""

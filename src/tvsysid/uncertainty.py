@@ -187,8 +187,8 @@ def bootstrap(method: Any, ensemble: Ensemble, count: int, seed: int, progress: 
     Examples
     --------
     >>> import tvsysid as tv
-    >>> simulation = tv.simulate.joint(40, stiffness=tv.simulate.SineWave(),
-    ...                                perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1)
+    >>> joint = tv.simulate.Joint(stiffness=tv.simulate.SineWave())
+    >>> simulation = joint.simulate(40, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1)
     >>> ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), period=2.0)
     >>> found = tv.uncertainty.bootstrap(tv.BasisIRF(), ensemble, count=20, seed=1)
     >>> lower, upper = found.stiffness_band(0.95)

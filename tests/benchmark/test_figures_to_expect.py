@@ -50,7 +50,7 @@ def ours():
 @pytest.fixture(scope="module")
 def theirs():
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(sys.modules["tvsysid.simulate.joint"], "_actuator_filter", held_drive_filter)
+        patched.setattr(sys.modules["tvsysid.simulate.actuator"], "_actuator_filter", held_drive_filter)
         return study_figures(60)
 
 

@@ -34,10 +34,10 @@ def test_results_are_labelled_and_whole(results):
 
 def test_a_trial_is_what_its_parts_give(results):
     scenario = Study(**SMALL).scenarios[1]
-    simulation = tv.simulate.joint(
-        60.0, stiffness=tv.simulate.SquareWave(), perturbation=tv.simulate.PRBS(), snr_db=10.0,
-        seed=Study(**SMALL).seed_of(scenario, 2),
-    )  # fmt: skip
+    joint = tv.simulate.Joint(stiffness=tv.simulate.SquareWave())
+    simulation = joint.simulate(
+        60.0, perturbation=tv.simulate.PRBS(), snr_db=10.0, seed=Study(**SMALL).seed_of(scenario, 2)
+    )
     ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100.0), 2.0)
     noiseless = tv.preprocess.segment(tv.preprocess.decimate(simulation.noiseless, 100.0), 2.0)
     torque = noiseless.torque[:, noiseless.core]

@@ -12,7 +12,7 @@ def made_up(estimates, over_time=None, profile="square", covered=None):
     """Results of one scenario and one method from stiffness of shape (trial, time), bands of ± 5 N·m/rad about it."""
     trials = len(estimates)
     time = np.arange(200) / 100
-    truth = np.asarray(tv.benchmark.PROFILES[profile](time))
+    truth = np.asarray(tv.simulate.PROFILES[profile](time))
     cell = ("scenario", "trial", "method_key")
     covered = np.where(np.isfinite(estimates), np.abs(estimates - truth) <= 5, np.nan) if covered is None else covered
     over_time = np.full((trials, 200), 90.0) if over_time is None else over_time

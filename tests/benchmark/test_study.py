@@ -32,12 +32,11 @@ def test_snr_and_viscosity_presets():
 
 def test_covarying_viscosity_lies_between_1_and_3():
     scenario = Study(viscosity="covarying").scenarios[0]
-    simulation = tv.simulate.joint(
-        4.0, stiffness=scenario.profile, viscosity=scenario.viscosity_profile, perturbation=tv.simulate.PRBS(),
-        snr_db=10, seed=0,
-    )  # fmt: skip
-    assert set(simulation.viscosity[simulation.stiffness == 50]) == {1.0}
-    assert set(simulation.viscosity[simulation.stiffness == 150]) == {3.0}
+    joint = tv.simulate.Joint(stiffness=scenario.profile, viscosity=scenario.viscosity_profile)
+    simulation = joint.simulate(4.0, perturbation=tv.simulate.PRBS(), snr_db=10, seed=0)
+    truth = simulation.truth
+    assert set(truth["viscosity"][truth["stiffness"] == 50]) == {1.0}
+    assert set(truth["viscosity"][truth["stiffness"] == 150]) == {3.0}
 
 
 def test_settings_take_the_place_of_a_preset_s_everywhere():

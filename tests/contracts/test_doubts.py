@@ -109,8 +109,8 @@ def test_too_few_realizations_for_a_window(method):
 
 
 def test_a_rate_far_above_the_perturbation_for_spectra():
-    simulation = tv.simulate.joint(
-        60, stiffness=tv.simulate.SineWave(), perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1
+    simulation = tv.simulate.Joint(stiffness=tv.simulate.SineWave()).simulate(
+        60, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1
     )
     # A short window, for the time taken goes with its square: a third of a minute for the usual one at 1 kHz.
     text = doubts(tv.EnsembleSpectral(window=0.1), tv.preprocess.segment(simulation.recording, 2.0))
@@ -124,9 +124,8 @@ def test_a_rate_far_above_the_perturbation_for_spectra():
 @pytest.mark.parametrize("key", ["eirf", "sds", "esm"])
 @pytest.mark.parametrize("perturbation", ["noise", "prbs"])
 def test_a_joint_that_is_not_of_second_order(key, perturbation):
-    simulation = tv.simulate.joint(
+    simulation = tv.simulate.Joint(stiffness=tv.simulate.Constant(100.0)).simulate(
         150,
-        stiffness=tv.simulate.Constant(100.0),
         perturbation={"noise": tv.simulate.FilteredNoise(), "prbs": tv.simulate.PRBS()}[perturbation],
         snr_db=10,
         seed=4,

@@ -77,7 +77,7 @@ def test_import_is_light():
 
 def test_identification_needs_no_pictures_and_no_stores():
     program = (
-        "import sys; import tvsysid as tv; tv.ShortDataSegments(); tv.simulate.joint; tv.metrics.vaf;"
+        "import sys; import tvsysid as tv; tv.ShortDataSegments(); tv.simulate.Joint; tv.metrics.vaf;"
         "print({'matplotlib', 'zarr', 'dask', 'xarray'} & set(sys.modules) or 'light')"
     )
     shown = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout

@@ -229,8 +229,8 @@ def test_order_of_realizations_does_not_matter(method, shuffler):
 
 @parametrize()
 def test_identification_at_another_rate_agrees(method):
-    simulation = tv.simulate.joint(
-        100, stiffness=tv.simulate.SineWave(), perturbation=tv.simulate.FilteredNoise(), snr_db=30, seed=3
+    simulation = tv.simulate.Joint(stiffness=tv.simulate.SineWave()).simulate(
+        100, perturbation=tv.simulate.FilteredNoise(), snr_db=30, seed=3
     )
     model = method.identify(tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 125), 2.0))
     error = model.stiffness - tv.simulate.SineWave()(model.time)

@@ -79,7 +79,9 @@ def test_the_loudest_of_many_realizations_is_not_unlike_them(perturbation):
 @pytest.mark.parametrize("perturbation", [tv.simulate.FilteredNoise(), tv.simulate.PRBS()])
 def test_a_period_that_divides_by_nothing(perturbation):
     profile = tv.simulate.SineWave(period=1.111)
-    recording = tv.simulate.joint(60, stiffness=profile, perturbation=perturbation, snr_db=10, seed=1).recording
+    recording = (
+        tv.simulate.Joint(stiffness=profile).simulate(60, perturbation=perturbation, snr_db=10, seed=1).recording
+    )
     diagnosis = tv.diagnose(tv.preprocess.subtract_mean(tv.preprocess.segment(recording, 1.111)))
     assert diagnosis.clean, diagnosis
     assert diagnosis.measures["mean stiffness"][0] == pytest.approx(100, rel=0.05)
@@ -88,7 +90,11 @@ def test_a_period_that_divides_by_nothing(perturbation):
 def test_the_clock_of_a_prbs_is_no_period():
     """147 ms at 100 Hz beat with 490 ms."""
     profile = tv.simulate.SquareWave(period=1.0)
-    recording = tv.simulate.joint(150, stiffness=profile, perturbation=tv.simulate.PRBS(), snr_db=20, seed=35).recording
+    recording = (
+        tv.simulate.Joint(stiffness=profile)
+        .simulate(150, perturbation=tv.simulate.PRBS(), snr_db=20, seed=35)
+        .recording
+    )
     diagnosis = tv.diagnose(cut(recording, 1.0))
     assert diagnosis.clean, diagnosis
 

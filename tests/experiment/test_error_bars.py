@@ -11,12 +11,8 @@ TRIALS, DRAWS, MANY, FEW = 50, 50, 75, 20
 
 
 def simulated(seconds, seed):
-    simulation = tv.simulate.joint(
-        seconds,
-        stiffness=tv.simulate.SineWave(),
-        perturbation=tv.simulate.FilteredNoise(),
-        snr_db=10,
-        seed=seed,
+    simulation = tv.simulate.Joint(stiffness=tv.simulate.SineWave()).simulate(
+        seconds, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=seed
     )
     return tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 2.0)
 

@@ -49,8 +49,8 @@ def test_single_realization_serves(ensemble_of):
 
 
 def test_a_realization_may_begin_at_any_phase_and_hold_several_periods():
-    simulation = tv.simulate.joint(
-        90, stiffness=tv.simulate.SineWave(), perturbation=tv.simulate.FilteredNoise(), snr_db=30, seed=3
+    simulation = tv.simulate.Joint(stiffness=tv.simulate.SineWave()).simulate(
+        90, perturbation=tv.simulate.FilteredNoise(), snr_db=30, seed=3
     )
     recording = tv.preprocess.decimate(simulation.recording, 100)
     late = dataclasses.replace(recording, start=recording.start + 0.37)
@@ -63,7 +63,9 @@ def test_a_stiffness_that_drifts_is_followed_by_a_decaying_kernel():
     def profile(time):
         return 100 + 30 * np.sin(np.pi * time) + 0.4 * time
 
-    simulation = tv.simulate.joint(60, stiffness=profile, perturbation=tv.simulate.FilteredNoise(), snr_db=20, seed=3)
+    simulation = tv.simulate.Joint(stiffness=profile).simulate(
+        60, perturbation=tv.simulate.FilteredNoise(), snr_db=20, seed=3
+    )
     ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 2.0)
     truth = np.stack([profile(onset + ensemble.time) for onset in ensemble.onsets])
     model = tv.KernelRegression.preset("experiment").identify(ensemble)
@@ -97,8 +99,8 @@ def test_covariance_is_that_of_repeated_trials(ensemble_of):
 @pytest.mark.parametrize("duration", [2.0, 3.0, 1.5])
 @pytest.mark.parametrize("decay", [120_000.0, 300.0])
 def test_prediction_is_at_the_phase_of_each_realization(duration, decay):
-    simulation = tv.simulate.joint(
-        90, stiffness=tv.simulate.SineWave(), perturbation=tv.simulate.FilteredNoise(), snr_db=60, seed=3
+    simulation = tv.simulate.Joint(stiffness=tv.simulate.SineWave()).simulate(
+        90, perturbation=tv.simulate.FilteredNoise(), snr_db=60, seed=3
     )
     recording = tv.preprocess.decimate(simulation.recording, 100)
     method, ensemble = tv.KernelRegression(period=2.0, length_decay=decay), tv.preprocess.segment(recording, duration)

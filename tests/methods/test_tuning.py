@@ -200,13 +200,12 @@ def test_evidence_of_constants_does_not_depend_on_their_units(ensemble_of):
 
 def joint_of(duration, lag=0.0, **settings):
     """Ensemble of a simulated joint whose torque passes a lag at the simulation's rate, before the noise."""
-    simulation = tv.simulate.joint(
-        duration,
-        **{"stiffness": tv.simulate.SineWave(), "perturbation": tv.simulate.PRBS(), "snr_db": 10, "seed": 1} | settings,
-    )
+    asked = {"perturbation": tv.simulate.PRBS(), "snr_db": 10, "seed": 1}
+    asked |= {name: settings.pop(name) for name in asked if name in settings}
+    simulation = tv.simulate.Joint(**{"stiffness": tv.simulate.SineWave()} | settings).simulate(duration, **asked)
     recording = simulation.recording
-    torque = low_pass(simulation.noiseless_torque, lag, 1000.0)
-    torque = torque + recording.torque - simulation.noiseless_torque
+    torque = low_pass(simulation.noiseless.torque, lag, 1000.0)
+    torque = torque + recording.torque - simulation.noiseless.torque
     behind = tv.Recording(recording.angle, torque, 1000.0, recording.start)
     return tv.preprocess.segment(tv.preprocess.decimate(behind, 100), 2.0, 0.5)
 
@@ -286,7 +285,9 @@ def test_a_drift_asks_for_a_decay():
     def profile(time):
         return 100 + 30 * np.sin(np.pi * time) + 0.8 * time
 
-    simulation = tv.simulate.joint(60, stiffness=profile, perturbation=tv.simulate.FilteredNoise(), snr_db=20, seed=3)
+    simulation = tv.simulate.Joint(stiffness=profile).simulate(
+        60, perturbation=tv.simulate.FilteredNoise(), snr_db=20, seed=3
+    )
     ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 2.0)
     truth = np.stack([profile(onset + ensemble.time) for onset in ensemble.onsets])
     tuned = tv.KernelRegression().tuned(ensemble)
@@ -365,7 +366,7 @@ def test_the_reference_is_short_data_segments_with_a_window_that_determines_it(e
 
 def test_settings_that_do_not_fit_the_data_are_not_tried(few_deals):
     noise = tv.simulate.FilteredNoise()
-    simulation = tv.simulate.joint(30, stiffness=tv.simulate.Constant(), perturbation=noise, snr_db=10, seed=1)
+    simulation = tv.simulate.Joint(stiffness=tv.simulate.Constant()).simulate(30, perturbation=noise, snr_db=10, seed=1)
     ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 0.3, 0.1)
     tried = tv.ShortDataSegments(max_lag=0.08).tuned(ensemble).evidence.tried
     assert max(settings["window"] for settings in tried) < 0.3

@@ -90,8 +90,8 @@ def test_noise_far_from_the_switch_does_not_shorten_or_stretch_the_rise():
 
 @pytest.mark.parametrize("window", [0.06, 0.1, 0.2])
 def test_short_segments_rise_over_four_fifths_of_their_window(window):
-    simulation = tv.simulate.joint(
-        300, stiffness=tv.simulate.SquareWave(), perturbation=tv.simulate.FilteredNoise(), snr_db=60, seed=2
+    simulation = tv.simulate.Joint(stiffness=tv.simulate.SquareWave()).simulate(
+        300, perturbation=tv.simulate.FilteredNoise(), snr_db=60, seed=2
     )
     ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 2.0)
     model = tv.ShortDataSegments(window=window).identify(ensemble)

@@ -38,8 +38,8 @@ def test_realizations_begin_at_multiples_of_the_period_from_time_zero(start):
 
 
 def test_a_simulation_keeps_every_realization():
-    simulation = tv.simulate.joint(
-        20, stiffness=tv.simulate.SquareWave(), perturbation=tv.simulate.PRBS(), snr_db=10, seed=0
+    simulation = tv.simulate.Joint(stiffness=tv.simulate.SquareWave()).simulate(
+        20, perturbation=tv.simulate.PRBS(), snr_db=10, seed=0
     )
     ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 2.0)
     np.testing.assert_allclose(ensemble.onsets, np.arange(10) * 2.0, atol=1e-9)

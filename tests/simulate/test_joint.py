@@ -7,16 +7,17 @@ from scipy.signal import bessel, welch
 
 import tvsysid as tv
 from tvsysid.numerics.differentiation import differentiate
-from tvsysid.simulate import PRBS, Constant, FilteredNoise, SineWave, SquareWave, joint
-from tvsysid.simulate.joint import _Actuator
+from tvsysid.simulate import PRBS, Constant, FilteredNoise, Joint, SineWave, SquareWave
+from tvsysid.simulate.actuator import Actuator
 
 PERTURBATIONS = [FilteredNoise(), PRBS()]
 perturbed = pytest.mark.parametrize("perturbation", PERTURBATIONS, ids=["noise", "prbs"])
 
 
 def simulate(duration=20.0, **settings):
-    usual = {"stiffness": SquareWave(), "perturbation": FilteredNoise(), "snr_db": 10, "seed": 1}
-    return joint(duration, **(usual | settings))
+    asked = {"perturbation": FilteredNoise(), "snr_db": 10, "seed": 1, "rate": 1000.0}
+    asked |= {name: settings.pop(name) for name in asked if name in settings}
+    return Joint(**settings).simulate(duration, **asked)
 
 
 def inner(simulation, duration):
@@ -32,8 +33,8 @@ def test_sizes_are_those_asked_for(perturbation):
     assert recording.start == -1.0
     assert len(recording) == 62_000
     assert np.sqrt(np.mean(recording.angle[inside] ** 2)) == pytest.approx(np.radians(0.5))
-    noise = recording.torque - simulation.noiseless_torque
-    ratio = np.var(simulation.noiseless_torque[inside]) / np.var(noise[inside])
+    noise = recording.torque - simulation.pathways["intrinsic"]
+    ratio = np.var(simulation.pathways["intrinsic"][inside]) / np.var(noise[inside])
     assert 10 * np.log10(ratio) == pytest.approx(7.0)
 
 
@@ -51,17 +52,17 @@ def test_torque_is_that_of_the_recorded_angle(perturbation, viscosity):
     angle = differentiate(simulation.recording.angle, 1000.0, 40)
     middle = slice(40, -40)
     parts = (
-        simulation.stiffness[middle] * angle[0],
-        simulation.viscosity[middle] * angle[1],
-        simulation.inertia * angle[2],
+        simulation.truth["stiffness"][middle] * angle[0],
+        simulation.truth["viscosity"][middle] * angle[1],
+        simulation.truth["inertia"][middle] * angle[2],
     )
-    np.testing.assert_array_equal(simulation.recording.torque, simulation.noiseless_torque)
-    rest = simulation.noiseless_torque[middle] - sum(parts)
+    np.testing.assert_array_equal(simulation.recording.torque, simulation.pathways["intrinsic"])
+    rest = simulation.pathways["intrinsic"][middle] - sum(parts)
     limit = 0.03 if isinstance(perturbation, FilteredNoise) else 0.2  # a switch has no bandwidth
-    assert np.std(rest) < limit * np.std(simulation.noiseless_torque)
-    fit = np.linalg.lstsq(np.stack([part for part in parts], axis=1), simulation.noiseless_torque[middle], rcond=None)[
-        0
-    ]
+    assert np.std(rest) < limit * np.std(simulation.pathways["intrinsic"])
+    fit = np.linalg.lstsq(
+        np.stack([part for part in parts], axis=1), simulation.pathways["intrinsic"][middle], rcond=None
+    )[0]
     np.testing.assert_allclose(fit, 1.0, rtol=0.06)
 
 
@@ -77,16 +78,16 @@ def test_actuator_equals_the_differential_equation():
         return [state[1], stiffness * (u - state[0]) - damping * state[1]]
 
     solution = solve_ivp(slope, (-1 / rate, time[-1]), [0, 0], t_eval=time, rtol=1e-9, atol=1e-12, max_step=2e-4)
-    position, velocity, acceleration = _Actuator(rate)(drive)
+    position, velocity, acceleration = Actuator(rate)(drive)
     np.testing.assert_allclose(position, solution.y[0], atol=1e-6)
     np.testing.assert_allclose(velocity, solution.y[1], atol=1e-3)
     np.testing.assert_allclose(acceleration, stiffness * (drive - solution.y[0]) - damping * solution.y[1], atol=1.0)
 
 
 def test_blocks_make_no_seam():
-    actuator, drive = _Actuator(1000.0), np.random.default_rng(0).normal(size=1000)
+    actuator, drive = Actuator(1000.0), np.random.default_rng(0).normal(size=1000)
     whole = actuator(drive)
-    parts = _Actuator(1000.0)
+    parts = Actuator(1000.0)
     pieces = [parts(drive[i : i + 137]) for i in range(0, 1000, 137)]
     for index, signal in enumerate(whole):
         np.testing.assert_allclose(np.concatenate([piece[index] for piece in pieces]), signal, rtol=1e-9, atol=1e-9)
@@ -94,7 +95,7 @@ def test_blocks_make_no_seam():
 
 def test_noise_is_limited_to_40_hz():
     simulation = simulate(200.0, snr_db=0.0)
-    noise = simulation.recording.torque - simulation.noiseless_torque
+    noise = simulation.recording.torque - simulation.pathways["intrinsic"]
     frequencies, power = welch(noise, 1000.0, nperseg=2000)
     low = power[(frequencies > 1) & (frequencies < 10)].mean()
     at_cutoff = power[np.abs(frequencies - 40) < 2].mean()
@@ -115,7 +116,7 @@ def test_the_same_seed_gives_the_same_numbers(perturbation):
 def test_noise_and_perturbation_have_streams_of_their_own():
     quiet, loud = simulate(snr_db=30), simulate(snr_db=0)
     np.testing.assert_array_equal(quiet.recording.angle, loud.recording.angle)
-    np.testing.assert_array_equal(quiet.noiseless_torque, loud.noiseless_torque)
+    np.testing.assert_array_equal(quiet.pathways["intrinsic"], loud.pathways["intrinsic"])
 
 
 @pytest.mark.parametrize("rate", [200.0, 1000.0, 1024.0])
@@ -123,7 +124,7 @@ def test_other_rates(rate):
     simulation = simulate(10.0, rate=rate)
     assert simulation.recording.sampling_rate == rate
     assert len(simulation.recording) == 12 * rate
-    np.testing.assert_array_equal(simulation.stiffness, SquareWave()(simulation.recording.time))
+    np.testing.assert_array_equal(simulation.truth["stiffness"], SquareWave()(simulation.recording.time))
 
 
 @pytest.mark.parametrize(
@@ -132,24 +133,31 @@ def test_other_rates(rate):
 def test_a_profile_repeated_equals_the_profile_evaluated(profile):
     repeated = simulate(10.0, stiffness=profile)
     plain = simulate(10.0, stiffness=profile.__call__)
-    np.testing.assert_allclose(repeated.stiffness, plain.stiffness, atol=1e-9)
+    np.testing.assert_allclose(repeated.truth["stiffness"], plain.truth["stiffness"], atol=1e-9)
     np.testing.assert_allclose(repeated.recording.torque, plain.recording.torque, atol=1e-9)
 
 
 def test_any_callable_is_a_profile():
     simulation = simulate(10.0, stiffness=lambda time: 100 + 3 * time)
-    np.testing.assert_allclose(simulation.stiffness, 100 + 3 * simulation.recording.time)
+    np.testing.assert_allclose(simulation.truth["stiffness"], 100 + 3 * simulation.recording.time)
 
 
 def test_a_simulation_cannot_be_changed():
     simulation = simulate()
-    varying = simulate(viscosity=SineWave(2.0, 1.0)).viscosity
-    for values in (simulation.noiseless_torque, simulation.stiffness, varying, simulation.recording.angle):
+    varying = simulate(viscosity=SineWave(2.0, 1.0)).truth["viscosity"]
+    for values in (
+        simulation.pathways["intrinsic"],
+        simulation.truth["stiffness"],
+        varying,
+        simulation.recording.angle,
+    ):
         with pytest.raises(ValueError, match="read-only"):
             values[0] = 1
     with pytest.raises(dataclasses.FrozenInstanceError):
-        simulation.inertia = 1.0
-    np.testing.assert_array_equal(simulation.noiseless.torque, simulation.noiseless_torque)
+        simulation.truth = {}
+    with pytest.raises(TypeError, match="item assignment"):
+        simulation.truth["inertia"] = 1.0
+    np.testing.assert_array_equal(simulation.noiseless.torque, simulation.pathways["intrinsic"])
 
 
 @pytest.mark.parametrize("interval", [0.147, 0.1003, 0.05])

@@ -5,12 +5,10 @@ from tvsysid.benchmark.example import example_responses
 from tvsysid.benchmark.plan import plan
 from tvsysid.benchmark.run import read_results, run
 from tvsysid.benchmark.scores import score, summarize, time_spent
-from tvsysid.benchmark.study import PERTURBATIONS, PRESETS, PROFILES, Study
+from tvsysid.benchmark.study import PRESETS, Study
 
 __all__ = [
-    "PERTURBATIONS",
     "PRESETS",
-    "PROFILES",
     "Study",
     "example_responses",
     "judge",

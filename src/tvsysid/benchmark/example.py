@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tvsysid.benchmark.study import PERIOD, PERTURBATIONS, PROFILES, RATE, Scenario, Study
+from tvsysid.benchmark.study import PERIOD, RATE, Scenario, Study
 from tvsysid.methods import BasisIRF, EnsembleIRF, Method, ShortDataSegments
 from tvsysid.numerics.differentiation import HALF_WIDTH, derivative_weights
 from tvsysid.preprocess import decimate, segment
-from tvsysid.simulate import joint
+from tvsysid.simulate import PERTURBATIONS, PROFILES, Joint
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -40,9 +40,8 @@ def example_responses(seed: int = 0) -> xr.Dataset:
     """
     import xarray as xr  # noqa: PLC0415  # heavy
 
-    simulation = joint(
+    simulation = Joint(stiffness=SCENARIO.profile).simulate(
         SCENARIO.duration_s,
-        stiffness=SCENARIO.profile,
         perturbation=PERTURBATIONS[SCENARIO.perturbation],
         snr_db=SCENARIO.snr_db,
         seed=Study(seed=seed).seed_of(SCENARIO, 0),
@@ -51,11 +50,12 @@ def example_responses(seed: int = 0) -> xr.Dataset:
     methods: list[Method] = [EnsembleIRF(), ShortDataSegments(), BasisIRF(model="irf")]
     models: list[Any] = [method.identify(ensemble) for method in methods]
     stiffness = np.asarray(PROFILES[SCENARIO.stiffness](np.array(INSTANTS)))
-    viscosity = float(simulation.viscosity[0])
+    viscosity = float(simulation.truth["viscosity"][0])
     # Discrete weights of a derivative of order m are those for unit sample time, times the rate to the power m; a
     # response is per second, which is once more the rate.
     weights = derivative_weights(HALF_WIDTH) * RATE ** np.array([[1.0], [2.0], [3.0]])
-    truth = [k * weights[0] + viscosity * weights[1] + simulation.inertia * weights[2] for k in stiffness]
+    inertia = float(simulation.truth["inertia"][0])
+    truth = [k * weights[0] + viscosity * weights[1] + inertia * weights[2] for k in stiffness]
     rows = [round(instant * RATE) for instant in INSTANTS]
     dims = ("method_key", "instant", "lag")
     found = np.stack([model.impulse_response[rows] for model in models])

@@ -11,8 +11,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from tvsysid import metrics
-from tvsysid.benchmark.study import PROFILES
-from tvsysid.simulate import SquareWave
+from tvsysid.simulate import PROFILES, SquareWave
 
 if TYPE_CHECKING:
     import xarray as xr

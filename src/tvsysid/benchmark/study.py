@@ -16,11 +16,8 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from tvsysid.errors import InputError
 from tvsysid.execution import label_of, settings_in
 from tvsysid.methods import METHODS, parse
-from tvsysid.simulate import PRBS, Constant, CovaryingViscosity, FilteredNoise, SineWave, SquareWave
-from tvsysid.simulate.joint import Perturbation, Profile
+from tvsysid.simulate import PERTURBATIONS, PROFILES, CovaryingViscosity, Profile
 
-PROFILES: dict[str, Profile] = {"square": SquareWave(), "sine": SineWave(), "constant": Constant()}
-PERTURBATIONS: dict[str, Perturbation] = {"noise": FilteredNoise(), "prbs": PRBS()}
 VISCOSITIES = ("constant", "covarying")
 """2.2 N·m·s/rad, or between 1 and 3 N·m·s/rad with the stiffness."""
 CONSTANT_VISCOSITY = 2.2

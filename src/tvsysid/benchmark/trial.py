@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid import metrics
-from tvsysid.benchmark.study import PERIOD, PERTURBATIONS, RATE, Scenario
+from tvsysid.benchmark.study import PERIOD, RATE, Scenario
 from tvsysid.errors import DataQualityWarning, describe_error
 from tvsysid.execution import Outcome, Task, identified, versions
 from tvsysid.models import Model
 from tvsysid.preprocess import decimate, segment
 from tvsysid.signals import Ensemble
-from tvsysid.simulate import joint
+from tvsysid.simulate import PERTURBATIONS, Joint
 
 Array = NDArray[np.float64]
 
@@ -82,12 +82,10 @@ class Trial(Task):
         scenario = self.scenario
         clock = _Clock()
         with clock.stage("simulation"):
-            simulation = joint(
+            simulation = Joint(stiffness=scenario.profile, viscosity=scenario.viscosity_profile).simulate(
                 scenario.duration_s,
-                stiffness=scenario.profile,
                 perturbation=PERTURBATIONS[scenario.perturbation],
                 snr_db=scenario.snr_db,
-                viscosity=scenario.viscosity_profile,
                 seed=self.seed,
             )
         with clock.stage("preprocessing"):

@@ -161,8 +161,8 @@ def diagnose(ensemble: Ensemble) -> Diagnosis:
     Examples
     --------
     >>> import tvsysid as tv
-    >>> simulation = tv.simulate.joint(60, stiffness=tv.simulate.SineWave(), perturbation=tv.simulate.PRBS(),
-    ...                                snr_db=10, seed=1)
+    >>> joint = tv.simulate.Joint(stiffness=tv.simulate.SineWave())
+    >>> simulation = joint.simulate(60, perturbation=tv.simulate.PRBS(), snr_db=10, seed=1)
     >>> recording = tv.preprocess.decimate(simulation.recording, 100)
     >>> ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))
     >>> tv.diagnose(ensemble)

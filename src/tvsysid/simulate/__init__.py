@@ -1,21 +1,28 @@
-"""Simulated joints that carry the truth: perturbations, stiffness profiles, the joint, a whole participant."""
+"""Systems that can be simulated, and carry the truth; perturbations and profiles for them."""
 
-from tvsysid.simulate.joint import Simulation, joint
+from tvsysid.simulate.joint import Joint
 from tvsysid.simulate.participant import Participant, Traits, Trials, participant
-from tvsysid.simulate.perturbations import PRBS, FilteredNoise
-from tvsysid.simulate.profiles import Constant, CovaryingViscosity, SineWave, SquareWave
+from tvsysid.simulate.perturbations import PERTURBATIONS, PRBS, FilteredNoise, Perturbation
+from tvsysid.simulate.profiles import PROFILES, Constant, CovaryingViscosity, Profile, SineWave, SquareWave
+from tvsysid.simulate.simulation import Seed, Simulation, System
 
 __all__ = [
+    "PERTURBATIONS",
     "PRBS",
+    "PROFILES",
     "Constant",
     "CovaryingViscosity",
     "FilteredNoise",
+    "Joint",
     "Participant",
+    "Perturbation",
+    "Profile",
+    "Seed",
     "Simulation",
     "SineWave",
     "SquareWave",
+    "System",
     "Traits",
     "Trials",
-    "joint",
     "participant",
 ]

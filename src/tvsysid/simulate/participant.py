@@ -11,9 +11,10 @@ from scipy.signal import bilinear, butter, lfilter
 
 from tvsysid.errors import InputError
 from tvsysid.signals import Recording
-from tvsysid.simulate.joint import BANDWIDTH, RMS_ANGLE, Perturbation, _Actuator
-from tvsysid.simulate.perturbations import PRBS, FilteredNoise
+from tvsysid.simulate.actuator import Actuator
+from tvsysid.simulate.perturbations import PRBS, FilteredNoise, Perturbation
 from tvsysid.simulate.profiles import SineWave
+from tvsysid.simulate.setup import BANDWIDTH, RMS_ANGLE
 
 Array = NDArray[np.float64]
 
@@ -200,7 +201,7 @@ def participant(number: int, traits: Traits | None = None) -> Participant:
     late by a delay that varies, with an amplitude that drifts and jitters, with fluctuations in proportion to the
     torque, and at times not at all. Stiffness follows what the person does, not the target. The stretch reflex r, if
     any, is the delayed velocity of stretch through a half-wave rectifier and a second-order low-pass. Perturbations,
-    actuator and their size (0.5 degrees RMS) are those of :func:`joint`.
+    actuator and their size (0.5 degrees RMS) are those of :class:`Joint`.
 
     Parameters
     ----------
@@ -254,7 +255,7 @@ def _trials(traits: Traits, perturbation: Perturbation, late: float, random: np.
     drive = np.zeros((TRIALS, samples))
     for trial in drive:
         trial[rest:-rest] = perturbation.generate(samples - 2 * rest, RATE, for_angle)
-    angle, velocity, acceleration = _Actuator(RATE)(drive.ravel())
+    angle, velocity, acceleration = Actuator(RATE)(drive.ravel())
     # Not by BLAS, whose last bits depend on the number of threads.
     scale = RMS_ANGLE / math.sqrt(float(np.sum(np.square(angle))) / (TRIALS * (samples - 2 * rest)))
     angle, velocity, acceleration = scale * angle, scale * velocity, scale * acceleration

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,14 @@ from scipy.signal import butter, lfilter
 from tvsysid.errors import InputError
 
 Array = NDArray[np.float64]
+
+
+class Perturbation(Protocol):
+    """Anything that generates an angle, up to its scale."""
+
+    def generate(self, samples: int, rate: float, random: np.random.Generator) -> Array:
+        """Samples at the rate in Hz, shape (samples,)."""
+        ...  # pragma: no cover
 
 
 @dataclass(frozen=True)
@@ -72,3 +81,7 @@ class PRBS:
         switches = np.ceil(np.arange(1, len(levels) + 1) * interval - phase).astype(np.int64)
         lengths = np.diff(np.minimum(switches, samples), prepend=0)
         return np.repeat(levels, lengths)
+
+
+PERTURBATIONS: dict[str, Perturbation] = {"noise": FilteredNoise(), "prbs": PRBS()}
+"""Perturbations by name."""

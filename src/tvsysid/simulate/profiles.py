@@ -1,4 +1,4 @@
-"""How stiffness (or viscosity) changes over time: any callable of time serves; these are the usual ones."""
+"""How stiffness, viscosity or a gain changes over time: any callable of time serves; these are the usual ones."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from tvsysid.errors import InputError
 
 Array = NDArray[np.float64]
+Profile = Callable[[Array], Array]
+"""Of times in s, to one number for each."""
 
 
 def _check(profile: object, **positive: float) -> None:
@@ -124,7 +126,7 @@ class CovaryingViscosity:
     array([1., 3.])
     """
 
-    stiffness: Callable[[Array], Array]
+    stiffness: Profile
     low: float = 1.0
     high: float = 3.0
 
@@ -140,3 +142,38 @@ class CovaryingViscosity:
     def __call__(self, time: Array) -> Array:
         """Value at each time."""
         return self.low + (self.high - self.low) * (np.asarray(self.stiffness(time)) - 50.0) / 100.0
+
+
+PROFILES: dict[str, Profile] = {"square": SquareWave(), "sine": SineWave(), "constant": Constant()}
+"""Stiffness over time, by name."""
+
+
+def checked_profile(system: str, name: str, profile: object, *, number: bool = False) -> None:
+    """Raise InputError for what is no callable, nor (where one may be given) a finite number."""
+    if callable(profile):
+        return
+    if not number:
+        raise InputError(f"{system}: {name} must be a callable of time, such as Constant(100), got {profile!r}")
+    if not isinstance(profile, (int, float, np.number)) or not math.isfinite(profile):
+        raise InputError(f"{system}: {name} must be a finite number or a callable of time, got {profile!r}")
+
+
+def over_time(name: str, profile: float | Profile, index: NDArray[np.int64], rate: float) -> Array:
+    """Profile at the times index / rate; one period is computed and repeated where that is exact."""
+    if not callable(profile):
+        return np.broadcast_to(np.float64(profile), len(index))
+    period = getattr(profile, "period", None)
+    exact = 0.0 if period is None else float(period) * rate
+    cycle = round(exact)
+    repeats = 0 < cycle < len(index) and abs(exact - cycle) < 1e-9 * cycle
+    needed = np.arange(cycle) if repeats else index
+    values = np.asarray(profile(needed / rate), dtype=np.float64)
+    if values.shape != needed.shape or not np.isfinite(values).all():
+        raise InputError(
+            f"{name} must be one finite number for each time; for {len(needed)} times its profile gave "
+            f"values of shape {values.shape}{'' if np.isfinite(values).all() else ', some of them not finite'}"
+        )
+    if not repeats:
+        return np.array(values)
+    shift = int(index[0]) % cycle
+    return np.resize(np.concatenate([values[shift:], values[:shift]]), len(index))

@@ -1,0 +1,139 @@
+"""What every simulated experiment shares: checked settings, random streams, times, and the noise of the torque."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import reduce
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import butter, lfilter
+
+from tvsysid.errors import InputError
+from tvsysid.signals import Recording, checked_rate
+from tvsysid.simulate.perturbations import Perturbation
+from tvsysid.simulate.simulation import Seed, Simulation
+
+Array = NDArray[np.float64]
+
+RMS_ANGLE = math.radians(0.5)
+BANDWIDTH = 40.0
+"""Cut-off in Hz of the actuator's (Bessel) filter and of the measurement noise's (Butterworth)."""
+MARGIN = 1.0
+"""Seconds recorded before time 0 and after the duration, so that every realization has context."""
+RUN_IN = 1.0
+"""Seconds simulated before that and thrown away, so that the filters' start from rest is forgotten."""
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """What is asked of a system, checked once; its name is for messages."""
+
+    system: str
+    duration: float
+    perturbation: Perturbation
+    snr_db: float
+    seed: Seed
+    rate: float
+
+    def __post_init__(self) -> None:
+        rate, name = checked_rate(self.rate), self.system
+        object.__setattr__(self, "rate", rate)
+        if rate <= 2 * BANDWIDTH:
+            raise InputError(f"{name}: rate must be above {2 * BANDWIDTH:g} Hz, got {rate:g} Hz")
+        positive(name, duration=self.duration)
+        if self.inside < 1:
+            raise InputError(f"{name}: a duration of {self.duration:g} s is shorter than a sample at {rate:g} Hz")
+        if not isinstance(self.snr_db, (int, float, np.number)) or not self.snr_db > -300:
+            raise InputError(f"{name}: snr_db must be a number of decibels above -300, got {self.snr_db!r}")
+        if not callable(getattr(self.perturbation, "generate", None)):
+            raise InputError(
+                f"{name}: perturbation must be FilteredNoise, PRBS or have generate(), got {self.perturbation!r}"
+            )
+
+    @property
+    def inside(self) -> int:
+        """Samples from time 0 to the duration."""
+        return round(self.duration * self.rate)
+
+    @property
+    def run_in(self) -> int:
+        """Samples before the recording."""
+        return round(RUN_IN * self.rate)
+
+    @property
+    def index(self) -> NDArray[np.int64]:
+        """Number of each recorded sample; that at time 0 has number 0."""
+        margin = round(MARGIN * self.rate)
+        return np.arange(-margin, self.inside + margin)
+
+    @property
+    def inner(self) -> slice:
+        """Recorded samples from time 0 to the duration, over which sizes are measured."""
+        margin = round(MARGIN * self.rate)
+        return slice(margin, margin + self.inside)
+
+    def streams(self, count: int = 2) -> list[np.random.Generator]:
+        """Independent random numbers: for the perturbation, the noise, and whatever else the system draws."""
+        seed = self.seed
+        try:
+            if isinstance(seed, np.random.SeedSequence):
+                # Spawning counts in the sequence: with a copy, the same one gives the same numbers again.
+                seed = np.random.SeedSequence(seed.entropy, spawn_key=seed.spawn_key, pool_size=seed.pool_size)
+            return np.random.default_rng(seed).spawn(count)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"{self.system}: seed must be a whole number of zero or more, got {seed!r}") from error
+
+    def scale_of(self, angle: Array) -> float:
+        """Factor that gives an angle the usual RMS."""
+        size = float(np.dot(angle[self.inner], angle[self.inner]))
+        if size == 0:
+            raise InputError(f"{self.system}: {self.perturbation!r} gave a signal without movement")
+        return RMS_ANGLE / math.sqrt(size / self.inside)
+
+    def noise_scale(self, torque: Array, noise: Array) -> float:
+        """Factor that gives noise the size asked for, relative to a torque."""
+        ratio = float(np.std(torque[self.inner]) / np.std(noise[self.inner]))
+        return ratio * 10 ** (-self.snr_db / 20)
+
+    def simulation(
+        self,
+        angle: Array,
+        noise: Array,
+        pathways: Mapping[str, Array],
+        truth: Mapping[str, Array | float],
+        channels: Mapping[str, Array] | None = None,
+    ) -> Simulation:
+        """Simulation of these signals; noise of any size, which is overwritten, becomes the noisy torque."""
+        torque = reduce(np.add, pathways.values())
+        noise *= self.noise_scale(torque, noise)
+        noise += torque
+        over_time = {name: np.broadcast_to(values, len(angle)) for name, values in truth.items()}
+        for values in (angle, noise, *pathways.values()):
+            values.flags.writeable = False
+        recording = Recording(angle, noise, self.rate, self.index[0] / self.rate, channels or {})
+        return Simulation(recording, over_time, pathways)
+
+
+class LowPassedNoise:
+    """White noise through a second-order Butterworth low-pass, block after block; after so many samples to settle."""
+
+    def __init__(self, random: np.random.Generator, cutoff: float, rate: float, settling: int) -> None:
+        self.random, self.filter, self.state = random, butter(2, cutoff, fs=rate), np.zeros(2)
+        self(settling)
+
+    def __call__(self, samples: int) -> Array:
+        """Return the next samples."""
+        noise, self.state = lfilter(*self.filter, self.random.standard_normal(samples), zi=self.state)
+        return np.asarray(noise)
+
+
+def positive(system: str, **numbers: float) -> None:
+    """Raise InputError for a setting that is not a positive finite number."""
+    for name, value in numbers.items():
+        if not isinstance(value, (int, float, np.number)):
+            raise InputError(f"{system}: {name} must be a number, got {value!r}")
+        if not (math.isfinite(value) and value > 0):
+            raise InputError(f"{system}: {name} must be positive, got {value!r}")

@@ -1,0 +1,118 @@
+"""What a simulated system gives: a recording, the truth about it, and where its torque comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from functools import reduce
+from types import MappingProxyType
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tvsysid.errors import InputError
+from tvsysid.signals import Ensemble, Recording, checked_array
+from tvsysid.simulate.perturbations import Perturbation
+
+Array = NDArray[np.float64]
+Seed = int | np.random.Generator | np.random.SeedSequence
+
+
+class System(Protocol):
+    """Whatever can be simulated: a joint, and what it is perturbed with."""
+
+    def simulate(
+        self, duration: float, *, perturbation: Perturbation, snr_db: float, seed: Seed, rate: float = 1000.0
+    ) -> Simulation:
+        """Record so many seconds; see :meth:`Joint.simulate`."""
+        ...  # pragma: no cover
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Simulation:
+    """A simulated recording and the truth about it, sample by sample.
+
+    Parameters
+    ----------
+    recording
+        Angle and noisy torque, with the channels that the system has.
+    truth
+        Quantities by name, such as ``stiffness`` in N·m/rad, each of shape (time,).
+    pathways
+        Noiseless torque by where it comes from, such as ``intrinsic``, in N·m, each of shape (time,).
+
+    Raises
+    ------
+    InputError
+        For a quantity or pathway that is not one finite number for each sample of the recording, or no pathway.
+    """
+
+    recording: Recording
+    truth: Mapping[str, Array]
+    pathways: Mapping[str, Array]
+
+    def __post_init__(self) -> None:
+        for kind in ("truth", "pathways"):
+            checked = {}
+            for name, values in getattr(self, kind).items():
+                checked[name] = checked_array(f"{kind} {name!r}", values, ("time",))
+                if len(checked[name]) != len(self.recording):
+                    raise InputError(
+                        f"{kind} {name!r}: expected a value for each of the recording's {len(self.recording)} samples, "
+                        f"got {len(checked[name])}"
+                    )
+            object.__setattr__(self, kind, MappingProxyType(checked))
+        if not self.pathways:
+            raise InputError("pathways: expected the noiseless torque of one pathway at least, got none")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        values = (getattr(self, item.name) for item in fields(self))
+        return type(self), tuple(value if isinstance(value, Recording) else dict(value) for value in values)
+
+    def __repr__(self) -> str:
+        ranges = {
+            name: dict.fromkeys([f"{values.min():g}", f"{values.max():g}"]) for name, values in self.truth.items()
+        }
+        truth = ", ".join(f"{name} {' to '.join(ends)}" for name, ends in ranges.items())
+        return f"Simulation({self.recording!r}; {truth}; pathways {', '.join(self.pathways)})"
+
+    @property
+    def noiseless(self) -> Recording:
+        """The same recording with the sum of the pathways as its torque."""
+        return replace(self.recording, torque=reduce(np.add, self.pathways.values()))
+
+    def truth_of(self, ensemble: Ensemble) -> dict[str, Array]:
+        """Truth at each sample of an ensemble that was cut from the recording.
+
+        Samples are found by trial and time, so that the ensemble may be decimated, trimmed, aligned and selected.
+
+        Parameters
+        ----------
+        ensemble
+            Realizations of the recording.
+
+        Returns
+        -------
+        dict
+            Each quantity, of shape (realization, samples); the context is not counted.
+
+        Raises
+        ------
+        InputError
+            For trials or times that the recording does not hold.
+        """
+        assert ensemble.onsets is not None
+        assert ensemble.trials is not None
+        recording, trials = self.recording, ensemble.trials
+        within = np.rint((ensemble.onsets[:, None] + ensemble.time - recording.start) * recording.sampling_rate)
+        lengths = np.array([trial.stop - trial.start for trial in recording.trials])
+        if not (trials.min() >= 0 and trials.max() < len(lengths)) or not (
+            within.min() >= 0 and np.all(within[:, -1] < lengths[trials])
+        ):
+            raise InputError(
+                f"truth_of: {ensemble!r} holds trials or times that {recording!r} does not; "
+                "give an ensemble that was cut from this simulation's recording"
+            )
+        index = np.array(recording.trial_starts)[trials, None] + within.astype(np.int64)
+        return {name: values[index] for name, values in self.truth.items()}

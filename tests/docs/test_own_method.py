@@ -82,7 +82,7 @@ def test_the_script_compares_the_object(folder):
 def test_the_entry_point_is_of_the_group_that_is_read():
     import tomllib
 
-    from tvsysid.methods.foreign import GROUP
+    from tvsysid.methods.plugins import GROUP
 
     (project,) = blocks("toml")
     assert tomllib.loads(project)["project"]["entry-points"] == {GROUP: {"sliding": "mymethod:SlidingFit"}}

@@ -14,8 +14,8 @@ import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator
 
 from tvsysid.errors import InputError
-from tvsysid.execution import label_of, settings_in
-from tvsysid.methods import METHODS, parse
+from tvsysid.execution import settings_in
+from tvsysid.methods import METHODS, label_of, parse
 from tvsysid.simulate import PERTURBATIONS, PROFILES, CovaryingViscosity, Profile
 
 VISCOSITIES = ("constant", "covarying")

@@ -13,6 +13,7 @@ from contextlib import AbstractContextManager
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import cloudpickle
@@ -21,8 +22,8 @@ from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
 from tvsysid import __version__
-from tvsysid.errors import DataQualityWarning, InputError
-from tvsysid.methods.foreign import adopted, is_loose
+from tvsysid.errors import DataQualityWarning, InputError, library_folders
+from tvsysid.methods.foreign import adopted
 from tvsysid.models import Model
 from tvsysid.signals import Ensemble
 
@@ -90,13 +91,6 @@ _blas = cache(ThreadpoolController)
 _ONE_AT_A_TIME = threading.Lock()
 
 
-def label_of(method: Any) -> str:
-    """Name of a method in results: as typed, its repr, or that of its class where the repr tells an address only."""
-    if isinstance(method, str):
-        return method
-    return type(method).__name__ if " at 0x" in repr(method) else repr(method)
-
-
 def digests(methods: Mapping[str, Any]) -> dict[str, str]:
     """Digest of the file that holds each method of somebody else's: a method that was changed is another one."""
     found = {}
@@ -106,6 +100,12 @@ def digests(methods: Mapping[str, Any]) -> dict[str, str]:
         if file and not type(method).__module__.startswith("tvsysid.") and Path(file).is_file():
             found[label] = hashlib.sha256(Path(file).read_bytes()).hexdigest()[:12]
     return found
+
+
+def _is_loose(module: ModuleType) -> bool:
+    """Whether a module is a file of the user's, not an installed package."""
+    file = getattr(module, "__file__", None)
+    return bool(file) and not str(file).startswith(library_folders()) and module.__name__ != "__main__"
 
 
 def pickled(methods: Mapping[str, Any]) -> dict[str, bytes]:
@@ -119,7 +119,7 @@ def pickled(methods: Mapping[str, Any]) -> dict[str, bytes]:
     travelling = {}
     for label, method in methods.items():
         module = sys.modules.get(type(method).__module__)
-        by_value = module is not None and is_loose(module)
+        by_value = module is not None and _is_loose(module)
         if by_value:
             cloudpickle.register_pickle_by_value(module)
         try:

@@ -15,8 +15,8 @@ import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from tvsysid.errors import InputError
-from tvsysid.execution import label_of, settings_in
-from tvsysid.methods import parse
+from tvsysid.execution import settings_in
+from tvsysid.methods import label_of, parse
 
 VIRTUAL = (1, 2, 3, 4, 5, 6)
 """Numbers of the virtual participants that are studied if nobody else is named."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from tvsysid.figures.words import TRAITS, described, trait
-from tvsysid.methods.registry import METHODS
+from tvsysid.methods.plugins import METHODS
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -4,7 +4,7 @@ import textwrap
 import pytest
 
 import tvsysid as tv
-from tvsysid.methods import clashes, create, describe, key_of, names, parse, typed
+from tvsysid.methods import clashes, create, describe, from_text, key_of, label_of, load, names, parse, typed
 from tvsysid.numerics.bases import CubicBSplines, FourierSeries
 
 MODULE = '''
@@ -202,9 +202,9 @@ def test_object_serves_as_it_is():
         ),
         ("mine_for_tests:Plain:windw=1", r"unknown setting 'windw'; its settings are gain, label"),
         ("mine_for_tests:Fit:window=1,order", r"expected setting=value, got 'order'"),
-        ("mine_for_tests:Fit:window=wide", r"window cannot be 'wide': input should be a valid number"),
-        ("mine_for_tests:Fit:kind=middling", r"kind cannot be 'middling': input should be 'fast' or 'slow'"),
-        ("mine_for_tests:Fit:weights=[1]", r"weights cannot be '\[1\]': input should be an instance of ndarray"),
+        ("mine_for_tests:Fit:window=wide", r"window must be a number, got 'wide'"),
+        ("mine_for_tests:Fit:kind=middling", r"kind must be 'fast' or 'slow', got 'middling'"),
+        ("mine_for_tests:Fit:weights=[1]", r"weights must be an instance of ndarray, got '\[1\]'"),
         (
             "mine_for_tests:Fit:window=-1",
             r"class Fit cannot be made with these settings: ValueError: window must be positive "
@@ -339,3 +339,77 @@ def test_settings_of_kernel_regression_from_words():
     assert {"order = 2", "lag = 0.0"} <= set(describe("kbr").settings)
     with pytest.raises(tv.InputError, match=r"order must be a whole number, got '1.5'"):
         parse("kbr:order=1.5")
+
+
+OBJECTS = """
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Joint:
+    viscosity: float = 2.2
+
+    def simulate(self, duration, perturbation, snr_db, seed, rate=1000.0):
+        return self
+
+
+def profile(time):
+    return 100 + 0 * time
+
+
+class Steps:
+    def generate(self, samples, rate, random):
+        return random.standard_normal(samples)
+"""
+
+
+@pytest.fixture
+def objects(folder):
+    (folder / "objects_for_tests.py").write_text(OBJECTS)
+
+
+@pytest.mark.usefixtures("objects")
+def test_systems_profiles_and_perturbations_of_ones_own():
+    module = "objects_for_tests"
+    assert from_text(f"{module}:Joint:viscosity=3", "system").viscosity == 3.0
+    assert load(f"{module}:Joint") is type(from_text(f"{module}:Joint", "system"))
+    assert from_text(f"{module}:profile", "profile") is load(f"{module}:profile")
+    assert type(from_text(f"{module}:Steps", "perturbation")).__name__ == "Steps"
+
+
+@pytest.mark.usefixtures("objects")
+@pytest.mark.parametrize(
+    ("text", "what", "message"),
+    [
+        (
+            "objects_for_tests:Steps",
+            "system",
+            r"^system 'objects_for_tests:Steps': class Steps has no simulate; a",
+        ),
+        (
+            "objects_for_tests:Joint",
+            "perturbation",
+            r"^perturbation .*: class Joint has no generate; a perturb",
+        ),
+        ("objects_for_tests:Ankle", "system", r"has no 'Ankle'; what it has with simulate: Joint$"),
+        ("objects_for_tests:profile:a=1", "profile", r"takes no settings, got a; name its class function instead"),
+        ("objects_for_tests:Joint:viscosity=low", "system", r"^system .*: viscosity must be a number, got 'low'"),
+        ("nowhere_for_tests:Joint", "system", r"^system 'nowhere_for_tests:Joint': there is no module"),
+        ("sds", "profile", r"^profile 'sds': expected module:Class, as in mypackage\.mymodule:MyProfile"),
+    ],
+)
+def test_what_is_no_system_profile_or_perturbation_is_refused(text, what, message):
+    with pytest.raises(tv.InputError, match=message):
+        from_text(text, what)
+
+
+def test_true_is_no_number():
+    with pytest.raises(tv.InputError, match="window must be a number, got 'true'"):
+        parse("sds:window=true")
+
+
+@pytest.mark.parametrize(
+    ("item", "label"), [("sds:window=0.2", "sds:window=0.2"), (tv.ShortDataSegments(), None), (object(), "object")]
+)
+def test_label_in_results(item, label):
+    assert label_of(item) == (label or repr(item))

@@ -1,0 +1,437 @@
+"""Methods by name: the package's own, those of installed packages, and ``module:Object`` of a user's own.
+
+Settings typed as text get the types of their fields, whoever wrote the method. Systems, profiles and perturbations of a
+user's own are found in the same way.
+"""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import inspect
+import json
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import fields, is_dataclass
+from importlib.metadata import EntryPoint, distributions
+from types import ModuleType
+from typing import Any, NamedTuple, Protocol, get_type_hints
+
+from pydantic import ConfigDict, PydanticUserError, TypeAdapter, ValidationError
+
+from tvsysid.errors import InputError, describe_error
+from tvsysid.methods.base import Method
+from tvsysid.methods.birf import BasisIRF
+from tvsysid.methods.eirf import EnsembleIRF
+from tvsysid.methods.esm import EnsembleSpectral
+from tvsysid.methods.kbr.kbr import KernelRegression
+from tvsysid.methods.sds import ShortDataSegments
+from tvsysid.methods.tuning.tuning import Tuned
+from tvsysid.numerics.bases import BASES, Basis, basis_from_text
+from tvsysid.signals import Ensemble
+
+METHODS: dict[str, type[Method]] = {
+    method.key: method for method in (EnsembleIRF, ShortDataSegments, BasisIRF, EnsembleSpectral, KernelRegression)
+}
+
+GROUP = "tvsysid.methods"
+"""Group of entry points under which a package offers its methods."""
+
+VERBS = {
+    "method": ("identify", "identify(self, ensemble) that returns a model with stiffness and predict(ensemble)"),
+    "system": ("simulate", "simulate(self, duration, perturbation, snr_db, seed, rate) that returns a Simulation"),
+    "profile": ("__call__", "__call__(self, time) that returns a value for each time"),
+    "perturbation": ("generate", "generate(self, samples, rate, random) that returns an angle for each sample"),
+}
+"""What an object of each kind must have, and how it is written."""
+
+
+class Identifies(Protocol):
+    """What every method is: an object with one verb."""
+
+    def identify(self, ensemble: Ensemble) -> Any:
+        """Model with ``stiffness``, shape (time,), and ``predict(ensemble)``, shape (realization, time)."""
+
+
+class Description(NamedTuple):
+    """What there is to say about a method."""
+
+    title: str
+    assumptions: tuple[str, ...]
+    settings: tuple[str, ...]
+    """As ``name = default``."""
+
+
+def names() -> tuple[str, ...]:
+    """Keys of all methods: the package's own, then those that installed packages offer.
+
+    Nothing is loaded. A method that a package offers under one of the package's own keys is ignored; see
+    :func:`clashes`.
+
+    Examples
+    --------
+    >>> names()[:5]
+    ('eirf', 'sds', 'birf', 'esm', 'kbr')
+    """
+    return (*METHODS, *(name for name in installed() if name not in METHODS))
+
+
+def clashes() -> tuple[str, ...]:
+    """What installed packages offer under one of the package's own keys, in a sentence each."""
+    return tuple(
+        f"{name!r} is offered by the installed package {_package(point)} too; the package's own is used. Name the "
+        f"other {_place(point)}"
+        for name, point in installed().items()
+        if name in METHODS
+    )
+
+
+def installed() -> dict[str, EntryPoint]:
+    """Methods of installed packages by name, sorted; none of them is loaded."""
+    found: dict[str, EntryPoint] = {}
+    for distribution in distributions():
+        with suppress(Exception):  # unreadable metadata of whatever package must not stop the others
+            for point in distribution.entry_points.select(group=GROUP):
+                found.setdefault(point.name, point)
+    return dict(sorted(found.items()))
+
+
+def _package(point: EntryPoint) -> str:
+    return getattr(point.dist, "name", None) or "without a name"
+
+
+def _place(point: EntryPoint) -> str:
+    return point.value.partition("[")[0].replace(" ", "")
+
+
+def create(key: str, **settings: Any) -> Identifies:
+    """Method of this key, one of :func:`names` or ``module:Class``, with settings by name; the paper's otherwise.
+
+    ``kbr`` also takes ``preset``, ``"simulation"`` or ``"experiment"``. With ``tuned=True`` a method of the package
+    chooses its settings from the data, beginning with these: see :class:`Tuned`.
+
+    Raises
+    ------
+    InputError
+        For an unknown key or setting, or a value that does not fit.
+
+    Examples
+    --------
+    >>> create("sds", window=0.2)
+    ShortDataSegments(max_lag=0.12, window=0.2)
+    """
+    made: Identifies = _made(key, _target(key, "method"), settings, "method")
+    return made
+
+
+def parse(text: str) -> Identifies:
+    """Method from a word as typed on the command line: ``key`` or ``key:setting=value,setting=value``.
+
+    Parameters
+    ----------
+    text
+        For example ``"sds"``, ``"sds:window=0.2,max_lag=0.1"``, ``"kbr:tuned=true"``, or a method of one's own,
+        ``"mypackage.mymodule:MyMethod"`` or ``"mypackage.mymodule:MyMethod:order=3"``. The package's own keys come
+        first, then modules, then the names that installed packages offer.
+
+    Raises
+    ------
+    InputError
+        For an unknown key or setting, a value that does not fit, or a module that cannot be used.
+
+    Examples
+    --------
+    >>> parse("esm:window=0.4,stiffness=fit")
+    EnsembleSpectral(window=0.4, stiffness='fit')
+    >>> parse("birf:basis=HaarWavelets(functions=8)").basis
+    HaarWavelets(functions=8)
+    >>> parse("kbr:gamma=(4.5, 0.1, 1e-4)").gamma
+    (4.5, 0.1, 0.0001)
+    >>> parse("birf:tuned=true").title
+    'Basis impulse response function, tuned'
+    >>> parse("tvsysid.methods:ShortDataSegments:window=0.2")
+    ShortDataSegments(max_lag=0.12, window=0.2)
+    """
+    made: Identifies = from_text(text, "method")
+    return made
+
+
+def from_text(text: str, what: str) -> Any:
+    """Object from ``module:Object`` or ``module:Class:setting=value``, as :func:`parse`; an instance, if it is a class.
+
+    ``what`` it is to be is one of :data:`VERBS`; errors are those of :func:`parse`.
+    """
+    key, rest = _split(text)
+    target, settings = _target(key, what), {}
+    for part in filter(None, _parts(rest)):
+        name, equals, value = (piece.strip() for piece in part.partition("="))
+        if not equals:
+            raise InputError(f"{what} {text!r}: expected setting=value, got {part!r}")
+        settings[name] = value
+    if not isinstance(target, type):
+        return _made(key, target, settings, what)
+    kinds = _types_of(target)
+    try:
+        values = {name: _converted(target, name, value, kinds.get(name, Any)) for name, value in settings.items()}
+    except InputError as error:
+        raise InputError(f"{what} {text!r}: {error}") from error
+    return _made(key, target, values, what)
+
+
+def load(name: str, what: str = "object") -> Any:
+    """Class or object of this name, as it is; imports its module.
+
+    Parameters
+    ----------
+    name
+        As ``package.module:Object``.
+    what
+        What it is to be, for messages: one of :data:`VERBS`, or another word.
+
+    Raises
+    ------
+    InputError
+        If there is no such module, it fails while it is imported, or it has no such name.
+    """
+    where, _, path = name.partition(":")
+    label = f"{what} {name!r}"
+    if where.endswith(".py") or "/" in where or "\\" in where:
+        stem = where.replace("\\", "/").rpartition("/")[2].removesuffix(".py")
+        raise InputError(f"{label}: expected the name of a module, got a file; go to its folder and give {stem}:{path}")
+    if not all(word.isidentifier() for word in (*where.split("."), *path.split("."))):
+        raise InputError(f"{label}: expected module:Class, as in mypackage.mymodule:My{what.title()}")
+    importlib.invalidate_caches()  # the file may have been written a moment ago
+    try:
+        module = importlib.import_module(where)
+    except (Exception, SystemExit) as error:
+        absent = error.name if isinstance(error, ModuleNotFoundError) else None
+        if absent is not None and f"{where}.".startswith(f"{absent}."):
+            raise InputError(
+                f"{label}: there is no module {absent!r}; the current folder and the installed packages were searched. "
+                "Go to the folder that holds it, or install its package"
+            ) from error
+        raise InputError(f"{label}: module {where!r} fails while it is imported: {describe_error(error)}") from error
+    target: Any = module
+    for word in path.split("."):
+        if not hasattr(target, word):
+            raise InputError(f"{label}: module {where!r} has no {path!r}; {_contents(module, what)}")
+        target = getattr(target, word)
+    return target
+
+
+def typed(method: Method) -> str:
+    """Word that :func:`parse` makes one of the package's own methods of: its key, and what differs from its defaults.
+
+    Examples
+    --------
+    >>> typed(ShortDataSegments(window=0.2)), typed(KernelRegression())
+    ('sds:window=0.2', 'kbr')
+    """
+    usual = type(method)()
+    changed = {item.name: getattr(method, item.name) for item in fields(method)}
+    words = [
+        f"{name}={value if isinstance(value, str) else repr(value)}".replace(" ", "")
+        for name, value in changed.items()
+        if value != getattr(usual, name)
+    ]
+    return ":".join(filter(None, (method.key, ",".join(words))))
+
+
+def label_of(item: object) -> str:
+    """Name in results: as typed, the repr, or the name of the class where the repr shows an address only."""
+    if isinstance(item, str):
+        return item
+    return type(item).__name__ if " at 0x" in repr(item) else repr(item)
+
+
+def key_of(text: str) -> str:
+    """Key of a method as typed on the command line, without its settings.
+
+    Examples
+    --------
+    >>> key_of("sds:window=0.2"), key_of("mymodule:MyMethod:order=3")
+    ('sds', 'mymodule:MyMethod')
+    """
+    return _split(text)[0]
+
+
+def describe(key: str) -> Description:
+    """Title, assumptions and settings of a method, as far as it states them; key and errors as for :func:`create`."""
+    target = _target(key, "method")
+    kind = target if isinstance(target, type) else type(target)
+    stated = getattr(target, "assumptions", ())
+    several = not isinstance(stated, str) and hasattr(stated, "__iter__")
+    settings = []
+    if isinstance(target, type):
+        made = None
+        with suppress(InputError):  # it needs settings that have no default
+            made = create(key)
+        for name, item in _settings_of(target)[0].items():
+            default = getattr(made, name, item.default)
+            settings.append(f"{name} (must be given)" if item.default is item.empty else f"{name} = {default!r}")
+    assumptions = tuple(str(text) for text in (stated if several else [stated]))
+    return Description(str(getattr(target, "title", kind.__name__)), assumptions, tuple(settings))
+
+
+def _target(key: str, what: str) -> Any:
+    """Class or object of a key; of a method, the package's own come first."""
+    if what == "method" and key in METHODS:
+        return METHODS[key]
+    if what != "method" or ":" in key:
+        return load(key, what)
+    point = installed().get(key)
+    if point is None:
+        raise InputError(
+            f"unknown method {key!r}; the methods are {', '.join(names())}; a method of your own is named module:Class"
+        )
+    try:
+        return load(_place(point), what)
+    except InputError as error:
+        raise InputError(
+            f"method {key!r} of the installed package {_package(point)} cannot be loaded: {error}"
+        ) from error
+
+
+def _made(key: str, target: Any, settings: Mapping[str, Any], what: str) -> Any:
+    """Object from a class and its settings, or the object itself."""
+    label, kind = f"{what} {key!r}", type(target).__name__
+    said = f"class {target.__name__}" if isinstance(target, type) else f"an object of type {kind}"
+    verb, written = VERBS[what]
+    if not callable(getattr(target, verb, None)):
+        raise InputError(f"{label}: {said} has no {verb}; a {what} is a class with {written}")
+    if not isinstance(target, type):
+        if settings:
+            raise InputError(
+                f"{label}: it is an object that is there already, and takes no settings, got {', '.join(settings)}; "
+                f"name its class {kind} instead"
+            )
+        return target
+    fields_of, takes_any = _settings_of(target)
+    known = [*fields_of, *_further_settings(target)]
+    unknown = [name for name in settings if name not in known and not takes_any]
+    if unknown:
+        has = f"its settings are {', '.join(known)}" if known else "it has no settings"
+        raise InputError(f"{label}: unknown setting {unknown[0]!r}; {has}")
+    missing = [name for name, item in fields_of.items() if item.default is item.empty and name not in settings]
+    if missing:
+        raise InputError(
+            f"{label}: {said} needs {', '.join(missing)}; give a value, as in "
+            f"{key}:{','.join(f'{name}=…' for name in missing)}, or a default in the class"
+        )
+    try:
+        return _own(target, **settings) if issubclass(target, Method) else target(**settings)
+    except InputError:
+        raise
+    except (Exception, SystemExit) as error:
+        raise InputError(f"{label}: {said} cannot be made with these settings: {describe_error(error)}") from error
+
+
+def _own(kind: Any, tuned: bool = False, preset: str | None = None, **settings: Any) -> Method | Tuned:
+    """One of the package's own methods."""
+    if not isinstance(tuned, bool):
+        raise InputError(f"{kind.key}: tuned must be true or false, got {tuned!r}")
+    made: Method = kind(**settings) if preset is None else kind.preset(preset, **settings)
+    return Tuned(made) if tuned else made
+
+
+def _further_settings(target: type) -> dict[str, type]:
+    """Settings of the package's own methods that are no fields."""
+    if not issubclass(target, Method):
+        return {}
+    return ({"preset": str} if hasattr(target, "preset") else {}) | {"tuned": bool}
+
+
+def _settings_of(target: type) -> tuple[dict[str, inspect.Parameter], bool]:
+    """Settings that a class takes by name, and whether it takes any others."""
+    parameters: list[inspect.Parameter] = []
+    with suppress(TypeError, ValueError):  # compiled classes may not say
+        parameters = list(inspect.signature(target).parameters.values())
+    gathered = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
+    named = {item.name: item for item in parameters if item.kind not in gathered}
+    return named, any(item.kind is item.VAR_KEYWORD for item in parameters)
+
+
+def _types_of(target: type) -> dict[str, Any]:
+    hints: dict[str, Any] = {}
+    if is_dataclass(target):
+        with suppress(Exception):  # names that are there for the type checker only
+            hints = get_type_hints(target, include_extras=True)
+    return hints | _further_settings(target)
+
+
+def _converted(target: type, name: str, text: str, kind: Any) -> Any:
+    """Setting from how it is typed, or shows itself: what the text reads as, or else the text, as the field's type."""
+    read = _read(text, kind)
+    adapter = _adapter(kind)
+    if adapter is None:
+        return read
+    errors = []
+    for value in (read, text):
+        try:
+            made = adapter.validate_python(value)
+        except ValidationError as error:
+            errors.append(error.errors()[0])
+        else:
+            if isinstance(made, bool) or not isinstance(value, bool):  # true is no number
+                return made
+    expected = _EXPECTED.get(errors[0]["type"])
+    if expected is None and issubclass(target, Method):
+        return read  # it checks its settings itself, and says more about them
+    expected = expected or errors[0]["msg"].removeprefix("Input should be ")
+    raise InputError(f"{name} must be {expected}, got {text!r}")
+
+
+_EXPECTED = {
+    "float_parsing": "a number",
+    "int_parsing": "a whole number",
+    "int_from_float": "a whole number",
+    "bool_parsing": "true or false",
+}
+"""In the place of pydantic's own words."""
+
+
+def _read(text: str, kind: Any) -> Any:
+    """Basis, JSON or Python literal; the text itself, if it is none of them."""
+    if kind == Basis or text.partition("(")[0] in {basis.__name__ for basis in BASES}:
+        return basis_from_text(text)
+    for reader in (json.loads, ast.literal_eval):
+        with suppress(ValueError, SyntaxError, TypeError):
+            return reader(text)
+    return text
+
+
+def _adapter(kind: Any) -> TypeAdapter[Any] | None:
+    for config in (ConfigDict(arbitrary_types_allowed=True), None):
+        with suppress(PydanticUserError):  # a class with a configuration of its own, or no type at all
+            return TypeAdapter(kind, config=config)
+    return None
+
+
+def _contents(module: ModuleType, what: str) -> str:
+    """What a module has that could be meant."""
+    verb = VERBS[what][0] if what in VERBS else "__call__"
+    public = {name: value for name, value in vars(module).items() if not name.startswith("_")}
+    found = [n for n, value in public.items() if callable(getattr(value, verb, None)) and not inspect.isabstract(value)]
+    return f"what it has with {verb}: {', '.join(found)}" if found else f"nothing in it has {verb}"
+
+
+def _split(text: str) -> tuple[str, str]:
+    """Key and settings of a method: what stands behind a colon is a class if it has no equals sign."""
+    head, _, rest = text.partition(":")
+    first, _, after = rest.partition(":")
+    if head not in METHODS and first and "=" not in first:
+        return f"{head}:{first}", after
+    return head, rest
+
+
+def _parts(text: str) -> Iterator[str]:
+    """Pieces between commas that stand outside of brackets."""
+    depth, piece = 0, ""
+    for sign in text:
+        depth += (sign in "([{") - (sign in ")]}")
+        if sign == "," and depth == 0:
+            yield piece
+            piece = ""
+        else:
+            piece += sign
+    yield piece

@@ -1,7 +1,7 @@
 """How often a diagnosis raises a false alarm: run ``python benchmarks/diagnosis.py`` from the repository root.
 
 Diagnoses clean simulated joints and prepared virtual participants, and prints every finding (each of which is false),
-how near to its threshold each check came, and how long a diagnosis took. Clean is meant widely: constant, sinusoidal
+how near to its limit each check came, and how long a diagnosis took. Clean is meant widely: constant, sinusoidal
 and square-wave stiffness; filtered noise and PRBS; periods of 1 to 3 s; 40 to 300 s; 5 to 30 dB; delays of less than
 3 ms, as filters that do not match leave them; noise in the torque that is wide, slow, varies over the cycle, or is
 louder in some realizations; 100 Hz, and 1 kHz with periods that divide by nothing. Ends with 1 if more than 5 % of the
@@ -111,8 +111,8 @@ def participant(number: int, perturbation: str) -> tv.Ensemble:
 
 def survey(console: Console, title: str, ensembles) -> int:  # type: ignore[no-untyped-def]
     """Number of ensembles with a finding."""
-    false, seconds, values = 0, [], {name: [] for name in tv.diagnosis.KINDS}
-    alarms = dict.fromkeys(tv.diagnosis.KINDS, 0)
+    false, seconds, values = 0, [], {name: [] for name in tv.quality.FAULTS}
+    alarms = dict.fromkeys(tv.quality.FAULTS, 0)
     for name, ensemble in ensembles:
         started = time.perf_counter()
         diagnosis = tv.diagnose(ensemble)
@@ -127,12 +127,12 @@ def survey(console: Console, title: str, ensembles) -> int:  # type: ignore[no-u
     if not seconds:
         return 0
     table = Table(title=f"{title}: {false} of {len(seconds)} with a finding", title_justify="left")
-    for heading in ("check", "judged", "found", "nearest", "threshold", "unit"):
+    for heading in ("check", "judged", "found", "nearest", "limit", "unit"):
         table.add_column(heading, justify="left" if heading in ("check", "unit") else "right")
-    for name, kind in tv.diagnosis.KINDS.items():
+    for name, fault in tv.quality.FAULTS.items():
         seen = values[name]
-        nearest = f"{(max if kind.wrong == 'above' else min)(seen):.3g}" if seen else "-"
-        table.add_row(name, str(len(seen)), str(alarms[name]), nearest, f"{kind.limit:g}", kind.unit)
+        nearest = f"{(max if fault.wrong == 'above' else min)(seen):.3g}" if seen else "-"
+        table.add_row(name, str(len(seen)), str(alarms[name]), nearest, f"{fault.limit:g}", fault.unit)
     console.print(table)
     console.print(
         f"a diagnosis took {np.mean(seconds):.2f} s on average, {max(seconds):.2f} s at most\n", highlight=False

@@ -57,7 +57,7 @@ def test_a_recording_is_diagnosed_as_told(tmp_path, monkeypatch, capsys):
         cli.main()
     assert stopped.value.code == 0
     assert (tmp_path / "tvsysid-inspect" / "ankle.mat.pos-tq.diagnosis.html").exists()
-    count = len(tv.diagnosis.KINDS)
+    count = len(tv.quality.FAULTS)
     assert f"looks for {count} things" in README
     assert f"nothing is wrong of {count - 3} things" in " ".join(capsys.readouterr().out.split())
 

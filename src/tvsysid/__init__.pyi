@@ -1,16 +1,15 @@
 from . import benchmark as benchmark
-from . import diagnosis as diagnosis
 from . import experiment as experiment
 from . import figures as figures
 from . import methods as methods
 from . import metrics as metrics
 from . import preprocess as preprocess
+from . import quality as quality
 from . import recordings as recordings
 from . import report as report
 from . import simulate as simulate
 from . import uncertainty as uncertainty
 from .check import check_method as check_method
-from .diagnosis import diagnose as diagnose
 from .errors import DataQualityWarning as DataQualityWarning
 from .errors import InputError as InputError
 from .methods import BasisIRF as BasisIRF
@@ -25,6 +24,7 @@ from .numerics.bases import FourierSeries as FourierSeries
 from .numerics.bases import GaussianBumps as GaussianBumps
 from .numerics.bases import HaarWavelets as HaarWavelets
 from .numerics.bases import LegendrePolynomials as LegendrePolynomials
+from .quality import diagnose as diagnose
 from .recordings import read_recording as read_recording
 from .recordings import read_trials as read_trials
 from .signals import Ensemble as Ensemble

@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from tvsysid.check import Check
-    from tvsysid.diagnosis import Diagnosis
     from tvsysid.methods import Method
     from tvsysid.models import Model
+    from tvsysid.quality import Diagnosis
     from tvsysid.signals import Ensemble, Recording
 
 app = typer.Typer(
@@ -518,8 +518,8 @@ def inspect(
     from threadpoolctl import threadpool_limits
 
     from tvsysid import preprocess
-    from tvsysid.diagnosis import diagnose as diagnosis_of
     from tvsysid.figures import recorded_channels, save
+    from tvsysid.quality import diagnose as diagnosis_of
     from tvsysid.recordings import describe_file
     from tvsysid.report import write_diagnosis
 
@@ -1005,8 +1005,8 @@ def _write_experiment(experiment: Any, results: Any, prepared: Any, out: Path, c
     """Write tables, ensembles, figures and report, and print the essence; whether every analysis gave a result."""
     import pandas as pd
 
-    from tvsysid.diagnosis import diagnose
     from tvsysid.experiment import exclusions, judge, stiffness_over_time, summarize
+    from tvsysid.quality import diagnose
     from tvsysid.recordings import whole_file, write_ensemble
     from tvsysid.report import experiment_troubles, write_diagnosis, write_experiment_report
 
@@ -1354,13 +1354,11 @@ def _recording(
 
 
 def _print_diagnosis(diagnosis: Diagnosis, name: str) -> None:
-    from tvsysid.diagnosis import strength
-
     output.print(escape(f"{name}: {diagnosis.ensemble}: {diagnosis.verdict}"), highlight=False, soft_wrap=True)
     for check in diagnosis.findings:
-        lines = f"  seen: {check.what}\n  does: {check.effect}\n  do:   {check.remedy}"
-        output.print(f"[bold]{check.name}[/] ({strength(check)})\n{escape(lines)}", highlight=False, soft_wrap=True)
-    for line in diagnosis.doubts:
+        lines = f"  seen: {check.what}\n  does: {check.fault.effect}\n  do:   {check.fault.remedy}"
+        output.print(f"[bold]{check.name}[/] ({check.strength})\n{escape(lines)}", highlight=False, soft_wrap=True)
+    for line in diagnosis.notes:
         output.print(escape(line), highlight=False, soft_wrap=True)
 
 

@@ -9,8 +9,8 @@ from tests.report.conftest import HOSTILE
 from tests.report.elements import Elements
 
 import tvsysid as tv
-from tvsysid.diagnosis import KINDS
 from tvsysid.errors import InputError
+from tvsysid.quality import FAULTS
 from tvsysid.report import diagnosis_section, write_diagnosis
 
 
@@ -60,7 +60,7 @@ def test_headings_anchors_and_regions(elements):
 
 def test_findings_with_effect_and_remedy(elements):
     found = next(text for _, text in elements.of("table") if "What was found in" in text)
-    for part in (KINDS["delay"].title, KINDS["delay"].effect, KINDS["delay"].remedy, "ms late", "at most 5"):
+    for part in (FAULTS["delay"].title, FAULTS["delay"].effect, FAULTS["delay"].remedy, "ms late", "at most 5"):
         assert part in found
 
 
@@ -68,7 +68,7 @@ def test_everything_that_was_looked_at_is_there(elements):
     tables = [text for _, text in elements.of("table") if text.startswith("Everything that was looked for")]
     assert len(tables) == 2
     for text in tables:
-        assert all(name in text for name in KINDS)
+        assert all(name in text for name in FAULTS)
     assert "not judged not judged" not in " ".join(tables[0].replace("–", " ").split())
     assert "Not judged: mean-torque, mean-angle (the mean over" in " ".join(text for _, text in elements.of("p"))
     assert "✗ found" in tables[1]

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tvsysid.diagnosis import Curves, Diagnosis
 from tvsysid.figures.illustration import Illustration
 from tvsysid.figures.style import PALETTE, TRUTH, plain
+from tvsysid.quality import Curves, Diagnosis
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from tvsysid import __version__
-from tvsysid.diagnosis import Check, Diagnosis, strength
 from tvsysid.errors import InputError
 from tvsysid.figures import diagnosis_illustration
+from tvsysid.quality import Diagnosis, Finding
 from tvsysid.report.rendering import filled, picture, write_page
 from tvsysid.report.tables import number
 
@@ -69,7 +69,7 @@ def _content(diagnoses: Mapping[str, Diagnosis]) -> dict[str, Any]:
                 "anchor": f"diagnosis-{index}",
                 "ensemble": each.ensemble,
                 "verdict": each.verdict,
-                "doubts": each.doubts,
+                "notes": each.notes,
                 "findings": [_row(check) for check in each.findings],
                 "checks": [_row(check) for check in each.checks],
                 "measures": [
@@ -86,9 +86,6 @@ def _known(diagnosis: Diagnosis) -> list[tuple[str, tuple[float, str]]]:
     return [(key, measure) for key, measure in diagnosis.measures.items() if math.isfinite(measure[0])]
 
 
-def _row(check: Check) -> dict[str, Any]:
-    names = ("name", "title", "what", "effect", "remedy", "measure", "state")
-    return {name: getattr(check, name) for name in names} | {
-        "symbol": SYMBOLS[check.state],
-        "strength": strength(check),
-    }
+def _row(finding: Finding) -> dict[str, Any]:
+    row = {name: getattr(finding, name) for name in ("name", "what", "state", "strength")}
+    return row | finding.fault._asdict() | {"symbol": SYMBOLS[finding.state]}

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
-from tvsysid.diagnosis.check import Check, judged, unjudged
-from tvsysid.diagnosis.evidence import CHANCE, FOLDS, LEAST_REALIZATIONS, Evidence, chance, without
-from tvsysid.diagnosis.excitation import ANSWERED, NO_ANSWER
-from tvsysid.diagnosis.fit import SecondOrder, fit_motion
 from tvsysid.numerics.moments import mean_subtracted
+from tvsysid.quality.evidence import CHANCE, FOLDS, LEAST_REALIZATIONS, Evidence, chance, without
+from tvsysid.quality.excitation import ANSWERED, NO_ANSWER
+from tvsysid.quality.finding import Finding, judged, unjudged
+from tvsysid.quality.fit import SecondOrder, fit_motion
 
 Array = NDArray[np.float64]
 
@@ -58,7 +58,7 @@ RESOLUTION = 0.25
 """Step in frequency, as a share of one over the record's length."""
 
 
-def mean_left(evidence: Evidence, which: str) -> Check:
+def mean_left(evidence: Evidence, which: str) -> Finding:
     """RMS of the mean over realizations over what chance leaves; the same of a common offset, if it is more.
 
     Noise is alike at neighbouring times, so that its mean is not averaged out over time: hence an allowance of 2.5.
@@ -84,7 +84,7 @@ def mean_left(evidence: Evidence, which: str) -> Check:
     unit = "N·m" if which == "torque" else "rad"
     ratio = min(ratio, 1e6)
     what = f"the mean over realizations has an RMS of {size:.2g} {unit}; chance would leave {expected:.2g}"
-    return judged(name, ratio, what, certain=certain)
+    return judged(name, ratio, what, significant=certain)
 
 
 def _by_others(values: Array) -> Array:
@@ -95,7 +95,7 @@ def _by_others(values: Array) -> Array:
     return np.asarray(np.where(near, 0.0, products).sum(axis=1))
 
 
-def repeated(evidence: Evidence) -> Check:
+def repeated(evidence: Evidence) -> Finding:
     """Realizations whose angle and torque are, to rounding, those of an earlier one."""
     ensemble = evidence.given
     both = np.concatenate([ensemble.angle[:, ensemble.core], ensemble.torque[:, ensemble.core]], axis=1)
@@ -109,7 +109,7 @@ def repeated(evidence: Evidence) -> Check:
     return judged("repeated-realizations", len(again), what)
 
 
-def offset(evidence: Evidence, which: str) -> tuple[Check, Array]:
+def offset(evidence: Evidence, which: str) -> tuple[Finding, Array]:
     """Line through the means of realizations, in the order of recording, and what it is in each if it was found."""
     name, line = f"{which}-offset", np.zeros(len(evidence.ensemble))
     if len(evidence.ensemble) < LEAST_REALIZATIONS:
@@ -127,14 +127,14 @@ def offset(evidence: Evidence, which: str) -> tuple[Check, Array]:
         name,
         100 * abs(change) / size,
         f"the {which} moves by {change:+.2g} {unit} from the first realization to the last, ± {error:.1g} {unit}",
-        certain=chance(_scores(change, error, count)) < CHANCE,
+        significant=chance(_scores(change, error, count)) < CHANCE,
     )
     if check.found:
         line[evidence.order] = change * place
     return check, line
 
 
-def drift(evidence: Evidence) -> Check:
+def drift(evidence: Evidence) -> Finding:
     """Stiffness of the second half against that of the first, in the order of recording."""
     name = "drift"
     if len(evidence.ensemble) < 2 * LEAST_REALIZATIONS:
@@ -152,7 +152,7 @@ def drift(evidence: Evidence) -> Check:
             name,
             100 * (after - before) / max(abs(before), np.finfo(float).tiny),
             f"the stiffness is {before:.3g} N·m/rad in the first half and {after:.3g} in the second, ± {error:.2g}",
-            certain=chance(_scores(after - before, error, len(order))) < CHANCE,
+            significant=chance(_scores(after - before, error, len(order))) < CHANCE,
         )
     grams, moments = _own_fits(evidence)
     halves = []
@@ -168,7 +168,7 @@ def drift(evidence: Evidence) -> Check:
         value,
         f"the stiffness of the second half is {abs(value):.2g} % {'higher' if change > 0 else 'lower'} than that of "
         f"the first, ± {100 * error:.2g} %",
-        certain=chance(_scores(change, error, len(order))) < CHANCE,
+        significant=chance(_scores(change, error, len(order))) < CHANCE,
     )
 
 
@@ -211,7 +211,7 @@ def local_noise(evidence: Evidence) -> Array:
     return np.asarray(np.maximum(power, QUIETEST * float(power.mean()) + np.finfo(float).tiny))
 
 
-def misaligned(evidence: Evidence) -> tuple[Check, NDArray[np.bool_]]:
+def misaligned(evidence: Evidence) -> tuple[Finding, NDArray[np.bool_]]:
     """Realizations that the behaviour of all explains clearly better when it is shifted, and which these are."""
     name, line = "misaligned-realizations", np.zeros(len(evidence.ensemble), dtype=bool)
     if len(evidence.ensemble) < LEAST_REALIZATIONS:
@@ -247,7 +247,7 @@ def misaligned(evidence: Evidence) -> tuple[Check, NDArray[np.bool_]]:
         farthest = np.flatnonzero(out)[np.argmax(np.abs(seconds[out]))]
         what += f", such as realization {farthest} by {seconds[farthest]:+.2g} s"
     # One may fit better elsewhere by chance; if most do, it is not their place that is wrong.
-    return judged(name, 100 * count / len(out), what, certain=1 < count < MOST * len(out)), out
+    return judged(name, 100 * count / len(out), what, significant=1 < count < MOST * len(out)), out
 
 
 def _again(evidence: Evidence) -> SecondOrder:
@@ -266,7 +266,7 @@ def _has_a_shape(evidence: Evidence) -> bool:
     return float(np.corrcoef(*profiles)[0, 1]) > ALIKE
 
 
-def unlike(evidence: Evidence, misaligned_ones: NDArray[np.bool_]) -> tuple[Check, NDArray[np.bool_]]:
+def unlike(evidence: Evidence, misaligned_ones: NDArray[np.bool_]) -> tuple[Finding, NDArray[np.bool_]]:
     """Realizations of other stiffness, size of answer, or noise, and which these are; those only shifted are none."""
     name, none = "unlike-realizations", np.zeros(len(evidence.ensemble), dtype=bool)
     if len(evidence.ensemble) < LEAST_REALIZATIONS:
@@ -302,7 +302,7 @@ def unlike(evidence: Evidence, misaligned_ones: NDArray[np.bool_]) -> tuple[Chec
     return judged(name, int(out.sum()), what), out
 
 
-def scattered(evidence: Evidence, told: NDArray[np.bool_]) -> Check:
+def scattered(evidence: Evidence, told: NDArray[np.bool_]) -> Finding:
     """Standard deviation over realizations of the stiffness beyond noise and drift, over the stiffness' RMS.
 
     How far the stiffness of a realization is from that of all is estimated in each tenth of its time. Noise differs
@@ -350,10 +350,10 @@ def scattered(evidence: Evidence, told: NDArray[np.bool_]) -> Check:
     size = math.sqrt(float(np.mean(evidence.fit.stiffness[evidence.fit.bins] ** 2)) + variance)
     value = 100 * math.sqrt(variance) / size if size > 0 else 0.0
     what = f"beyond noise and drift, the stiffness differs by {value:.2g} % (standard deviation) between realizations"
-    return judged(name, value, what, certain=certain)
+    return judged(name, value, what, significant=certain)
 
 
-def wrong_period(evidence: Evidence, drifts: bool) -> Check:
+def wrong_period(evidence: Evidence, drifts: bool) -> Finding:
     """Stiffness that varies with a frequency of which no whole number fits into a realization.
 
     What the fit left is projected on the torque of stiffness at each sample; a line in that series between the
@@ -403,7 +403,7 @@ def wrong_period(evidence: Evidence, drifts: bool) -> Check:
         f"stiffness varies by {amplitude[best]:.2g} % of its mean with {period:.{digits}g} s, beside what "
         f"repeats every {given:g} s"
     )
-    return judged(name, float(amplitude[best]), what, certain=probability < CHANCE)
+    return judged(name, float(amplitude[best]), what, significant=probability < CHANCE)
 
 
 def _lines(scores: Array, evidence: Evidence) -> tuple[Array, Array, Array]:

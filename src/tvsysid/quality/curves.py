@@ -7,10 +7,10 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.diagnosis.evidence import Evidence, innovations
-from tvsysid.diagnosis.fit import fit_motion
-from tvsysid.diagnosis.repetition import relative_noise, relative_stiffness
 from tvsysid.numerics.spectra import hann, short_time_spectra
+from tvsysid.quality.evidence import Evidence, innovations
+from tvsysid.quality.fit import fit_motion
+from tvsysid.quality.repetition import relative_noise, relative_stiffness
 
 Array = NDArray[np.float64]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Literal, NamedTuple
 
 
-class Kind(NamedTuple):
+class Fault(NamedTuple):
     """One thing that can be wrong.
 
     Parameters
@@ -35,8 +35,8 @@ class Kind(NamedTuple):
     remedy: str
 
 
-KINDS: dict[str, Kind] = {
-    "few-realizations": Kind(
+FAULTS: dict[str, Fault] = {
+    "few-realizations": Fault(
         "Few realizations",
         "realizations",
         "realizations",
@@ -46,7 +46,7 @@ KINDS: dict[str, Kind] = {
         "more of them than they have lags",
         "record more, or cut shorter realizations if the behaviour repeats more often",
     ),
-    "weak-answer": Kind(
+    "weak-answer": Fault(
         "The torque hardly answers the angle",
         "share of the torque that stiffness, viscosity and inertia explain",
         "%",
@@ -56,7 +56,7 @@ KINDS: dict[str, Kind] = {
         "perturb more strongly, record more realizations, and see whether these are the right two channels, and "
         "whether every realization was perturbed anew",
     ),
-    "narrow-excitation": Kind(
+    "narrow-excitation": Fault(
         "The perturbation leaves impedance undetermined",
         "standard error of the mean stiffness or inertia, whichever is worse, over its value",
         "%",
@@ -65,7 +65,7 @@ KINDS: dict[str, Kind] = {
         "stiffness, viscosity and inertia stand in for each other, and none of them can be believed",
         "use a perturbation with power from below 2 Hz to above the joint's natural frequency, some 10 Hz at the ankle",
     ),
-    "same-perturbation": Kind(
+    "same-perturbation": Fault(
         "The same perturbation in every realization",
         "share of the angle's variance that is common to all realizations, or white as sensor noise is",
         "%",
@@ -74,7 +74,7 @@ KINDS: dict[str, Kind] = {
         "nothing tells what the torque answers from what repeats anyway; less the mean, only noise is left",
         "draw a new random perturbation for every realization; data recorded so cannot be mended",
     ),
-    "repeated-realizations": Kind(
+    "repeated-realizations": Fault(
         "Realizations come more than once",
         "realizations whose angle and torque are those of another one",
         "realizations",
@@ -83,7 +83,7 @@ KINDS: dict[str, Kind] = {
         "the same noise counts as if it were measured anew: bands and random errors come out too small",
         "keep one of each (ensemble.select), and see whether a file was read twice",
     ),
-    "mean-torque": Kind(
+    "mean-torque": Fault(
         "A mean torque is left",
         "RMS of the torque's mean over realizations against what chance leaves",
         "times",
@@ -92,7 +92,7 @@ KINDS: dict[str, Kind] = {
         "the voluntary or passive torque that all realizations share is taken for an answer, and biases the stiffness",
         "ensemble = tv.preprocess.subtract_mean(ensemble)",
     ),
-    "mean-angle": Kind(
+    "mean-angle": Fault(
         "A mean angle is left",
         "RMS of the angle's mean over realizations against what chance leaves",
         "times",
@@ -101,7 +101,7 @@ KINDS: dict[str, Kind] = {
         "an offset or an imposed movement counts as perturbation, and biases the stiffness",
         "ensemble = tv.preprocess.subtract_mean(ensemble)",
     ),
-    "same-channel": Kind(
+    "same-channel": Fault(
         "Angle and torque are one signal",
         "correlation of angle and torque, whichever its sign",
         "%",
@@ -110,7 +110,7 @@ KINDS: dict[str, Kind] = {
         "what comes out is the factor between the two, and no impedance",
         "see which channels were named as angle and as torque (--angle, --torque)",
     ),
-    "reversed-torque": Kind(
+    "reversed-torque": Fault(
         "The torque counts the other way",
         "mean stiffness",
         "N·m/rad",
@@ -119,7 +119,7 @@ KINDS: dict[str, Kind] = {
         "stiffness, viscosity and inertia all come out negative",
         "read the file with torque_sign=-1 (--torque-sign -1)",
     ),
-    "angle-unit": Kind(
+    "angle-unit": Fault(
         "The angle is too large for radians",
         "RMS of the angle about its mean over realizations",
         "rad",
@@ -130,7 +130,7 @@ KINDS: dict[str, Kind] = {
         "if the file is in degrees, read it with angle_unit='deg' (--angle-unit deg); if this is the torque, name the "
         "channels the other way round",
     ),
-    "torque-unit": Kind(
+    "torque-unit": Fault(
         "Stiffer than any joint",
         "mean stiffness, whichever its sign",
         "N·m/rad",
@@ -140,7 +140,7 @@ KINDS: dict[str, Kind] = {
         "convert the torque to N·m if it is in mN·m or N·cm, do not read radians as degrees, and do not swap the "
         "channels",
     ),
-    "sampling-rate": Kind(
+    "sampling-rate": Fault(
         "Too slow or too fast for a joint",
         "natural frequency, in octaves from the middle of what joints have (1 to 40 Hz; inertia up to 1 kg·m²)",
         "octaves",
@@ -149,7 +149,7 @@ KINDS: dict[str, Kind] = {
         "a rate that is stated too high by a factor makes viscosity too small by it, and inertia by its square",
         "see at what rate the file was sampled; the inertia of foot and footplate is 0.01 to 0.04 kg·m²",
     ),
-    "delay": Kind(
+    "delay": Fault(
         "Angle and torque are not recorded at the same time",
         "by how much the torque is late",
         "ms",
@@ -158,7 +158,7 @@ KINDS: dict[str, Kind] = {
         "a torque that is late by d lowers the viscosity by stiffness times d, even below zero, and bends the rest",
         "shift one channel against the other by this much before cutting, and find what delays it (a filter, a clock)",
     ),
-    "clock-skew": Kind(
+    "clock-skew": Fault(
         "The channels' clocks run apart",
         "by how much more the torque is late in the second half of the experiment than in the first",
         "ms",
@@ -167,7 +167,7 @@ KINDS: dict[str, Kind] = {
         "a delay that grows: viscosity is wrong by another amount at each time of the experiment, and the rest is bent",
         "record both channels by one clock, or stretch one of them before cutting",
     ),
-    "drift": Kind(
+    "drift": Fault(
         "Behaviour drifts over the experiment",
         "stiffness of the second half against the first",
         "%",
@@ -176,7 +176,7 @@ KINDS: dict[str, Kind] = {
         "what is identified is a mean of different behaviours, and belongs to none of them",
         "identify the parts of the experiment by themselves; let people rest or warm up before",
     ),
-    "angle-offset": Kind(
+    "angle-offset": Fault(
         "The angle's offset drifts",
         "change of the realizations' mean from start to end, over the standard deviation about it",
         "%",
@@ -185,7 +185,7 @@ KINDS: dict[str, Kind] = {
         "what drifts counts as a movement, which the torque does not answer: stiffness comes out too low",
         "take a line, or what is slower than a realization, from the recording before cutting; see to the sensor",
     ),
-    "torque-offset": Kind(
+    "torque-offset": Fault(
         "The torque's offset drifts",
         "change of the realizations' mean from start to end, over the standard deviation about it",
         "%",
@@ -194,7 +194,7 @@ KINDS: dict[str, Kind] = {
         "what drifts counts as torque that the angle does not explain: noise of which the fits have much more",
         "take a line, or what is slower than a realization, from the recording before cutting; see to the sensor",
     ),
-    "unlike-realizations": Kind(
+    "unlike-realizations": Fault(
         "Some realizations are unlike the others",
         "realizations whose stiffness or noise lies far out of what the others scatter",
         "realizations",
@@ -203,7 +203,7 @@ KINDS: dict[str, Kind] = {
         "they count as much as the others and pull the result towards theirs",
         "look at them and exclude them (ensemble.select; tv.preprocess.prepare does it for a task with a target)",
     ),
-    "scattered-realizations": Kind(
+    "scattered-realizations": Fault(
         "Realizations are of different behaviours",
         "standard deviation over realizations of the stiffness, beyond noise and drift, over the stiffness' RMS",
         "%",
@@ -213,7 +213,7 @@ KINDS: dict[str, Kind] = {
         "sort the realizations by what may differ (task, muscle activity, instruction), and identify each kind by "
         "itself",
     ),
-    "misaligned-realizations": Kind(
+    "misaligned-realizations": Fault(
         "Some realizations come early or late",
         "share of the realizations that fit clearly better when they are shifted",
         "%",
@@ -222,7 +222,7 @@ KINDS: dict[str, Kind] = {
         "changes of stiffness are smeared over time, and peaks come out too low",
         "align them before the mean is subtracted (tv.preprocess.align), or exclude them",
     ),
-    "wrong-period": Kind(
+    "wrong-period": Fault(
         "The behaviour does not repeat with this period",
         "stiffness that comes and goes with another period, as a share of the mean",
         "%",
@@ -231,7 +231,7 @@ KINDS: dict[str, Kind] = {
         "each realization holds another part of the behaviour, so that the time variation averages out",
         "cut with the period that is named here, if the behaviour has one, or sort it by what it depends on",
     ),
-    "clipped-angle": Kind(
+    "clipped-angle": Fault(
         "The angle is clipped",
         "times at which the highest or lowest values of several realizations are the same",
         "%",
@@ -240,7 +240,7 @@ KINDS: dict[str, Kind] = {
         "where the sensor is at its limit the torque goes on without the angle: stiffness comes out too high",
         "widen the sensor's range; exclude the realizations concerned",
     ),
-    "clipped-torque": Kind(
+    "clipped-torque": Fault(
         "The torque is clipped",
         "times at which the highest or lowest values of several realizations are the same",
         "%",
@@ -249,7 +249,7 @@ KINDS: dict[str, Kind] = {
         "where the sensor is at its limit the torque does not answer: stiffness comes out too low where it is high",
         "widen the sensor's range; exclude the realizations concerned",
     ),
-    "lost-angle": Kind(
+    "lost-angle": Fault(
         "The angle is lost for a while",
         "time during which the torque moves and the angle does not",
         "s",
@@ -258,7 +258,7 @@ KINDS: dict[str, Kind] = {
         "the torque seems to move by itself there, which adds noise and mostly lowers the stiffness",
         "exclude the realizations concerned",
     ),
-    "lost-torque": Kind(
+    "lost-torque": Fault(
         "The torque is lost for a while",
         "time during which the angle moves and the torque does not",
         "s",
@@ -267,7 +267,7 @@ KINDS: dict[str, Kind] = {
         "where the torque is held or zero the joint seems to have no stiffness",
         "exclude the realizations concerned",
     ),
-    "angle-spikes": Kind(
+    "angle-spikes": Fault(
         "Spikes in the angle",
         "highest sample that the angle's past does not foretell, over the 99th percentile of all",
         "times",
@@ -276,7 +276,7 @@ KINDS: dict[str, Kind] = {
         "a spike of one sample has a large acceleration that no torque answers: inertia comes out too low",
         "interpolate the samples or exclude the realizations; see the cables",
     ),
-    "torque-spikes": Kind(
+    "torque-spikes": Fault(
         "Spikes in the torque",
         "highest sample that neither the joint's model nor the past foretells, over the 90th percentile of all",
         "times",
@@ -285,7 +285,7 @@ KINDS: dict[str, Kind] = {
         "single samples of large error weigh much in a least-squares fit",
         "interpolate the samples or exclude the realizations; see the cables",
     ),
-    "feedback": Kind(
+    "feedback": Fault(
         "The angle gives way to the torque",
         "share of the angle's unforeseen movement that earlier noise in the torque foretells",
         "%",
@@ -296,7 +296,7 @@ KINDS: dict[str, Kind] = {
         "see that both channels pass the same filters; use a stiffer actuator, or a closed-loop method with the "
         "actuator's command as the instrument",
     ),
-    "reflex": Kind(
+    "reflex": Fault(
         "A reflex answers stretch",
         "share of the torque left over that the speed of 40 to 300 ms before foretells, whichever its direction",
         "%",
@@ -306,7 +306,7 @@ KINDS: dict[str, Kind] = {
         "vary with the perturbation, and VAF is low",
         "take the result as that of joint and reflex together, or use a method with a reflex path in parallel",
     ),
-    "slow-answer": Kind(
+    "slow-answer": Fault(
         "More than stiffness, viscosity and inertia",
         "share of the torque left over that angles of 40 to 300 ms before foretell",
         "%",

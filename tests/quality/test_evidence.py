@@ -8,7 +8,7 @@ from scipy.stats import kstest, ttest_1samp
 from tests.faults import cut, late, simulated
 
 import tvsysid as tv
-from tvsysid.diagnosis.evidence import FOLDS, Evidence, between, chance, gained, innovations, lowered, without
+from tvsysid.quality.evidence import FOLDS, Evidence, between, chance, gained, innovations, lowered, without
 
 
 @given(st.integers(0, 1000), st.integers(8, 50), st.floats(-3, 3))

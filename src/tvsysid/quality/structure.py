@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.diagnosis.check import Check, judged, unjudged
-from tvsysid.diagnosis.evidence import CHANCE, LEAST_REALIZATIONS, Evidence, chance, gained, gains, without
-from tvsysid.diagnosis.excitation import ANSWERED, NO_ANSWER
+from tvsysid.quality.evidence import CHANCE, LEAST_REALIZATIONS, Evidence, chance, gained, gains, without
+from tvsysid.quality.excitation import ANSWERED, NO_ANSWER
+from tvsysid.quality.finding import Finding, judged, unjudged
 
 Array = NDArray[np.float64]
 
@@ -25,7 +25,7 @@ SHORT = "realizations and their context are too short"
 TOO_FEW = f"it takes {LEAST_REALIZATIONS} realizations"
 
 
-def feedback(evidence: Evidence) -> Check:
+def feedback(evidence: Evidence) -> Finding:
     """Whether noise in the torque foretells the angle beyond what the angle's own past does (Granger's test).
 
     What a model leaves of the torque is not noise alone: a small delay or a filter that does not match leaves a
@@ -52,7 +52,7 @@ def feedback(evidence: Evidence) -> Check:
     )
     more = forward.mean() > MIRRORED * backward.mean() and chance(forward - backward) < CHANCE
     certain = bool(more and probability < CHANCE)
-    return judged(name, 100 * max(0.0, share), what, certain=certain)
+    return judged(name, 100 * max(0.0, share), what, significant=certain)
 
 
 def _foretelling(angle: Array, residual: Array, first: int, rate: float) -> Array | None:
@@ -92,7 +92,7 @@ def _velocity(evidence: Evidence) -> Array:
     return np.gradient(evidence.angle, 1 / evidence.rate, axis=1)
 
 
-def reflex(evidence: Evidence) -> Check:
+def reflex(evidence: Evidence) -> Finding:
     """Whether the torque left over follows the size of a late velocity, which a linear joint cannot."""
     return _foretold(
         evidence,
@@ -102,7 +102,7 @@ def reflex(evidence: Evidence) -> Check:
     )
 
 
-def slow_answer(evidence: Evidence) -> Check:
+def slow_answer(evidence: Evidence) -> Finding:
     """Whether the torque left over follows late velocities."""
     return _foretold(
         evidence,
@@ -112,7 +112,7 @@ def slow_answer(evidence: Evidence) -> Check:
     )
 
 
-def _foretold(evidence: Evidence, name: str, cause: Array, words: str) -> Check:
+def _foretold(evidence: Evidence, name: str, cause: Array, words: str) -> Finding:
     if len(evidence.ensemble) < LEAST_REALIZATIONS:
         return unjudged(name, TOO_FEW)
     if evidence.explained < ANSWERED:
@@ -122,7 +122,7 @@ def _foretold(evidence: Evidence, name: str, cause: Array, words: str) -> Check:
         return unjudged(name, SHORT)
     share, probability = gained(evidence.residual[:, region], causes)
     what = f"{words} foretells {_percent(share)} of the torque left over"
-    return judged(name, 100 * max(0.0, share), what, certain=probability < CHANCE)
+    return judged(name, 100 * max(0.0, share), what, significant=probability < CHANCE)
 
 
 def _percent(share: float) -> str:

@@ -14,9 +14,9 @@ from scipy.ndimage import correlate1d
 from scipy.signal import firwin, lfilter, oaconvolve
 from scipy.special import stdtr
 
-from tvsysid.diagnosis.fit import SecondOrder, fit_motion, fit_second_order
 from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.preprocess import decimate
+from tvsysid.quality.fit import SecondOrder, fit_motion, fit_second_order
 from tvsysid.signals import Ensemble, Recording
 
 Array = NDArray[np.float64]

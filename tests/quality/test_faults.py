@@ -183,7 +183,7 @@ def test_a_drift_is_no_other_period():
 def test_swapped_channels_are_hinted_at():
     recording = simulated()
     check = found(cut(changed(recording, angle=recording.torque, torque=recording.angle)))["angle-unit"]
-    assert "the other way round" in check.remedy
+    assert "the other way round" in check.fault.remedy
 
 
 @pytest.mark.parametrize("perturbation", ["noise", "prbs"])

@@ -9,7 +9,7 @@ from tests import faults
 from tests.faults import cut, simulated
 
 import tvsysid as tv
-from tvsysid.diagnosis import KINDS, Check, strength
+from tvsysid.quality import FAULTS, Finding
 
 
 @pytest.fixture(scope="module")
@@ -21,10 +21,15 @@ def test_a_finding_says_what_how_strong_what_it_does_and_what_to_do(spoilt):
     assert [check.name for check in spoilt.findings] == ["delay", "unlike-realizations"]
     delay, unlike = spoilt.findings
     assert delay.what == "the torque fits best if it is 30 ms late: " + delay.what.partition(": ")[2]
-    assert (delay.value, delay.unit, delay.threshold, delay.wrong) == (pytest.approx(30, abs=3), "ms", 5, "above")
-    assert "lowers the viscosity" in delay.effect
-    assert "shift one channel" in delay.remedy
-    assert strength(unlike) == "11 realizations, at most 0 is in order"
+    assert (delay.value, delay.fault.unit, delay.fault.limit, delay.fault.wrong) == (
+        pytest.approx(30, abs=3),
+        "ms",
+        5,
+        "above",
+    )
+    assert "lowers the viscosity" in delay.fault.effect
+    assert "shift one channel" in delay.fault.remedy
+    assert unlike.strength == "11 realizations, at most 0 is in order"
 
 
 def test_it_prints(spoilt, diagnosis):
@@ -43,16 +48,16 @@ def test_it_prints(spoilt, diagnosis):
 
 
 def test_html_is_escaped(spoilt):
-    check = dataclasses.replace(spoilt.checks[0], what="<script>", found=True)
+    check = dataclasses.replace(spoilt.findings[0], what="<script>")
     assert "<script>" not in dataclasses.replace(spoilt, checks=(check,))._repr_html_()
 
 
 def test_its_table_has_a_row_for_everything(spoilt):
     table = spoilt.table.set_index("name")
-    assert list(table.index) == list(KINDS)
+    assert list(table.index) == list(FAULTS)
     assert set(table.index[table.found]) == {"delay", "unlike-realizations"}
     assert set(table.state) <= {"found", "in order", "uncertain", "not judged"}
-    assert table.threshold["drift"] == KINDS["drift"].limit
+    assert table.limit["drift"] == FAULTS["drift"].limit
 
 
 def test_it_is_frozen(spoilt):
@@ -127,7 +132,7 @@ def test_what_cannot_be_diagnosed_is_told(given, expected, advice, clean):
 def test_the_size_of_the_torque_changes_only_what_has_its_unit(factor, clean, diagnosis):
     scaled = tv.diagnose(dataclasses.replace(clean, torque=factor * clean.torque))
     for before, after in zip(diagnosis.checks, scaled.checks, strict=True):
-        own = before.unit == "N·m/rad" or before.name == "sampling-rate"
+        own = before.fault.unit == "N·m/rad" or before.name == "sampling-rate"
         if not own:
             assert after.found == before.found
             assert after.value == pytest.approx(before.value, rel=1e-4, abs=1e-6, nan_ok=True)
@@ -170,9 +175,9 @@ def test_whatever_comes_is_judged_or_told_why_not(seed, realizations, samples, c
     assert repr(diagnosis)
 
 
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("name", FAULTS)
 def test_every_kind_tells_what_how_much_why_and_how(name):
-    kind = KINDS[name]
+    kind = FAULTS[name]
     assert name == name.lower()
     assert kind.title[0].isupper()
     assert kind.unit
@@ -183,14 +188,14 @@ def test_every_kind_tells_what_how_much_why_and_how(name):
 
 def test_states_of_a_check():
     states = [
-        Check("drift", 24.3, True, "").state,
-        Check("drift", 24.3, False, "").state,
-        Check("drift", -3.0, False, "").state,
-        Check("drift", float("nan"), False, "").state,
+        Finding("drift", 24.3, True, "").state,
+        Finding("drift", 24.3, False, "").state,
+        Finding("drift", -3.0, False, "").state,
+        Finding("drift", float("nan"), False, "").state,
     ]
     assert states == ["found", "uncertain", "in order", "not judged"]
-    assert strength(Check("drift", 24.3, False, "")).endswith("but this may be chance")
-    assert strength(Check("weak-answer", 0.0, True, "")) == "0 %, at least 30 is in order"
+    assert Finding("drift", 24.3, False, "").strength.endswith("but not significant")
+    assert Finding("weak-answer", 0.0, True, "").strength == "0 %, at least 30 is in order"
 
 
 def test_it_takes_no_pictures():

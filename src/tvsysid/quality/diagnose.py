@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tvsysid.diagnosis import excitation, losses, repetition, scales, structure
-from tvsysid.diagnosis.catalogue import KINDS
-from tvsysid.diagnosis.check import Check, unjudged
-from tvsysid.diagnosis.curves import Curves, curves
-from tvsysid.diagnosis.evidence import SHORTEST, Evidence, known_samples
 from tvsysid.errors import InputError
 from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.numerics.moments import window_moments
+from tvsysid.quality import excitation, losses, repetition, scales, structure
+from tvsysid.quality.catalogue import FAULTS
+from tvsysid.quality.curves import Curves, curves
+from tvsysid.quality.evidence import SHORTEST, Evidence, known_samples
+from tvsysid.quality.finding import Finding, unjudged
 from tvsysid.signals import Ensemble
 
 if TYPE_CHECKING:
@@ -48,13 +48,13 @@ class Diagnosis:
         What was diagnosed, in words.
     """
 
-    checks: tuple[Check, ...]
+    checks: tuple[Finding, ...]
     measures: dict[str, tuple[float, str]]
     curves: Curves
     ensemble: str
 
     @property
-    def findings(self) -> tuple[Check, ...]:
+    def findings(self) -> tuple[Finding, ...]:
         """The checks that found something wrong."""
         return tuple(check for check in self.checks if check.found)
 
@@ -65,11 +65,12 @@ class Diagnosis:
 
     @property
     def table(self) -> pd.DataFrame:
-        """One row for everything that was looked at: name, state, value, threshold, what, effect, remedy."""
+        """One row for everything that was looked at: name, state, value, limit, what, effect, remedy."""
         import pandas as pd  # noqa: PLC0415  # heavy
 
-        names = ("name", "state", "found", "value", "unit", "wrong", "threshold", "what", "effect", "remedy")
-        return pd.DataFrame([{name: getattr(check, name) for name in names} for check in self.checks])
+        own = ("name", "state", "found", "value", "what")
+        rows = [{name: getattr(check, name) for name in own} | check.fault._asdict() for check in self.checks]
+        return pd.DataFrame(rows, columns=[*own[:4], "unit", "wrong", "limit", "what", "effect", "remedy"])
 
     @property
     def verdict(self) -> str:
@@ -79,9 +80,9 @@ class Diagnosis:
         return f"{told} of {judged} things that were judged"
 
     @property
-    def doubts(self) -> tuple[str, ...]:
+    def notes(self) -> tuple[str, ...]:
         """A line on what is uncertain, with its value, and one on what was not judged, with the reason, if any is."""
-        uncertain = [f"{check.name} ({strength(check)})" for check in self.checks if check.state == "uncertain"]
+        uncertain = [f"{check.name} ({check.strength})" for check in self.checks if check.state == "uncertain"]
         reasons: dict[str, list[str]] = {}
         for check in self.checks:
             if not check.judged:
@@ -94,43 +95,27 @@ class Diagnosis:
         lines = [f"Diagnosis of {self.ensemble}: {self.verdict}"]
         for check in self.findings:
             lines += [
-                f"- {check.name}: {check.what} ({strength(check)})",
-                f"    does: {check.effect}",
-                f"    do:   {check.remedy}",
+                f"- {check.name}: {check.what} ({check.strength})",
+                f"    does: {check.fault.effect}",
+                f"    do:   {check.fault.remedy}",
             ]
-        return "\n".join([*lines, *self.doubts])
+        return "\n".join([*lines, *self.notes])
 
     def _repr_html_(self) -> str:
         rows = "".join(
             "<tr>" + "".join(f"<td style='text-align:left'>{html.escape(text)}</td>" for text in texts) + "</tr>"
             for texts in (
-                (check.name, check.what, strength(check), check.effect, check.remedy) for check in self.findings
+                (check.name, check.what, check.strength, check.fault.effect, check.fault.remedy)
+                for check in self.findings
             )
         )
         headings = "".join(f"<th style='text-align:left'>{text}</th>" for text in HEADINGS)
         table = f"<table><thead><tr>{headings}</tr></thead><tbody>{rows}</tbody></table>" if rows else ""
-        doubts = "".join(f"<p>{html.escape(line)}.</p>" for line in self.doubts)
-        return f"<p><b>Diagnosis</b> of {html.escape(self.ensemble)}: {html.escape(self.verdict)}.</p>{table}{doubts}"
+        notes = "".join(f"<p>{html.escape(line)}.</p>" for line in self.notes)
+        return f"<p><b>Diagnosis</b> of {html.escape(self.ensemble)}: {html.escape(self.verdict)}.</p>{table}{notes}"
 
 
 HEADINGS = ("found", "what was seen", "how strong", "what it does to the result", "what to do")
-
-
-def strength(check: Check) -> str:
-    """Value against threshold, in words.
-
-    Examples
-    --------
-    >>> strength(Check("drift", 24.3, True, ""))
-    '24.3 %, at most 10 is in order'
-    """
-    if not check.judged:
-        return "–"
-    allowed = "at most" if check.wrong == "above" else "at least"
-    value = "0" if abs(check.value) < 1e-9 else f"{check.value:.3g}" if abs(check.value) < 1e4 else f"{check.value:.2g}"
-    doubt = ", but this may be chance" if check.state == "uncertain" else ""
-    unit = check.unit.removesuffix("s") if value == "1" else check.unit
-    return f"{value} {unit}, {allowed} {check.threshold:g} is in order{doubt}"
 
 
 def diagnose(ensemble: Ensemble) -> Diagnosis:
@@ -238,11 +223,11 @@ def diagnose(ensemble: Ensemble) -> Diagnosis:
     if same.found:
         # Nothing else that is seen then is of a joint.
         checks |= {
-            name: unjudged(name, "angle and torque are one signal") for name in KINDS if name not in OF_ANY_SIGNAL
+            name: unjudged(name, "angle and torque are one signal") for name in FAULTS if name not in OF_ANY_SIGNAL
         }
     seen = curves(evidence)
     return Diagnosis(
-        tuple(checks[name] for name in KINDS),
+        tuple(checks[name] for name in FAULTS),
         _measures(timely, seen),
         seen,
         f"{len(ensemble)} realizations of {ensemble.duration:g} s at {ensemble.sampling_rate:g} Hz",

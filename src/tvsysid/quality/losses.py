@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, median_filter
 
-from tvsysid.diagnosis.catalogue import KINDS
-from tvsysid.diagnosis.check import Check, judged, unjudged
-from tvsysid.diagnosis.evidence import Evidence, innovations
+from tvsysid.quality.catalogue import FAULTS
+from tvsysid.quality.evidence import Evidence, innovations
+from tvsysid.quality.finding import Finding, judged, unjudged
 
 Array = NDArray[np.float64]
 
@@ -46,7 +46,7 @@ BESIDE = 6
 """Samples to either side over which the derivatives' filters spread a spike."""
 
 
-def clipped(evidence: Evidence, which: str) -> Check:
+def clipped(evidence: Evidence, which: str) -> Finding:
     """Times at which several realizations have the very same highest, or lowest, value.
 
     The mean over realizations may be subtracted, and with it a different value at each time: only within a time are
@@ -67,7 +67,7 @@ def clipped(evidence: Evidence, which: str) -> Check:
     share = 100 * float(tied.mean())
     middle = len(ordered) // 2
     inside = ordered[min(middle + ALIKE, len(ordered)) - 1] - ordered[middle] <= SAME * size
-    if inside.mean() > max(0.5 * tied.mean(), 0.01 * KINDS[name].limit):
+    if inside.mean() > max(0.5 * tied.mean(), 0.01 * FAULTS[name].limit):
         return unjudged(name, f"the same values of {which} come again and again, not only the extremes")
     if which == "angle" and float(np.mean(np.abs(values - values.mean(axis=0)) < 0.5 * size)) < TWO_LEVELS:
         return unjudged(name, "the angle switches between two levels, as a PRBS does")
@@ -76,7 +76,7 @@ def clipped(evidence: Evidence, which: str) -> Check:
     return judged(name, share, what)
 
 
-def lost(evidence: Evidence, which: str) -> Check:
+def lost(evidence: Evidence, which: str) -> Finding:
     """Time during which one signal stands still, or is but what the subtracted mean left, while the other moves."""
     name = f"lost-{which}"
     samples = max(LEAST_SAMPLES, round(WINDOW * evidence.rate))
@@ -100,7 +100,7 @@ def lost(evidence: Evidence, which: str) -> Check:
     heights = _angle_heights(evidence) if other == "angle" else _torque_heights(evidence)
     first, length = evidence.fit.first + evidence.whitening, heights.shape[1]
     alone = _against_neighbours(getattr(evidence, other))[:, first : first + length] > FAR_OUT_OF_LINE
-    spikes = maximum_filter1d(alone & (heights > KINDS[f"{other}-spikes"].limit), 2 * BESIDE + 1, axis=1)
+    spikes = maximum_filter1d(alone & (heights > FAULTS[f"{other}-spikes"].limit), 2 * BESIDE + 1, axis=1)
     count = gone.shape[1]
     gone &= ~spikes[:, : count * samples].reshape(len(spikes), count, samples).any(axis=2)
     seconds = float(gone.sum()) * samples / evidence.rate
@@ -134,7 +134,7 @@ def _held(evidence: Evidence, which: str, samples: int) -> list[NDArray[np.bool_
     return [np.ptp(values, axis=2) <= 1e-9 * float(np.std(evidence.ensemble.torque))]
 
 
-def angle_spikes(evidence: Evidence) -> Check:
+def angle_spikes(evidence: Evidence) -> Finding:
     """Samples that neither past nor neighbours foretell, and that the torque does not answer."""
     return _highest(evidence, "angle-spikes", _angle_heights(evidence))
 
@@ -149,7 +149,7 @@ def _angle_heights(evidence: Evidence) -> Array:
     return np.where(standing_out, surprise, 0.0)
 
 
-def torque_spikes(evidence: Evidence) -> Check:
+def torque_spikes(evidence: Evidence) -> Finding:
     """Samples that neither the model nor the past of what it leaves foretell, and that are not the angle's."""
     return _highest(evidence, "torque-spikes", _torque_heights(evidence))
 
@@ -162,7 +162,7 @@ def _torque_heights(evidence: Evidence) -> Array:
     # Spikes at one time leave their mean in all the others.
     together = np.median(np.abs(evidence.white_residual - np.median(evidence.white_residual, axis=0)), axis=0)
     residual /= np.maximum(1.0, together / max(SCATTER * float(np.median(together)), np.finfo(float).tiny))
-    of_angle = maximum_filter1d(surprise, 4 * BESIDE + 1, axis=1) > KINDS["angle-spikes"].limit
+    of_angle = maximum_filter1d(surprise, 4 * BESIDE + 1, axis=1) > FAULTS["angle-spikes"].limit
     return np.where((torque_surprise > surprise) & ~of_angle, residual, 0.0)
 
 
@@ -178,13 +178,13 @@ def _surprises(evidence: Evidence) -> tuple[Array, Array, slice]:
     return angle, torque, slice(first, first + samples)
 
 
-def _highest(evidence: Evidence, name: str, heights: Array) -> Check:
+def _highest(evidence: Evidence, name: str, heights: Array) -> Finding:
     value = float(heights.max())
     if value == 0:
         return judged(name, 0.0, "none")
     realization, sample = np.unravel_index(int(np.argmax(heights)), heights.shape)
     begin = (sample + evidence.whitening + evidence.fit.first - evidence.ensemble.context) / evidence.rate
-    count = int(np.count_nonzero(heights > KINDS[name].limit))
+    count = int(np.count_nonzero(heights > FAULTS[name].limit))
     more = f"; {count} samples stand out" if count > 1 else ""
     return judged(
         name,

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.diagnosis.check import Check, judged, unjudged
-from tvsysid.diagnosis.evidence import CHANCE, LEAST_REALIZATIONS, Evidence, chance, left_by, refitted
-from tvsysid.diagnosis.excitation import ANSWERED, NO_ANSWER, narrow_excitation
+from tvsysid.quality.evidence import CHANCE, LEAST_REALIZATIONS, Evidence, chance, left_by, refitted
+from tvsysid.quality.excitation import ANSWERED, NO_ANSWER, narrow_excitation
+from tvsysid.quality.finding import Finding, judged, unjudged
 
 Array = NDArray[np.float64]
 
@@ -28,7 +28,7 @@ FINER = np.linspace(-1, 1, 9)
 """Samples beside the best shift that are tried."""
 
 
-def same_channel(evidence: Evidence) -> Check:
+def same_channel(evidence: Evidence) -> Finding:
     """Correlation of angle and torque; noise, viscosity and inertia keep that of a joint from being all of it."""
     angle, torque = evidence.angle, evidence.torque
     size = math.sqrt(float(np.sum(angle**2)) * float(np.sum(torque**2)))
@@ -38,7 +38,7 @@ def same_channel(evidence: Evidence) -> Check:
     return judged("same-channel", value, f"the correlation of angle and torque is {value:.4g} %")
 
 
-def reversed_torque(evidence: Evidence) -> Check:
+def reversed_torque(evidence: Evidence) -> Finding:
     """Sign of the mean stiffness."""
     if evidence.explained < ANSWERED:
         return unjudged("reversed-torque", NO_ANSWER)
@@ -47,17 +47,17 @@ def reversed_torque(evidence: Evidence) -> Check:
         "reversed-torque",
         float(values[0]),
         f"the mean stiffness is {values[0]:.3g} ± {errors[0]:.2g} N·m/rad",
-        certain=bool(values[0] < -SURE * errors[0]),
+        significant=bool(values[0] < -SURE * errors[0]),
     )
 
 
-def angle_unit(evidence: Evidence) -> Check:
+def angle_unit(evidence: Evidence) -> Finding:
     """Size of the movement."""
     size = float(np.sqrt(np.mean(evidence.angle[:, evidence.ensemble.core] ** 2)))
     return judged("angle-unit", size, f"the angle has an RMS of {size:.3g} rad about its mean over realizations")
 
 
-def torque_unit(evidence: Evidence) -> Check:
+def torque_unit(evidence: Evidence) -> Finding:
     """Size of the stiffness."""
     if evidence.explained < ANSWERED:
         return unjudged("torque-unit", NO_ANSWER)
@@ -67,11 +67,11 @@ def torque_unit(evidence: Evidence) -> Check:
         "torque-unit",
         stiffness,
         f"the mean stiffness is {values[0]:.4g} N·m/rad",
-        certain=bool(stiffness > SURE * errors[0]),
+        significant=bool(stiffness > SURE * errors[0]),
     )
 
 
-def sampling_rate(evidence: Evidence) -> Check:
+def sampling_rate(evidence: Evidence) -> Finding:
     """Natural frequency and inertia; a wrong rate leaves the damping ratio and the stiffness as they are."""
     name = "sampling-rate"
     if evidence.explained < ANSWERED:
@@ -82,7 +82,7 @@ def sampling_rate(evidence: Evidence) -> Check:
         return unjudged(name, "stiffness and inertia are not determined well enough")
     frequency = math.sqrt(stiffness / inertia) / (2 * math.pi)
     octaves = math.log2(frequency / math.sqrt(LOWEST * HIGHEST))
-    if abs(inertia) > LARGEST_INERTIA and abs(stiffness) < torque_unit(evidence).threshold:
+    if abs(inertia) > LARGEST_INERTIA and abs(stiffness) < torque_unit(evidence).fault.limit:
         # No frequency is too low for a heavy limb, but none at a joint is so heavy.
         octaves = min(octaves, math.log2(LOWEST / math.sqrt(LOWEST * HIGHEST) * LARGEST_INERTIA / abs(inertia)))
     return judged(
@@ -92,7 +92,7 @@ def sampling_rate(evidence: Evidence) -> Check:
     )
 
 
-def delay(evidence: Evidence) -> tuple[Check, float]:
+def delay(evidence: Evidence) -> tuple[Finding, float]:
     """Shift of the torque with which a joint of second order explains most of it, and that in samples.
 
     The shift is told whenever it is sure, even if it does no harm: what it leaves would be taken for something else.
@@ -114,10 +114,10 @@ def delay(evidence: Evidence) -> tuple[Check, float]:
     edge = "at least " if abs(round(best.samples)) == reach else ""
     what = f"the torque fits best if it is {edge}{abs(late):.3g} ms {'late' if late > 0 else 'early'}"
     what += f": {100 * (1 - best.left):.1f} % of it explained rather than {100 * (1 - left):.1f} %"
-    return judged(name, late, what, certain=certain), best.samples if certain else 0.0
+    return judged(name, late, what, significant=certain), best.samples if certain else 0.0
 
 
-def clock_skew(evidence: Evidence) -> Check:
+def clock_skew(evidence: Evidence) -> Finding:
     """Best shift of the second half of the experiment against that of the first."""
     name = "clock-skew"
     if len(evidence.ensemble) < 2 * LEAST_REALIZATIONS:
@@ -134,7 +134,7 @@ def clock_skew(evidence: Evidence) -> Check:
     gains = np.concatenate([squares - own.squares for squares, own in zip(worse, found, strict=True)])
     first, second = (1000 * shift.samples / evidence.rate for shift in found)
     what = f"the torque is {second - first:+.3g} ms late in the second half of the experiment against the first"
-    return judged(name, second - first, what, certain=chance(gains) < CHANCE)
+    return judged(name, second - first, what, significant=chance(gains) < CHANCE)
 
 
 class _Shift(NamedTuple):

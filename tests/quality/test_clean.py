@@ -9,8 +9,8 @@ from tests.faults import changed, cut, simulated
 from tests.virtual import prepared
 
 import tvsysid as tv
-from tvsysid.diagnosis.evidence import Evidence
-from tvsysid.diagnosis.repetition import _lines
+from tvsysid.quality.evidence import Evidence
+from tvsysid.quality.repetition import _lines
 
 # 40 to 300 s, 5 to 20 dB.
 SCENARIOS = [

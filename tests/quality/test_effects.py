@@ -14,7 +14,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::tvsysid.DataQualityWarning")
 
 def impedance(ensemble):
     """Stiffness, viscosity and inertia, constant in time, as the diagnosis tells them."""
-    measures = tv.diagnosis.diagnose(ensemble).measures
+    measures = tv.quality.diagnose(ensemble).measures
     return [measures[name][0] for name in ("mean stiffness", "mean viscosity", "inertia")]
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from tvsysid.diagnosis.check import Check, judged, unjudged
-from tvsysid.diagnosis.evidence import Evidence
 from tvsysid.numerics.moments import mean_subtracted
 from tvsysid.numerics.spectra import power_share
+from tvsysid.quality.evidence import Evidence
+from tvsysid.quality.finding import Finding, judged, unjudged
 
 ANSWERED = 0.1
 """Share of the torque that must be explained for the impedance to be spoken of."""
@@ -18,13 +18,13 @@ UNKNOWN = 9.99
 """Relative error from which on more digits tell nothing."""
 
 
-def few_realizations(evidence: Evidence) -> Check:
+def few_realizations(evidence: Evidence) -> Finding:
     """Count them."""
     count = len(evidence.ensemble)
     return judged("few-realizations", count, f"there are {count} realizations")
 
 
-def weak_answer(evidence: Evidence) -> Check:
+def weak_answer(evidence: Evidence) -> Finding:
     """Share of the torque that a joint of second order explains."""
     share = 100 * evidence.explained
     return judged(
@@ -32,7 +32,7 @@ def weak_answer(evidence: Evidence) -> Check:
     )
 
 
-def narrow_excitation(evidence: Evidence) -> Check:
+def narrow_excitation(evidence: Evidence) -> Finding:
     """How well a mean stiffness and inertia are determined, by the scatter over realizations."""
     if evidence.explained < ANSWERED:
         return unjudged("narrow-excitation", NO_ANSWER)
@@ -48,7 +48,7 @@ def narrow_excitation(evidence: Evidence) -> Check:
     )
 
 
-def same_perturbation(evidence: Evidence) -> Check:
+def same_perturbation(evidence: Evidence) -> Finding:
     """Whether all realizations were moved alike; only sensor noise differs then, and no torque answers it."""
     angle = evidence.ensemble.angle[:, evidence.ensemble.core]
     varying = angle - angle.mean()

@@ -1,0 +1,8 @@
+"""What can be wrong with data: one catalogue of faults, with one limit for each, and a diagnosis of ensembles."""
+
+from tvsysid.quality.catalogue import FAULTS, Fault
+from tvsysid.quality.curves import Curves
+from tvsysid.quality.diagnose import Diagnosis, diagnose
+from tvsysid.quality.finding import Finding
+
+__all__ = ["FAULTS", "Curves", "Diagnosis", "Fault", "Finding", "diagnose"]

@@ -6,26 +6,6 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from tvsysid import cli
-
-
-@pytest.fixture
-def tvsysid(monkeypatch, capsys, tmp_path):
-    """Run the command line in a folder of its own; returns exit code, output and errors."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "200")
-    monkeypatch.setattr(cli, "output", cli.Console(width=200))
-    monkeypatch.setattr(cli, "errors", cli.Console(width=200, stderr=True))
-
-    def command(*words):
-        monkeypatch.setattr(sys, "argv", ["tvsysid", *map(str, words)])
-        with pytest.raises(SystemExit) as stopped:
-            cli.main()
-        captured = capsys.readouterr()
-        return stopped.value.code, captured.out, captured.err
-
-    return command
-
 
 @pytest.fixture
 def undrawn(monkeypatch):

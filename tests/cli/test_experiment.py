@@ -1,7 +1,6 @@
 """`tvsysid experiment`, typed."""
 
 import json
-import sys
 
 import numpy as np
 import pandas as pd
@@ -11,7 +10,6 @@ from scipy.io import savemat
 from tests.experiment.conftest import write_trials
 
 import tvsysid as tv
-from tvsysid import cli
 
 FILES = """
 methods = ["birf", "esm"]
@@ -35,23 +33,6 @@ task_limit = false
 residual_limit = false
 ends = 1
 """
-
-
-@pytest.fixture
-def tvsysid(monkeypatch, capsys, tmp_path):
-    """Run the command line in a folder of its own; returns exit code, output and errors."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(cli, "output", cli.Console(width=120))
-    monkeypatch.setattr(cli, "errors", cli.Console(width=120, stderr=True))
-
-    def command(*words):
-        monkeypatch.setattr(sys, "argv", ["tvsysid", *map(str, words)])
-        with pytest.raises(SystemExit) as stopped:
-            cli.main()
-        captured = capsys.readouterr()
-        return stopped.value.code, captured.out, captured.err
-
-    return command
 
 
 def test_virtual_participants(tvsysid, tmp_path):

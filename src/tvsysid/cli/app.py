@@ -1,0 +1,83 @@
+"""The program `tvsysid`: its commands, and what becomes of errors."""
+
+from __future__ import annotations
+
+import io
+import os
+import signal
+import sys
+from contextlib import suppress
+from typing import Annotated
+
+import typer
+
+from tvsysid.cli.benchmark import benchmark
+from tvsysid.cli.check_method import check_method
+from tvsysid.cli.console import errors, say
+from tvsysid.cli.experiment import experiment
+from tvsysid.cli.identify import identify
+from tvsysid.cli.inspect import inspect
+from tvsysid.cli.methods import methods
+from tvsysid.cli.report import report
+from tvsysid.cli.running import INTERRUPTED
+from tvsysid.cli.simulate import simulate
+from tvsysid.errors import InputError
+
+app = typer.Typer(
+    name="tvsysid",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode="markdown",
+    pretty_exceptions_enable=False,
+    help="How stiff a human joint is while it moves: time-varying identification of joint impedance.\n\n"
+    "All units are SI: rad, N·m, s, Hz, N·m/rad, N·m·s/rad, kg·m².",
+)
+for command in (benchmark, experiment, report, identify, inspect, methods, check_method, simulate):
+    app.command()(command)
+
+
+@app.callback(invoke_without_command=True)
+def tvsysid(
+    version: Annotated[bool, typer.Option("--version", help="Print the version and stop.")] = False,
+) -> None:
+    """Parse what stands before the command."""
+    if version:
+        from tvsysid import __version__
+
+        say(f"tvsysid {__version__}")
+        raise typer.Exit
+
+
+def main() -> None:
+    """Run the command line; what the user can correct is one line on standard error, with exit code 2."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a terminal that lacks a character shows another in its place
+            stream.reconfigure(errors="replace")
+    # What ends a job on a cluster ends it as cleanly as a key.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    with suppress(OSError):  # the current folder may be gone
+        if os.getcwd() not in sys.path:
+            sys.path.append(os.getcwd())  # at the end, so that no file in it hides a module
+    try:
+        code = app(prog_name="tvsysid", standalone_mode=False)
+    except InputError as error:
+        _stop(str(error))
+    except OSError as error:
+        _stop(f"{error.filename or 'output'}: {error.strerror or error}; give another file or folder")
+    except MemoryError:
+        _stop("there is not enough memory for this; give a shorter duration, fewer trials or a lower rate")
+    except Exception as error:
+        # Usage errors come from the parser that typer carries within; they know how to say what is wrong.
+        message = getattr(error, "format_message", None)
+        if message is None:
+            raise
+        _stop(f"{message()} (see tvsysid --help)")
+    else:
+        if code == INTERRUPTED:
+            errors.print("tvsysid: interrupted; a file that is there is whole, the others were not written")
+        sys.exit(code if isinstance(code, int) else 0)
+
+
+def _stop(message: str) -> None:
+    errors.print(f"tvsysid: {' '.join(message.split())}", soft_wrap=True)
+    sys.exit(2)

@@ -1,0 +1,258 @@
+"""`tvsysid benchmark`."""
+
+from __future__ import annotations
+
+import json
+from enum import StrEnum
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from tvsysid.cli.console import duration_text, remark, say, say_written, show_table, waiting
+from tvsysid.cli.options import (
+    MethodOption,
+    OutOption,
+    Perturbation,
+    Profile,
+    SchedulerOption,
+    SeedOption,
+    WorkersOption,
+)
+from tvsysid.cli.running import STORE, check_folder, command_line, print_met, run_in, show_claims
+from tvsysid.errors import InputError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+MOST_TABLES = 4
+"""Scenarios whose table is printed; the report has all."""
+
+
+class Preset(StrEnum):
+    """Studies by name."""
+
+    quick = "quick"
+    paper = "paper"
+    snr = "snr"
+    viscosity = "viscosity"
+
+
+class Viscosity(StrEnum):
+    """Viscosities that can be simulated."""
+
+    constant = "constant"
+    covarying = "covarying"
+
+
+def benchmark(
+    study_file: Annotated[
+        Path | None, typer.Argument(metavar="[STUDY.toml]", help="TOML file with the study's settings.")
+    ] = None,
+    preset: Annotated[
+        Preset | None,
+        typer.Option(
+            help="`quick` (the default), `paper` (van de Ruit et al. 2021: 40 to 600 s, 100 trials, and their sine), "
+            "`snr` (0 to 30 dB), `viscosity` (constant, and rising with stiffness). Options below take the place of "
+            "its settings."
+        ),
+    ] = None,
+    stiffness: Annotated[
+        list[Profile] | None, typer.Option(help="Stiffness profile of the simulated joint; repeatable. [square]")
+    ] = None,
+    perturbation: Annotated[
+        list[Perturbation] | None, typer.Option(help="Angular perturbation; repeatable. [noise and prbs]")
+    ] = None,
+    duration: Annotated[
+        list[float] | None,
+        typer.Option(metavar="S", help="Seconds of data, a whole number of 2-s realizations; repeatable. [150]"),
+    ] = None,
+    snr: Annotated[
+        list[float] | None,
+        typer.Option("--snr", metavar="DB", help="Signal-to-noise ratio of the torque in dB; repeatable. [10]"),
+    ] = None,
+    viscosity: Annotated[
+        list[Viscosity] | None,
+        typer.Option(help="2.2 N·m·s/rad, or from 1 to 3 N·m·s/rad with the stiffness; repeatable. [constant]"),
+    ] = None,
+    method: MethodOption = [],
+    trials: Annotated[int | None, typer.Option(metavar="N", help="Monte-Carlo trials of each scenario. [20]")] = None,
+    seed: SeedOption = None,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Print what would be run, with an estimate of time and size, and stop.")
+    ] = False,
+    out: OutOption = Path("tvsysid-benchmark"),
+) -> None:
+    """Compare methods on simulated data with known stiffness.
+
+    Simulates a joint (inertia 0.02 kg·m², viscosity 2.2 N·m·s/rad) whose stiffness follows the profile, lets every
+    method identify the same data, and scores them against the truth, as van de Ruit et al. (2021) do: bias (error of
+    the mean over trials), random error (spread about that mean), total error (both), rise time (from 10 to 90 % of the
+    step), VAF (share of the noiseless torque that the model predicts), and VAF after a 1-10 Hz band-pass.
+
+    Writes to the folder:
+
+    - `report.html`: everything below in one page: ranking, figures, the paper's claims held against the figures;
+
+    - `summary.csv`: a row for each scenario, method and metric, with value, standard error and unit;
+
+    - `claims.csv`: each claim of the paper, with figures and verdict;
+
+    - `figures/`: each as PNG, PDF and SVG;
+
+    - `results.zarr`: stiffness, VAF, time taken and warnings of every trial; `xarray.open_zarr` reads it.
+
+    Every trial is kept when it is done. If the command is interrupted or killed, the same command goes on from there.
+
+    Example: `tvsysid benchmark --method sds --method sds:window=0.2 --trials 50`
+
+    Example: `tvsysid benchmark --preset paper --out paper`
+    """
+    from tvsysid.benchmark import Study
+    from tvsysid.execution import cores
+
+    options: dict[str, Any] = {
+        "stiffness": [item.value for item in stiffness or ()],
+        "perturbation": [item.value for item in perturbation or ()],
+        "duration_s": duration,
+        "snr_db": snr,
+        "viscosity": [item.value for item in viscosity or ()],
+        "methods": list(dict.fromkeys(method)),
+        "trials": trials,
+        "seed": seed,
+    }
+    given = {name: value for name, value in options.items() if value not in (None, [])}
+    if study_file is not None and preset is not None:
+        raise InputError(f"{study_file} and --preset {preset}: give one of them")
+    study = Study.from_toml(study_file, **given) if study_file else Study.preset(preset or "quick", **given)
+    if dry_run:
+        _print_plan(study, workers or cores())
+        return
+    check_folder(out)
+    results = _run_study(study, out, workers, scheduler)
+    complete = write_study(results, out, command_line())
+    if not complete:
+        raise typer.Exit(1)
+
+
+def _print_plan(study: Any, workers: int) -> None:
+    from tvsysid.benchmark import plan
+
+    with waiting("timing a trial of the shortest and the longest scenario"):
+        taken = plan(study)
+    rows = [
+        (each.stiffness, each.perturbation, f"{each.duration_s:g}", f"{each.snr_db:g}", each.viscosity)
+        for each in study.scenarios
+    ]
+    show_table("the study", ["stiffness", "perturbation", "duration (s)", "SNR (dB)", "viscosity"], rows, "lllll")
+    say(
+        f"methods: {', '.join(study.named_methods)}\n"
+        f"{study.trials} trials of each of {len(study.scenarios)} scenarios, seed {study.seed}: {taken.trials} trials, "
+        f"{taken.simulated_s:,.0f} s of data\n"
+        f"about {duration_text(taken.work_s / workers)} with {workers} process{'es' if workers > 1 else ''}, beside "
+        f"the start and the figures, and {taken.size_bytes / 1e6:,.1f} MB of results; nothing was run"
+    )
+    for label, reason in taken.failures.items():
+        remark("error", f"{label} fails: {reason}")
+
+
+def _run_study(study: Any, out: Path, workers: int | None, scheduler: str | None) -> Any:
+    """Results, with progress; what ends it early says how to go on."""
+    from tvsysid.benchmark import run
+
+    count = len(study.scenarios)
+    title = f"{count} scenario{'s' if count > 1 else ''} x {study.trials} trials x {len(study.methods)} methods"
+    return run_in(out, partial(run, study), title, "trials", workers, scheduler)
+
+
+def write_study(results: Any, out: Path, command: str) -> bool:
+    """Write tables, figures and report, and print the essence; whether every method gave a result in every trial."""
+    from tvsysid.benchmark import example_responses, judge, score, summarize
+    from tvsysid.figures import save, study_figures
+    from tvsysid.recordings import whole_file
+    from tvsysid.report import write_report
+
+    with waiting("scoring and drawing"):
+        for name in ("seconds", "stage_seconds", "doubts", "failure", "checksums"):
+            results[name].load()  # small, and needed more than once
+        scores = score(results)
+        summary, claims = summarize(scores), judge(scores)
+        for name, table in (("summary.csv", summary), ("claims.csv", claims)):
+            with whole_file(out / name) as file:
+                table.to_csv(file, index=False, float_format="%.6g")
+        square = bool((results.profile == "square").any())
+        seed = json.loads(results.attrs["study"])["seed"]
+        illustrations = study_figures(results, summary, example_responses(seed) if square else None)
+        for name, item in illustrations.items():
+            for ending in ("png", "pdf", "svg"):
+                save(item.figure, out / "figures" / f"{name}.{ending}")
+        write_report(out / "report.html", results, summary, claims, illustrations, command)
+    labels = list(dict.fromkeys(summary.scenario))
+    for label in labels[:MOST_TABLES]:
+        _show_scores(summary[summary.scenario == label])
+    if len(labels) > MOST_TABLES:
+        say(f"and {len(labels) - MOST_TABLES} more scenarios in summary.csv and report.html")
+    if (claims.verdict != "not studied").any():
+        show_claims(claims, "simulations", "other scenarios: --preset paper, snr, viscosity")
+    _show_times(results)
+    complete = _print_troubles(results)
+    say_written(out, ["report.html", "summary.csv", "claims.csv", f"figures/ ({len(illustrations)})", STORE])
+    return complete
+
+
+def _print_troubles(results: Any) -> bool:
+    """Print doubts, failures and missing trials; whether no method failed."""
+    from tvsysid.report import troubles
+
+    return print_met(results, troubles(results), "trials", "trials")
+
+
+def _scenario_title(row: Any) -> str:
+    profile = {"square": "square wave", "sine": "sine wave", "constant": "constant"}[row.stiffness]
+    perturbation = {"noise": "filtered noise", "prbs": "PRBS"}[row.perturbation]
+    repeats = "1 trial" if row.trials == 1 else f"{row.trials} trials"
+    covarying = ", viscosity covarying" if row.viscosity == "covarying" else ""
+    return f"{profile}, {perturbation}, {row.duration_s:g} s, {row.snr_db:g} dB{covarying}, {repeats}"
+
+
+def _show_scores(summary: pd.DataFrame) -> None:
+    """Main metrics of one scenario."""
+    shown = {
+        "bias_error": ("bias\n(N·m/rad)", "{:.1f}"),
+        "random_error": ("random\n(N·m/rad)", "{:.1f}"),
+        "total_error": ("total\n(N·m/rad)", "{:.1f}"),
+        "rise_time": ("rise\n(s)", "{:.2f}"),
+        "vaf": ("VAF\n(%)", "{:.1f}"),
+        "bandpassed_vaf": ("VAF 1-10 Hz\n(%)", "{:.1f}"),
+        "seconds": ("time\n(ms)", "{:.0f}"),
+    }
+    present = [name for name in shown if (summary.metric == name).any()]
+    most: Any = summary.iloc[int(summary.trials.argmax())]
+    rows = []
+    for method, group in summary.groupby("method", sort=False):
+        values = dict(zip(group.metric, group.value, strict=True))
+        values["seconds"] *= 1000
+        if most.trials == 1:
+            values["random_error"] = float("nan")  # one trial has no spread
+        texts = [shown[name][1].format(values[name]) if values[name] == values[name] else "-" for name in present]
+        rows.append((str(method), *texts))
+    show_table(_scenario_title(most), ["method", *(shown[name][0] for name in present)], rows)
+
+
+def _show_times(results: Any) -> None:
+    """Where the time of the trials went, and how much data each stage gets through."""
+    from tvsysid.benchmark import time_spent
+
+    there = results.checksums.values.any(axis=-1)
+    simulated = float((results.duration_s.values * there.sum(axis=1)).sum())
+    spent = time_spent(results)
+    total = sum(spent.values())
+    rows = []
+    for name, seconds in spent.items():
+        rate = f"{simulated / seconds:,.0f}" if seconds else "-"
+        rows.append((name, f"{seconds:.1f}", f"{100 * seconds / total if total else 0:.0f}", rate))
+    title = f"where the time went: {duration_text(total)} in all workers"
+    show_table(title, ["stage", "time (s)", "share (%)", "simulated s per s"], rows)

@@ -1,0 +1,98 @@
+"""Everything that is printed: text, remarks, tables, progress."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from pathlib import Path
+from typing import Literal
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from tvsysid.errors import DataQualityWarning
+
+# Names and messages come from users and files: nothing in them is markup.
+output = Console(markup=False, emoji=False, highlight=False)
+errors = Console(markup=False, emoji=False, highlight=False, stderr=True)
+
+STYLES = {"note": "yellow", "warning": "yellow", "error": "red"}
+
+
+def say(*parts: str | tuple[str, str]) -> None:
+    """Print text as it is; a part may be a pair of text and style."""
+    output.print(Text.assemble(*parts), soft_wrap=True)
+
+
+def remark(kind: Literal["note", "warning", "error"], text: str) -> None:
+    """Print a line on standard error."""
+    errors.print(Text.assemble((f"{kind}:", STYLES[kind]), f" {text}"), soft_wrap=True)
+
+
+def say_written(out: Path, names: Iterable[str]) -> None:
+    """Print which files were written to a folder."""
+    say(f"wrote {', '.join(names)} to {out}/")
+
+
+def show_table(
+    title: str | None,
+    headings: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    align: str = "l",
+    caption: str | None = None,
+    lines: bool = False,
+) -> None:
+    """Print a table; `align` has a letter, l or r, for each of the first columns, and the others are aligned right."""
+    table = Table(title=title, title_justify="left", caption=caption, show_lines=lines)
+    for heading, letter in zip(headings, align.ljust(len(headings), "r"), strict=True):
+        table.add_column(heading, overflow="fold", justify="left" if letter == "l" else "right")
+    for row in rows:
+        table.add_row(*row)
+    output.print(table)
+
+
+@contextmanager
+def progress(title: str) -> Iterator[Callable[[int, int], None]]:
+    """Show a bar; what it yields is called with what is done and the total."""
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    shown = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[rate]}"),
+        TimeRemainingColumn(elapsed_when_finished=True),
+    )
+    with Progress(*shown, console=errors, transient=True, disable=not errors.is_terminal) as bar:
+        task = bar.add_task(title, total=None, rate="")
+
+        def advance(done: int, total: int) -> None:
+            speed = bar.tasks[0].speed
+            bar.update(task, completed=done, total=total, rate=f"{speed:.1f}/s" if speed else "")
+
+        yield advance
+
+
+def waiting(title: str) -> AbstractContextManager[object]:
+    """Show that work is under way whose end is not known."""
+    return errors.status(title) if errors.is_terminal else nullcontext()
+
+
+@contextmanager
+def shown_warnings() -> Iterator[None]:
+    """Print the package's warnings as one line each when the block ends, however it ends."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", DataQualityWarning)
+        try:
+            yield
+        finally:
+            for text in dict.fromkeys(str(warning.message) for warning in caught):
+                remark("warning", text)
+
+
+def duration_text(seconds: float) -> str:
+    """Seconds in the unit that suits them: s, min or h."""
+    minutes = seconds / 60
+    return f"{seconds:.0f} s" if minutes < 2 else f"{minutes:.0f} min" if minutes < 120 else f"{minutes / 60:.1f} h"

@@ -1,0 +1,174 @@
+"""`tvsysid inspect`."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from tvsysid.cli.console import remark, say, show_table, shown_warnings, waiting
+from tvsysid.cli.options import (
+    ANGLE,
+    PERIOD,
+    RATE,
+    TORQUE,
+    AngleUnit,
+    AngleUnitOption,
+    Columns,
+    ColumnsOption,
+    ContextOption,
+    DecimateOption,
+    StartOption,
+    TorqueSignOption,
+)
+from tvsysid.cli.recording import read
+from tvsysid.cli.running import command_line
+from tvsysid.errors import InputError
+
+if TYPE_CHECKING:
+    from tvsysid.quality import Diagnosis
+
+MOST_DRAWN = 12
+"""Channels of a file that are drawn."""
+MOST_COLUMNS = 20
+"""Columns of a matrix that are drawn."""
+
+
+def inspect(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE",
+            help="MAT (any version, with structures or nldat objects), CSV or TSV with a header line, NPZ, HDF5, "
+            "NetCDF, Parquet (`tvsysid[parquet]`) or C3D (`tvsysid[c3d]`).",
+        ),
+    ],
+    plot: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.png", help="Picture to write, .png, .pdf or .svg. [tvsysid-inspect/FILE.png]"),
+    ] = None,
+    diagnose: Annotated[
+        bool,
+        typer.Option(
+            "--diagnose",
+            help="Also read and cut the recording as `tvsysid identify` does, and say what is wrong with it, before it "
+            "is decimated. Takes the options below; --angle, --torque, --rate and --period are needed.",
+        ),
+    ] = False,
+    angle: Annotated[str | None, ANGLE] = None,
+    torque: Annotated[str | None, TORQUE] = None,
+    rate: Annotated[float | None, RATE] = None,
+    period: Annotated[float | None, PERIOD] = None,
+    decimate: DecimateOption = None,
+    columns: ColumnsOption = Columns.contiguous,
+    torque_sign: TorqueSignOption = 1,
+    angle_unit: AngleUnitOption = AngleUnit.rad,
+    start: StartOption = 0.0,
+    context: ContextOption = 0.5,
+) -> None:
+    """Show which channels a file holds, and with --diagnose what is wrong with a recording.
+
+    Prints the name, shape and type of each, and unit and sampling rate where the file states them, and draws those
+    that are signals, against time where the rate is stated and against samples where it is not. The names are what
+    `--angle` and `--torque` of `tvsysid identify` take.
+
+    With `--diagnose`, looks for what would spoil the result: units, signs, delays, lost or clipped signals, drift,
+    misaligned realizations, a wrong period, feedback, reflexes; says what each does and what to do, and writes a page
+    with pictures, `FILE.ANGLE-TORQUE.diagnosis.html` (the channels' names), beside the picture.
+
+    Example: `tvsysid inspect ankle.mat`
+
+    Example: `tvsysid inspect ankle.mat --plot ankle.pdf`
+
+    Example: `tvsysid inspect ankle.mat --diagnose --angle pos --torque tq --rate 1000 --decimate 100 --period 2`
+    """
+    from threadpoolctl import threadpool_limits
+
+    from tvsysid import preprocess
+    from tvsysid.figures import recorded_channels, save
+    from tvsysid.quality import diagnose as diagnosis_of
+    from tvsysid.recordings import describe_file
+    from tvsysid.report import write_diagnosis
+
+    picture = plot or Path("tvsysid-inspect") / f"{file.name}.png"
+    if picture.suffix.lower() not in (".png", ".pdf", ".svg"):
+        raise InputError(f"{picture}: unknown ending {picture.suffix!r}; give one of .png, .pdf, .svg")
+    needed = {"--angle": angle, "--torque": torque, "--rate": rate, "--period": period}
+    missing = [name for name, value in needed.items() if value is None]
+    if diagnose and missing:
+        raise InputError(f"--diagnose: {', '.join(missing)} missing; give them as to tvsysid identify")
+    if not diagnose and len(missing) < len(needed):
+        raise InputError(f"{next(name for name in needed if name not in missing)}: add --diagnose to have it used")
+    channels = describe_file(file)
+    rows = []
+    for name, channel in channels.items():
+        stated = "-" if channel.sampling_rate is None else f"{channel.sampling_rate:g}"
+        shape = " x ".join(map(str, channel.shape)) or "one value"
+        rows.append((name, shape, channel.dtype, channel.unit or "-", stated))
+    show_table(file.name, ["channel", "shape", "type", "unit", "rate (Hz)"], rows, "lrllr")
+    drawn = _outlines(channels)
+    if drawn:
+        save(recorded_channels(drawn, file.name), picture)
+        say(f"wrote {picture}")
+    else:
+        say("no signals to draw")
+    if angle is None or torque is None or rate is None or period is None:
+        return
+    with shown_warnings():
+        recording = read(file, angle, torque, rate, columns, torque_sign, angle_unit, start)
+        if decimate is not None:
+            preprocess.decimate(recording, decimate)  # only to say if it cannot be done
+        # Decimation would hide that a signal is clipped; what needs a low rate lowers it by itself.
+        ensemble = preprocess.subtract_mean(preprocess.segment(recording, period, context))
+    # Small matrices: BLAS threads would only wait for each other.
+    with waiting("diagnosing"), threadpool_limits(1):
+        diagnosis = diagnosis_of(ensemble)
+    # A file may hold several pairs of channels, each of which has a page of its own.
+    page = picture.with_name(re.sub(r"[^\w.-]+", "_", f"{file.name}.{angle}-{torque}.diagnosis.html"))
+    name = f"{file.name} ({angle}, {torque})"
+    write_diagnosis(page, {name: diagnosis}, command_line())
+    _print_diagnosis(diagnosis, name)
+    say(f"wrote {page}")
+
+
+def _print_diagnosis(diagnosis: Diagnosis, name: str) -> None:
+    say(f"{name}: {diagnosis.ensemble}: {diagnosis.verdict}")
+    for check in diagnosis.findings:
+        lines = f"  seen: {check.what}\n  does: {check.fault.effect}\n  do:   {check.fault.remedy}"
+        say((check.name, "bold"), f" ({check.strength})\n{lines}")
+    for line in diagnosis.notes:
+        say(line)
+
+
+def _outlines(channels: dict[str, Any]) -> dict[str, Any]:
+    """What is drawn of a file: the first of its signals that fit in memory, and of each at most so many columns."""
+    import numpy as np
+
+    from tvsysid.recordings import outline
+
+    drawn: dict[str, Any] = {}
+    signals = {
+        name: channel
+        for name, channel in channels.items()
+        if channel.values is not None
+        and len(channel.shape) in (1, 2)
+        and max(channel.shape) > 1
+        and 0 not in channel.shape
+    }
+    for name, channel in signals.items():
+        if len(drawn) == MOST_DRAWN:
+            remark("note", f"{len(signals) - MOST_DRAWN} more channels are not drawn")
+            break
+        try:
+            values = channel.read(name)
+        except InputError as error:
+            remark("note", f"not drawn: {error}")
+            continue
+        if np.iscomplexobj(values):
+            continue
+        values = values.ravel() if min(values.shape) == 1 else values
+        columns = [values] if values.ndim == 1 else list(values.T[:MOST_COLUMNS])
+        drawn[name] = (channel, [outline(np.asarray(column, dtype=float)) for column in columns])
+    return drawn

@@ -1,0 +1,115 @@
+"""How a long study is run from the command line: its folder, its workers, its end before time."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tvsysid.cli.console import errors, progress, remark, show_table
+from tvsysid.errors import InputError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+INTERRUPTED = 130
+"""Exit code after Ctrl-C."""
+STORE = "results.zarr"
+"""Where a study keeps its results, in its folder."""
+
+
+def check_folder(out: Path) -> None:
+    """Find out now, not after the work, whether the folder can be written to."""
+    if out.exists() and not out.is_dir():
+        raise InputError(f"{out}: a file is in the way; give a folder with --out")
+    out.mkdir(parents=True, exist_ok=True)
+    if not os.access(out, os.W_OK):
+        raise InputError(f"{out}: this folder cannot be written to; give another with --out")
+
+
+def command_line() -> str:
+    """The command as it may be typed again."""
+    return shlex.join(["tvsysid", *sys.argv[1:]])
+
+
+def run_in(
+    out: Path,
+    study_run: Callable[..., Any],
+    title: str,
+    units: str,
+    workers: int | None,
+    scheduler: str | None,
+) -> Any:
+    """Results of a run with store, workers, executor and progress; where it ends early, how to go on."""
+    kept = [0, 0]
+    try:
+        with progress(title) as advance, _executor(scheduler) as (executor, threads):
+
+            def count_kept(done: int, total: int) -> None:
+                if done and not kept[1]:
+                    errors.print(f"going on: {done} of {total} {units} are there already")
+                kept[:] = done, total
+                advance(done, total)
+
+            at_a_time = threads if workers is None else workers
+            return study_run(store=out / STORE, workers=at_a_time, executor=executor, progress=count_kept)
+    except KeyboardInterrupt:
+        text = f"tvsysid: interrupted; {kept[0]} of {kept[1]} {units} are in {out / STORE}, the same command goes on"
+        errors.print(text, soft_wrap=True)
+        sys.exit(INTERRUPTED)
+    except OSError as error:
+        raise InputError(
+            f"{error.filename or out}: {error.strerror or error}; {kept[0]} of {kept[1]} {units} are kept: once this "
+            "is mended, the same command goes on from there"
+        ) from error
+
+
+@contextmanager
+def _executor(scheduler: str | None) -> Iterator[tuple[Any, int | None]]:
+    """Executor of a Dask cluster and the number of its threads, or None twice."""
+    if scheduler is None:
+        yield None, None
+        return
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise InputError("--scheduler needs Dask: pip install 'tvsysid[dask]'") from error
+    try:
+        client: Any = Client(scheduler, timeout="10s")  # type: ignore[no-untyped-call]
+    except (OSError, ValueError, TypeError) as error:
+        raise InputError(f"--scheduler {scheduler}: no Dask scheduler answers there: {error}") from error
+    with client:
+        threads = sum(client.nthreads().values())
+        if not threads:
+            raise InputError(f"--scheduler {scheduler}: this cluster has no workers; start some with `dask worker`")
+        yield client.get_executor(pure=False), threads
+
+
+def print_met(results: Any, met: list[dict[str, Any]], units: str, counted: str) -> bool:
+    """Print what was met and what is missing; whether no method failed."""
+    there = results.checksums.values.any(axis=-1)
+    if not there.all():
+        text = f"{there.sum()} of {there.size} {units} are there so far; the command that ran it goes on from there"
+        remark("warning", text)
+    for trouble in met:
+        failed = trouble["kind"] == "failed"
+        what = "failed and are left out" if failed else "deserve doubt"
+        text = "{method}: {count} of {trials} {counted} {what}; the first: {first}"
+        remark("error" if failed else "warning", text.format(what=what, counted=counted, **trouble))
+    return not any(trouble["kind"] == "failed" for trouble in met)
+
+
+def show_claims(claims: pd.DataFrame, of: str, need: str) -> None:
+    """Print the verdicts on the paper's claims; `need` says what those need that were not studied."""
+    symbols = {"holds": "✓", "does not hold": "✗", "undecided": "?"}
+    studied = claims[claims.verdict != "not studied"]
+    rows = [
+        (claim, f"{symbols[verdict]} {verdict}") for claim, verdict in zip(studied.claim, studied.verdict, strict=True)
+    ]
+    missing = len(claims) - len(studied)
+    caption = f"{missing} more of its claims need {need}" if missing else None
+    show_table(f"what the paper says of its {of}", ["claim", "verdict"], rows, "ll", caption)

@@ -105,8 +105,8 @@ NOISES = (no_more, slow, cyclic, uneven)
 
 
 def participant(number: int, perturbation: str) -> tv.Ensemble:
-    trials = getattr(tv.simulate.participant(number), perturbation)
-    return tv.preprocess.prepare(trials.recording).ensemble
+    simulation = tv.simulate.Participant(number).simulate(perturbation=tv.simulate.PERTURBATIONS[perturbation])
+    return tv.preprocess.prepare(simulation.recording).ensemble
 
 
 def survey(console: Console, title: str, ensembles) -> int:  # type: ignore[no-untyped-def]

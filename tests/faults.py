@@ -134,7 +134,7 @@ def giving_way(duration=150.0, perturbation="noise", actuator=100.0, snr_db=5.0,
 def reflexive(gain=5.0, seed=1):
     """A virtual participant with a stretch reflex, prepared."""
     traits = replace(tv.simulate.Traits.of(seed), reflex_gain=gain)
-    return tv.preprocess.prepare(tv.simulate.participant(seed, traits).noise.recording).ensemble
+    return tv.preprocess.prepare(tv.simulate.Participant(seed, traits).simulate().recording).ensemble
 
 
 # Faults of an ensemble.

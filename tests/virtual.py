@@ -20,9 +20,9 @@ IMPERFECTIONS = (
 )
 
 
-@lru_cache(maxsize=2)
-def participant_of(number: int) -> tv.simulate.Participant:
-    return tv.simulate.participant(number)
+@lru_cache(maxsize=4)
+def simulated(number: int, perturbation: str = "noise") -> tv.simulate.Simulation:
+    return tv.simulate.Participant(number).simulate(perturbation=tv.simulate.PERTURBATIONS[perturbation])
 
 
 def perfect(number: int = 1, **changes: float) -> tv.simulate.Traits:
@@ -32,4 +32,4 @@ def perfect(number: int = 1, **changes: float) -> tv.simulate.Traits:
 
 @cache
 def prepared(number: int, perturbation: str) -> tv.preprocess.Preparation:
-    return tv.preprocess.prepare(getattr(participant_of(number), perturbation).revealed)
+    return tv.preprocess.prepare(simulated(number, perturbation).recording)

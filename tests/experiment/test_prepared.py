@@ -1,5 +1,6 @@
 """Preparing recordings, of which some cannot be used."""
 
+import dataclasses
 import io
 import os
 import re
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 from tests.experiment.conftest import READING, SHORT, trial, write_trials
-from tests.virtual import participant_of
+from tests.virtual import simulated
 
 import tvsysid as tv
 from tvsysid.experiment import Experiment, exclusions, prepared_recordings, shown
@@ -22,16 +23,18 @@ def experiment_on(folder, files, **changes):
 
 
 def test_a_virtual_participant_is_prepared_as_by_hand(small):
-    by_hand = tv.preprocess.prepare(participant_of(1).noise.revealed)
+    simulation = simulated(1)
+    parts = {**simulation.recording.channels, "voluntary": simulation.pathways["voluntary"]}
+    by_hand = tv.preprocess.prepare(dataclasses.replace(simulation.recording, channels=parts))
     prepared = small.prepared[0]
     np.testing.assert_array_equal(prepared.ensemble.torque, by_hand.ensemble.torque)
     np.testing.assert_array_equal(prepared.account.excluded_by, by_hand.account.excluded_by)
-    truth = by_hand.ensemble.channels["stiffness"][:, by_hand.ensemble.core].mean(axis=0)
+    truth = simulation.truth_of(by_hand.ensemble)["stiffness"].mean(axis=0)
     np.testing.assert_allclose(prepared.true_stiffness, truth)
     # What the survivors' torque was before its mean was taken off: the voluntary torque, but for the answers' mean.
-    voluntary = by_hand.ensemble.channels["voluntary_torque"][:, by_hand.ensemble.core].mean(axis=0)
+    voluntary = by_hand.ensemble.channels["voluntary"][:, by_hand.ensemble.core].mean(axis=0)
     assert np.sqrt(np.mean((prepared.mean_torque - voluntary) ** 2)) < 0.05 * np.ptp(voluntary)
-    assert np.ptp(prepared.target_torque) == pytest.approx(0.45 * participant_of(1).traits.maximal_torque, rel=0.01)
+    assert np.ptp(prepared.target_torque) == pytest.approx(0.45 * tv.simulate.Traits.of(1).maximal_torque, rel=0.01)
     assert (prepared.trials, prepared.refused, prepared.remarks) == (10, {}, ())
 
 

@@ -1,8 +1,10 @@
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.virtual import perfect, prepared
+from tests.virtual import perfect, simulated
 
 import tvsysid as tv
 
@@ -55,7 +57,7 @@ def test_realizations_that_moved_apart_no_longer_follow_each_other():
 
 def test_a_delay_under_a_perturbation_is_found_within_a_few_samples():
     traits = perfect(2, delay=0.1)
-    preparation = tv.preprocess.prepare(tv.simulate.participant(2, traits).noise.recording)
+    preparation = tv.preprocess.prepare(tv.simulate.Participant(2, traits).simulate().recording)
     # The perturbation's answer itself moves the best fit: some 6 ms from realization to realization.
     shifts = preparation.account.shifts
     assert abs(np.median(shifts) - 0.1) <= 1 / RATE
@@ -63,21 +65,17 @@ def test_a_delay_under_a_perturbation_is_found_within_a_few_samples():
 
 
 def test_simulated_trials_have_their_voluntary_torque_aligned_to_the_sample():
-    preparation = prepared(1, "noise")
-    recorded, target = preparation.recorded, preparation.recorded.channels["target"]
-    voluntary = tv.Ensemble(
-        recorded.angle,
-        recorded.channels["voluntary_torque"],
-        RATE,
-        recorded.context,
-        recorded.onsets,
-        recorded.trials,
-        {"target": target},
-    )
+    simulation = simulated(1)
+    voluntary = tv.preprocess.prepare(
+        dataclasses.replace(simulation.recording, torque=simulation.pathways["voluntary"]),
+        task_limit=None,
+        residual_limit=None,
+    ).recorded
+    target = voluntary.channels["target"]
     shifted = np.array(voluntary.torque)
     by = np.random.default_rng(0).integers(-20, 21, len(shifted))
     rows = [np.roll(row, shift) for row, shift in zip(shifted, by, strict=True)]
-    moved = tv.Ensemble(recorded.angle, rows, RATE, recorded.context, channels={"target": target})
+    moved = tv.Ensemble(voluntary.angle, rows, RATE, voluntary.context, channels={"target": target})
     own = tv.preprocess.align(voluntary, "target").account.shifts
     found = tv.preprocess.align(moved, "target").account.shifts
     inside = np.abs(own) < 0.3  # so that the roll's seam stays outside of what the search sees

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from tests.virtual import participant_of, perfect, prepared
+from tests.virtual import perfect, prepared, simulated
 
 import tvsysid as tv
 
@@ -9,10 +9,10 @@ PEOPLE = range(1, 7)
 PERTURBATIONS = ("noise", "prbs")
 
 
-def stiffness_error(ensemble):
+def stiffness_error(simulation, ensemble):
     """Identified less true mean stiffness in N·m/rad, shape (time,), and the true one."""
     centred = tv.preprocess.subtract_mean(ensemble)
-    truth = centred.channels["stiffness"][:, centred.core].mean(axis=0)
+    truth = simulation.truth_of(centred)["stiffness"].mean(axis=0)
     return SDS.identify(centred).stiffness - truth, truth
 
 
@@ -62,13 +62,13 @@ def test_variance_accounted_for_is_near_the_papers():
 
 
 def test_all_of_a_perfect_persons_stiffness_is_found_before_alignment_and_less_after():
-    for which, participant in (("noise", perfect()), ("prbs", perfect())):
-        trials = getattr(tv.simulate.participant(1, participant), which)
-        preparation = tv.preprocess.prepare(trials.revealed)
-        error, truth = stiffness_error(preparation.recorded)
+    for which in PERTURBATIONS:
+        simulation = tv.simulate.Participant(1, perfect()).simulate(perturbation=tv.simulate.PERTURBATIONS[which])
+        preparation = tv.preprocess.prepare(simulation.recording)
+        error, truth = stiffness_error(simulation, preparation.recorded)
         assert np.sqrt(np.mean(error**2)) < 0.01 * truth.mean()
         # Alignment takes a part of the answer for a delay: the bias that its notes tell of.
-        aligned, _ = stiffness_error(preparation.alignment.ensemble)
+        aligned, _ = stiffness_error(simulation, preparation.alignment.ensemble)
         assert -0.18 < aligned.mean() / truth.mean() < -0.12
 
 
@@ -76,11 +76,11 @@ def test_all_of_a_perfect_persons_stiffness_is_found_before_alignment_and_less_a
 def test_prepared_ensembles_identify_with_stiffness_near_the_truth(which):
     biases, unmoved_biases = [], []
     for number in PEOPLE:
-        preparation = prepared(number, which)
-        error, truth = stiffness_error(preparation.ensemble)
+        simulation, preparation = simulated(number, which), prepared(number, which)
+        error, truth = stiffness_error(simulation, preparation.ensemble)
         assert np.corrcoef(truth, truth + error)[0, 1] > 0.8
         biases.append(error.mean())
-        unmoved, _ = stiffness_error(preparation.recorded.select(preparation.account.kept))
+        unmoved, _ = stiffness_error(simulation, preparation.recorded.select(preparation.account.kept))
         unmoved_biases.append(unmoved.mean())
     # The paper's sequence underestimates everybody; the same realizations where they were recorded do much less so.
     assert max(biases) < 0
@@ -89,7 +89,7 @@ def test_prepared_ensembles_identify_with_stiffness_near_the_truth(which):
 
 
 def test_the_recording_is_untouched_and_the_result_repeatable():
-    recording = tv.simulate.participant(3).noise.recording
+    recording = simulated(3).recording
     torque = recording.torque.copy()
     first, second = tv.preprocess.prepare(recording), tv.preprocess.prepare(recording)
     np.testing.assert_array_equal(recording.torque, torque)
@@ -98,7 +98,7 @@ def test_the_recording_is_untouched_and_the_result_repeatable():
 
 
 def test_ends_too_short_for_the_context_cost_the_outer_realizations_and_it_is_counted():
-    recording = participant_of(1).noise.recording
+    recording = simulated(1).recording
     # Context and search take 1 s: of each of the ten trials the first realization lacks it if 0.5 s are cut off, and
     # the last one if nothing is left behind it.
     assert tv.preprocess.prepare(recording, ends=0.5).recorded.left_out == 10
@@ -106,7 +106,7 @@ def test_ends_too_short_for_the_context_cost_the_outer_realizations_and_it_is_co
 
 
 def test_steps_that_are_not_asked_for_are_not_taken():
-    recording = participant_of(1).noise.recording
+    recording = simulated(1).recording
     prepare = tv.preprocess.prepare
     plain = prepare(recording, reference=None, task_limit=None, residual_limit=None)
     assert plain.steps == ()

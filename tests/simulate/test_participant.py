@@ -4,15 +4,16 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.virtual import participant_of, perfect
+from tests.virtual import perfect, prepared, simulated
 
 import tvsysid as tv
 
 
 def test_the_papers_protocol():
-    person = participant_of(1)
-    for trials in (person.noise, person.prbs):
-        recording = trials.recording
+    maximal_torque = tv.simulate.Traits.of(1).maximal_torque
+    for perturbation in tv.simulate.PERTURBATIONS:
+        simulation = simulated(1, perturbation)
+        recording = simulation.recording
         assert recording.sampling_rate == 1024.0
         assert len(recording.trials) == 10
         assert {trial.stop - trial.start for trial in recording.trials} == {70 * 1024}
@@ -21,73 +22,76 @@ def test_the_papers_protocol():
         # The actuator needs a moment to come to rest.
         at_rest = (recording.time < 0) | (recording.time > 60.2)
         assert np.abs(recording.angle[at_rest]).max() < 1e-6
-        target = recording.channels["target"] / person.traits.maximal_torque
+        target = recording.channels["target"] / maximal_torque
         assert (target.min(), target.max()) == (pytest.approx(0.05), pytest.approx(0.50))
-        assert np.all(trials.stiffness > 0)
+        assert np.all(simulation.truth["stiffness"] > 0)
 
 
 def test_the_torque_is_the_sum_of_its_parts():
-    person = tv.simulate.participant(2, perfect(2, reflex_gain=5.0, inertia=0.03))
-    recording = person.noise.recording  # smooth enough, and the inertia small enough, for differences
-    np.testing.assert_allclose(person.noise.voluntary_torque, recording.channels["target"], atol=1e-9)
+    simulation = tv.simulate.Participant(2, perfect(2, reflex_gain=5.0, inertia=0.03)).simulate()
+    recording = simulation.recording  # smooth enough, and the inertia small enough, for differences
+    truth, pathways = simulation.truth, simulation.pathways
+    np.testing.assert_allclose(pathways["voluntary"], recording.channels["target"], atol=1e-9)
     rate, angle = recording.sampling_rate, recording.angle
     velocity = np.gradient(angle, 1 / rate)
     acceleration = np.gradient(velocity, 1 / rate)
-    parts = person.noise
-    torque = (
-        person.traits.inertia * acceleration
-        + parts.viscosity * velocity
-        + parts.stiffness * angle
-        + parts.voluntary_torque
-        + parts.reflex_torque
-    )
-    error = recording.torque - torque
-    evoked = recording.torque - parts.voluntary_torque
+    intrinsic = truth["inertia"] * acceleration + truth["viscosity"] * velocity + truth["stiffness"] * angle
+    error = recording.torque - (intrinsic + pathways["voluntary"] + pathways["reflex"])
+    evoked = recording.torque - pathways["voluntary"]
     assert np.std(error) < 0.05 * np.std(evoked)
+    np.testing.assert_allclose(simulation.noiseless.torque, recording.torque, atol=1e-9)  # no noise of the sensor
+    assert set(truth["inertia"]) == {0.03}
+    assert set(truth["reflex_gain"]) == {5.0}
 
 
 def test_stiffness_and_viscosity_follow_the_voluntary_torque_not_the_target():
-    person = participant_of(1)
-    traits, trials = person.traits, person.noise
-    slope, intercept = np.polyfit(trials.voluntary_torque, trials.stiffness, 1)
+    traits, simulation = tv.simulate.Traits.of(1), simulated(1)
+    voluntary, stiffness = simulation.pathways["voluntary"], simulation.truth["stiffness"]
+    slope, intercept = np.polyfit(voluntary, stiffness, 1)
     assert slope == pytest.approx(traits.stiffness_per_torque, rel=0.01)
     assert intercept == pytest.approx(traits.passive_stiffness, rel=0.05)
-    ratio = trials.viscosity / (2 * np.sqrt(trials.stiffness * traits.inertia))
+    ratio = simulation.truth["viscosity"] / (2 * np.sqrt(stiffness * traits.inertia))
     np.testing.assert_allclose(ratio, traits.damping_ratio)
-    off = np.std(trials.voluntary_torque - trials.recording.channels["target"])
-    assert off > 0.05 * np.std(trials.voluntary_torque)
+    off = np.std(voluntary - simulation.recording.channels["target"])
+    assert off > 0.05 * np.std(voluntary)
 
 
 def test_a_reflex_comes_40_ms_after_a_stretch_and_never_pulls():
-    calm, lively = (tv.simulate.participant(4, perfect(4, reflex_gain=gain)).noise for gain in (0.0, 5.0))
-    assert not calm.reflex_torque.any()
-    np.testing.assert_allclose(
-        lively.recording.torque - calm.recording.torque, lively.reflex_torque, atol=1e-9
-    )  # same perturbation
+    calm, lively = (tv.simulate.Participant(4, perfect(4, reflex_gain=gain)).simulate() for gain in (0.0, 5.0))
+    assert not calm.pathways["reflex"].any()
+    reflex = lively.pathways["reflex"]
+    np.testing.assert_allclose(lively.recording.torque - calm.recording.torque, reflex, atol=1e-9)  # same perturbation
     moved = np.flatnonzero(np.diff(lively.recording.angle) > 0)[0]
-    answered = np.flatnonzero(lively.reflex_torque > 0)[0]
+    answered = np.flatnonzero(reflex > 0)[0]
     assert 0.039 < (answered - moved) / 1024 < 0.060
-    assert lively.reflex_torque.max() > 0.1
-    assert lively.reflex_torque.min() > -0.1 * lively.reflex_torque.max()
+    assert reflex.max() > 0.1
+    assert reflex.min() > -0.1 * reflex.max()
 
 
 def test_six_people_differ_and_each_stays_the_same():
     everybody = [tv.simulate.Traits.of(number) for number in range(1, 7)]
     assert len({traits.maximal_torque for traits in everybody}) == 6
-    again = tv.simulate.participant(1)
-    np.testing.assert_array_equal(again.noise.recording.torque, participant_of(1).noise.recording.torque)
-    np.testing.assert_array_equal(again.prbs.stiffness, participant_of(1).prbs.stiffness)
+    again = tv.simulate.Participant(1)
     assert again.traits == everybody[0]
-    assert not np.array_equal(again.noise.voluntary_torque, again.prbs.voluntary_torque)
+    noise, prbs = again.simulate(), again.simulate(perturbation=tv.simulate.PRBS())
+    np.testing.assert_array_equal(noise.recording.torque, simulated(1).recording.torque)
+    np.testing.assert_array_equal(prbs.truth["stiffness"], simulated(1, "prbs").truth["stiffness"])
+    assert not np.array_equal(noise.pathways["voluntary"], prbs.pathways["voluntary"])
 
 
-def test_the_truth_passes_through_as_channels():
-    trials = participant_of(1).prbs
-    revealed = trials.revealed
-    assert set(revealed.channels) == {"target", "stiffness", "viscosity", "voluntary_torque", "reflex_torque"}
-    assert set(trials.recording.channels) == {"target"}
-    np.testing.assert_array_equal(revealed.channels["stiffness"], trials.stiffness)
-    np.testing.assert_array_equal(revealed.torque, trials.recording.torque)
+def test_the_truth_of_prepared_realizations_is_that_of_their_trials_and_times():
+    simulation = simulated(1, "prbs")
+    assert set(simulation.recording.channels) == {"target"}
+    preparation = prepared(1, "prbs")  # decimated, trimmed, aligned, selected
+    truth = simulation.truth_of(preparation.ensemble)
+    assert set(truth) == {"stiffness", "viscosity", "inertia", "reflex_gain"}
+    recording, ensemble = simulation.recording, preparation.ensemble
+    for number in (0, 57, len(ensemble) - 1):
+        inside = recording.trials[ensemble.trials[number]]
+        stiffness = np.interp(
+            ensemble.onsets[number] + ensemble.time, recording.time[inside], simulation.truth["stiffness"][inside]
+        )
+        np.testing.assert_allclose(truth["stiffness"][number], stiffness, rtol=1e-9)
 
 
 @given(st.integers(0, 2**31))
@@ -104,7 +108,7 @@ def test_anybody_is_plausible(number):
 @pytest.mark.parametrize("number", [-1, "one", 1.5])
 def test_numbers_that_are_none_are_refused(number):
     with pytest.raises(tv.InputError, match="number must be a whole number of zero or more"):
-        tv.simulate.participant(number)
+        tv.simulate.Participant(number)
 
 
 def test_impossible_traits_are_refused():

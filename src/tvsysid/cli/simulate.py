@@ -70,17 +70,17 @@ def simulate(
 
 def _write_participant(file: Path, number: int, perturbation: str) -> None:
     from tvsysid.recordings import write_simulation
-    from tvsysid.simulate import participant
+    from tvsysid.simulate import PERTURBATIONS, Participant
 
     if file.suffix.lower() != ".mat":
         raise InputError(f"{file}: a participant's trials are matrices; give a file that ends in .mat")
-    trials = getattr(participant(number), perturbation)
-    recording = trials.recording
+    simulation = Participant(number).simulate(perturbation=PERTURBATIONS[perturbation])
+    recording = simulation.recording
     signals = {
         "angle": recording.angle,
         "torque": recording.torque,
         "target": recording.channels["target"],
-        "stiffness": trials.stiffness,
+        "stiffness": simulation.truth["stiffness"],
     }
     count = len(recording.trials)
     columns = {name: values.reshape(count, -1).T for name, values in signals.items()}

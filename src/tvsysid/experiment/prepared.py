@@ -8,7 +8,6 @@ import os
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +19,7 @@ from tvsysid.experiment.experiment import Experiment, Recorded
 from tvsysid.preprocess import Account, Preparation, prepare
 from tvsysid.recordings import read_usable_trials
 from tvsysid.signals import Ensemble, Recording
-from tvsysid.simulate import participant
+from tvsysid.simulate import PERTURBATIONS, Participant, Simulation
 
 Array = NDArray[np.float64]
 
@@ -28,8 +27,8 @@ NOTHING = "nothing"
 """Digest of what could not be prepared, for whatever reason."""
 EXCERPT = 10.0
 """Seconds of a recording that are shown."""
-TRUTH, TORQUE = "tvsysid: true stiffness", "tvsysid: recorded torque"
-"""Channels that pass through the preparation beside the torque, which loses its mean there."""
+TORQUE = "tvsysid: recorded torque"
+"""Channel that passes through the preparation beside the torque, which loses its mean there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +115,7 @@ def shown(experiment: Experiment, recorded: Recorded) -> tuple[Recording, Prepar
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DataQualityWarning)  # told when it was prepared
-        recording, _ = _recording(experiment, recorded)
+        recording, _ = _recording(experiment, recorded, _simulated(recorded))
         return _excerpt(recording, experiment.preparation.reference), _preparation(experiment, recording)
 
 
@@ -128,7 +127,8 @@ def _prepared(experiment: Experiment, recorded: Recorded) -> Prepared:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DataQualityWarning)
         try:
-            recording, refused = _recording(experiment, recorded)
+            simulation = _simulated(recorded)
+            recording, refused = _recording(experiment, recorded, simulation)
             trials = len(recording.trials)
             preparation = _preparation(experiment, recording)
         except (InputError, MemoryError) as error:
@@ -150,7 +150,7 @@ def _prepared(experiment: Experiment, recorded: Recorded) -> Prepared:
         account=preparation.account,
         target_torque=over_time(experiment.preparation.reference),
         mean_torque=over_time(TORQUE),
-        true_stiffness=over_time(TRUTH),
+        true_stiffness=unknown if simulation is None else simulation.truth_of(ensemble)["stiffness"].mean(axis=0),
         trials=trials,
         refused=refused,
         doubts=doubts,
@@ -161,7 +161,15 @@ def _preparation(experiment: Experiment, recording: Recording) -> Preparation:
     return prepare(recording, **experiment.preparation.model_dump())
 
 
-def _recording(experiment: Experiment, recorded: Recorded) -> tuple[Recording, dict[str, str]]:
+def _simulated(recorded: Recorded) -> Simulation | None:
+    if not recorded.is_virtual:
+        return None
+    return Participant(recorded.number).simulate(perturbation=PERTURBATIONS[recorded.perturbation])
+
+
+def _recording(
+    experiment: Experiment, recorded: Recorded, simulation: Simulation | None
+) -> tuple[Recording, dict[str, str]]:
     """All usable trials in one, and why others are not.
 
     Raises
@@ -169,14 +177,8 @@ def _recording(experiment: Experiment, recorded: Recorded) -> tuple[Recording, d
     InputError
         If there is none.
     """
-    if recorded.is_virtual:
-        trials = getattr(_participant(recorded.number), recorded.perturbation)
-        recording, truth = trials.recording, {TRUTH: trials.stiffness}
-        refused: dict[str, str] = {}
-    else:
-        recording, refused = _read(experiment, recorded)
-        truth = {}
-    return replace(recording, channels={**recording.channels, **truth, TORQUE: recording.torque}), refused
+    recording, refused = _read(experiment, recorded) if simulation is None else (simulation.recording, {})
+    return replace(recording, channels={**recording.channels, TORQUE: recording.torque}), refused
 
 
 def _read(experiment: Experiment, recorded: Recorded) -> tuple[Recording, dict[str, str]]:
@@ -228,7 +230,3 @@ def _excerpt(recording: Recording, reference: str | None) -> Recording:
     part = slice(first, first + count)
     target = {} if reference is None else {"target": recording.channels[reference][part]}
     return Recording(recording.angle[part], recording.torque[part], recording.sampling_rate, 0.0, target)
-
-
-# The two recordings of a virtual participant are made together.
-_participant = lru_cache(maxsize=1)(participant)

@@ -101,8 +101,8 @@ def prepare(
     Examples
     --------
     >>> import tvsysid as tv
-    >>> participant = tv.simulate.participant(1)
-    >>> tv.preprocess.prepare(participant.noise.recording).ensemble
+    >>> simulation = tv.simulate.Participant(1).simulate()
+    >>> tv.preprocess.prepare(simulation.recording).ensemble
     Ensemble(... realizations of 2 s at 128 Hz, context 0.5 s; ...)
     """
     margin = context if reference is None else context + search

@@ -87,10 +87,10 @@ def trial(
                     model.stiffness,
                     model.viscosity,
                     model.inertia,
-                    *model.stiffness_band(),
-                    *model.viscosity_band(),
-                    *model.inertia_band(),
-                    *model.simultaneous_stiffness_band(),
+                    *model.estimates["stiffness"].band(),
+                    *model.estimates["viscosity"].band(),
+                    *model.estimates["inertia"].band(),
+                    *model.estimates["stiffness"].band(simultaneous=True),
                 ]
             )
     return np.array(rows)

@@ -174,7 +174,7 @@ def bands_table(quick: bool) -> Table:
                 for target, replacement in BAND_WORK.items():
                     stack.enter_context(mock.patch(f"tvsysid.methods.{target}", replacement))
                 alone.append(seconds(lambda m=method: m.identify(ensemble)))
-            banded.append(seconds(lambda m=method: m.identify(ensemble).stiffness_band()))
+            banded.append(seconds(lambda m=method: m.identify(ensemble).estimates["stiffness"].band()))
         ratio = statistics.median(both / one for one, both in zip(alone, banded, strict=True))
         times = (f"{1e3 * statistics.median(values):.2f}" for values in (alone, banded))
         table.add_row(name, *times, f"{ratio:.2f}")

@@ -10,6 +10,7 @@ from hypothesis import settings
 from threadpoolctl import threadpool_limits
 
 import tvsysid as tv
+from tvsysid.estimates import IMPEDANCE
 
 # Small matrices: threads would only wait for each other.
 threadpool_limits(1)
@@ -32,6 +33,16 @@ def ensemble_of(
         duration, perturbation=tv.simulate.PERTURBATIONS[perturbation], snr_db=snr_db, seed=seed
     )
     return tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), period, context)
+
+
+def standard_errors_of(model):
+    """Standard errors of stiffness, viscosity and inertia, shape (3, time)."""
+    return np.stack([model.estimates[name].standard_error.values for name in IMPEDANCE])
+
+
+def freedom_of(model):
+    """Degrees of freedom of the standard errors, shape (3, time)."""
+    return np.stack([model.estimates[name].standard_error.freedom for name in IMPEDANCE])
 
 
 @pytest.fixture(name="ensemble_of")

@@ -12,9 +12,12 @@ from . import uncertainty as uncertainty
 from .check import check_method as check_method
 from .errors import DataQualityWarning as DataQualityWarning
 from .errors import InputError as InputError
+from .estimates import Estimate as Estimate
+from .estimates import StandardError as StandardError
 from .methods import BasisIRF as BasisIRF
 from .methods import EnsembleIRF as EnsembleIRF
 from .methods import EnsembleSpectral as EnsembleSpectral
+from .methods import Input as Input
 from .methods import KernelRegression as KernelRegression
 from .methods import ShortDataSegments as ShortDataSegments
 from .models import Model as Model

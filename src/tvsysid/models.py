@@ -1,4 +1,4 @@
-"""What identification returns: immutable models that predict torque.
+"""What identification returns: immutable models with estimates, which predict torque.
 
 Axis order and the sign of a lag are decided here and nowhere else::
 
@@ -12,18 +12,17 @@ from __future__ import annotations
 
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from functools import cached_property
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from tvsysid.errors import DataQualityWarning, InputError
-from tvsysid.numerics.bands import critical_value, simultaneous_value
-from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
+from tvsysid.estimates import UNITS, Estimate
+from tvsysid.numerics.bands import mean_known
 from tvsysid.numerics.moments import convolve_lags
 from tvsysid.signals import Ensemble
 
@@ -32,25 +31,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
-Labelled = dict[str, tuple[tuple[str, ...], Any]]
+Labelled = dict[str, tuple[tuple[str, ...], ArrayLike]]
 """Values with the names of their axes, by name."""
-
-QUANTITIES = ("stiffness", "viscosity", "inertia")
-UNITS = {
-    "stiffness": "N m/rad",
-    "viscosity": "N m s/rad",
-    "inertia": "kg m2",
-    "stiffness_deviation": "N m/rad",
-    "viscosity_deviation": "N m s/rad",
-    "inertia_deviation": "kg m2",
-    "impulse_response": "N m/rad/s",
-    "frequency_response": "N m/rad",
-    "coherence": "1",
-    "rank": "1",
-    "time": "s",
-    "lag": "s",
-    "frequency": "Hz",
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +46,7 @@ class Diagnostics:
     rank
         Number of singular values kept at each time, shape (time,); None for methods that keep all or have none.
     warnings
-        What was legal but doubtful.
+        What was legal, but makes the result doubtful.
     seconds
         Time taken.
     details
@@ -82,52 +64,14 @@ class Diagnostics:
         if self.rank is not None:
             self.rank.flags.writeable = False
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         # A read-only mapping, unlike a dict, cannot be pickled.
         return type(self), (self.parameters, self.rank, self.warnings, self.seconds, dict(self.details))
 
 
-@dataclass(frozen=True, eq=False)
-class Spread:
-    """Random error of what was identified: what other noise of the same kind would have changed.
-
-    Parameters
-    ----------
-    deviation
-        Standard deviations of stiffness, viscosity and inertia, shape (3, time); NaN where there is none.
-    freedom
-        Degrees of freedom from which they were estimated, shape (3, time).
-    arcs
-        Of each quantity, how far it moves over the period apart from its size; see
-        :func:`tvsysid.numerics.bands.simultaneous_value`.
-    absent
-        Why there is none of some quantity at any time, if so.
-    """
-
-    deviation: Array
-    freedom: Array
-    arcs: tuple[float, float, float] = (np.inf, np.inf, np.inf)
-    absent: str = ""
-
-    def __post_init__(self) -> None:
-        for name in ("deviation", "freedom"):
-            values = np.array(getattr(self, name))
-            values.flags.writeable = False
-            object.__setattr__(self, name, values)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        # Arrays that come out of a pickle can be written to; those of an object that is made anew cannot.
-        return type(self), (self.deviation, self.freedom, self.arcs, self.absent)
-
-    @classmethod
-    def none(cls, times: int, why: str) -> Spread:
-        """Nothing is known of the random error."""
-        return cls(np.full((3, times), np.nan), np.full((3, times), np.inf), absent=why)
-
-
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Model(ABC):
-    """A joint's impedance over one realization.
+    """What was identified over one realization.
 
     Parameters
     ----------
@@ -137,30 +81,20 @@ class Model(ABC):
         In Hz.
     time
         Time within a realization in s, shape (time,).
-    stiffness, viscosity, inertia
-        In N·m/rad, N·m·s/rad and kg·m², shape (time,); NaN where not identified.
+    estimates
+        Estimates by quantity: ``stiffness``, ``viscosity``, ``inertia``, ``reflex_gain`` …
     diagnostics
         How the identification went.
-    spread
-        Its random error, from which the bands follow, or what works it out when a band is first asked for; None where
-        the method tells nothing of it.
-
-    Notes
-    -----
-    A band covers the random error: the truth lies within it in a share ``level`` of repetitions with other noise, as
-    far as the method is without bias. What a method's assumptions distort (a change that is smoothed, directions of
-    the input that are left out) is no noise and is not in the band; nor is what differs between realizations beyond
-    the noise, for which there is :func:`tvsysid.uncertainty.bootstrap`.
+    coordinates
+        Values along the estimates' axes other than time and realization, by axis.
     """
 
     method: str
     sampling_rate: float
     time: Array
-    stiffness: Array
-    viscosity: Array
-    inertia: Array
+    estimates: Mapping[str, Estimate]
     diagnostics: Diagnostics
-    spread: Spread | Callable[[], Spread] | None = None
+    coordinates: Mapping[str, Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -169,23 +103,47 @@ class Model(ABC):
                 value = value.view()
                 value.flags.writeable = False
                 object.__setattr__(self, item.name, value)
+        for name in ("estimates", "coordinates"):
+            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
 
-    @cached_property
-    def random_error(self) -> Spread | None:
-        """Standard deviations of stiffness, viscosity and inertia, and how well they are known; None if unknown."""
-        return self.spread() if callable(self.spread) else self.spread
+    def __getstate__(self) -> dict[str, object]:
+        # A read-only mapping, unlike a dict, cannot be pickled.
+        return self.__dict__ | {"estimates": dict(self.estimates), "coordinates": dict(self.coordinates)}
 
-    def __getstate__(self) -> dict[str, Any]:
-        # What works out the random error holds the data; a model that travels takes the result instead.
-        return self.__dict__ | {"spread": self.random_error}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
+    def __setstate__(self, state: dict[str, object]) -> None:
         self.__dict__.update(state)
         # Arrays that come out of a pickle can be written to.
         Model.__post_init__(self)
 
-    def predict(self, ensemble: Ensemble) -> Array:
-        """Torque that the model gives for the ensemble's angle.
+    @property
+    def stiffness(self) -> Array:
+        """In N·m/rad, shape (time,); NaN where not identified."""
+        return self.over_time("stiffness")
+
+    @property
+    def viscosity(self) -> Array:
+        """In N·m·s/rad, shape (time,); NaN where not identified."""
+        return self.over_time("viscosity")
+
+    @property
+    def inertia(self) -> Array:
+        """In kg·m², shape (time,); NaN where not identified."""
+        return self.over_time("inertia")
+
+    def over_time(self, quantity: str) -> Array:
+        """Estimate of a quantity over time, shape (time,).
+
+        The mean over realizations where the method tells them apart; NaN where it has no such estimate.
+        """
+        estimate = self.estimates.get(quantity)
+        if estimate is not None and estimate.axes == ("time",):
+            return estimate.values
+        if estimate is not None and estimate.axes == ("realization", "time"):
+            return mean_known(estimate.values)
+        return np.full(len(self.time), np.nan)
+
+    def pathways(self, ensemble: Ensemble) -> dict[str, Array]:
+        """Torque of each pathway for the ensemble's signals.
 
         Parameters
         ----------
@@ -194,9 +152,9 @@ class Model(ABC):
 
         Returns
         -------
-        Array
-            In N·m, shape (realization, time), context not counted; NaN where lags reach beyond the samples or
-            the model does not.
+        dict
+            By pathway (``"intrinsic"`` alone where the model has one), in N·m, shape (realization, time), context not
+            counted; NaN where lags reach beyond the samples or the model does not.
 
         Raises
         ------
@@ -208,110 +166,69 @@ class Model(ABC):
                 f"predict: the model has {len(self.time)} samples at {self.sampling_rate:g} Hz, the ensemble "
                 f"{ensemble.samples} at {ensemble.sampling_rate:g} Hz; decimate and segment it in the same way"
             )
-        return self._predict(ensemble)
+        return self._pathways(ensemble)
 
-    def stiffness_band(self, level: float = 0.95) -> tuple[Array, Array]:
-        """Band about the stiffness at each time by itself.
-
-        Parameters
-        ----------
-        level
-            Probability, between 0 and 1, with which the band holds the true value at a time.
-
-        Returns
-        -------
-        lower, upper : Array
-            In N·m/rad, shape (time,); NaN where there is none.
-
-        Raises
-        ------
-        InputError
-            For a level that is not between 0 and 1.
-
-        Warns
-        -----
-        DataQualityWarning
-            If there is none at any time; it says why.
-        """
-        return self._band(0, level)
-
-    def viscosity_band(self, level: float = 0.95) -> tuple[Array, Array]:
-        """Band about the viscosity in N·m·s/rad, as :meth:`stiffness_band`."""
-        return self._band(1, level)
-
-    def inertia_band(self, level: float = 0.95) -> tuple[Array, Array]:
-        """Band about the inertia in kg·m², as :meth:`stiffness_band`."""
-        return self._band(2, level)
-
-    def simultaneous_stiffness_band(self, level: float = 0.95) -> tuple[Array, Array]:
-        """Band that holds the true stiffness at all times together with a probability of at least ``level``.
-
-        Wider than :meth:`stiffness_band`, whose parameters and result it has; see
-        :func:`tvsysid.numerics.bands.simultaneous_value`.
-        """
-        return self._band(0, level, simultaneous=True)
-
-    def _band(self, quantity: int, level: float, simultaneous: bool = False) -> tuple[Array, Array]:
-        given = self._given_band(f"{'simultaneous_' * simultaneous}{QUANTITIES[quantity]}_band", level)
-        if given is not None:
-            return given
-        spread = self.random_error or Spread.none(len(self.time), "the method tells nothing of its random error")
-        deviation = spread.deviation[quantity]
-        width = np.full(len(self.time), np.nan)
-        known = np.isfinite(deviation)
-        if spread.absent and not known.any():
-            warnings.warn(f"{QUANTITIES[quantity]}_band: {spread.absent}", DataQualityWarning, stacklevel=3)
-        freedom = spread.freedom[quantity][known]
-        if simultaneous:
-            width[known] = simultaneous_value(level, freedom, spread.arcs[quantity])
-        else:
-            width[known] = critical_value(level, freedom)
-        width *= deviation
-        estimate = getattr(self, QUANTITIES[quantity])
-        return estimate - width, estimate + width
-
-    def _given_band(self, name: str, level: float) -> tuple[Array, Array] | None:
-        """Band that the model has by other means than its spread."""
-        return None
+    def predict(self, ensemble: Ensemble) -> Array:
+        """Torque that the model predicts for the ensemble's signals: the sum of its :meth:`pathways`."""
+        return np.asarray(sum(self.pathways(ensemble).values()))
 
     @abstractmethod
-    def _predict(self, ensemble: Ensemble) -> Array: ...
+    def _pathways(self, ensemble: Ensemble) -> dict[str, Array]: ...
 
     def __repr__(self) -> str:
-        known = int(np.isfinite(self.stiffness).sum())
+        stiffness = self.stiffness
+        known = int(np.isfinite(stiffness).sum())
+        span = "no stiffness"
         if known:
-            low, high = float(np.nanmin(self.stiffness)), float(np.nanmax(self.stiffness))
-            span = f"stiffness {low:.1f} to {high:.1f} N·m/rad"
-        else:
-            span = "no stiffness"
-        doubts = "".join(f"\n  warning: {text}" for text in self.diagnostics.warnings)
+            span = f"stiffness {np.nanmin(stiffness):.1f} to {np.nanmax(stiffness):.1f} N·m/rad"
+        warned = "".join(f"\n  warning: {text}" for text in self.diagnostics.warnings)
         return (
             f"{type(self).__name__}({self.method}: {span} over {len(self.time) / self.sampling_rate:g} s, "
             f"identified at {known} of {len(self.time)} samples, "
-            f"{self.diagnostics.parameters:.3g} effective parameters){doubts}"
+            f"{self.diagnostics.parameters:.3g} effective parameters){warned}"
         )
 
-    def to_xarray(self) -> xr.Dataset:
+    def to_xarray(self, ensemble: Ensemble | None = None) -> xr.Dataset:
         """Everything identified as an xarray.Dataset, with units as attributes.
 
-        A frequency response is complex; :func:`tvsysid.recordings.write_models` splits it for the NetCDF file.
+        Each estimate has beside it, where the method states it, its ``_standard_error``, degrees of ``_freedom``, and
+        the ``_lower`` and ``_upper`` limits of its 95 % band. A frequency response is complex;
+        :func:`tvsysid.recordings.write_models` splits it for the NetCDF file.
+
+        Parameters
+        ----------
+        ensemble
+            If given, the torque of each pathway for it is there too, as ``torque_`` and the pathway's name.
         """
         import xarray as xr  # noqa: PLC0415  # heavy
 
-        variables: Labelled = {name: (("time",), getattr(self, name)) for name in QUANTITIES}
-        if self.random_error is not None:
-            for name, deviation in zip(QUANTITIES, self.random_error.deviation, strict=True):
-                variables[f"{name}_deviation"] = (("time",), deviation)
+        variables: Labelled = {}
+        units = dict(UNITS)
+        for name, estimate in self.estimates.items():
+            parts = {name: estimate.values}
+            if (error := estimate.standard_error) is not None:
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore", DataQualityWarning)  # that there is none
+                    lower, upper = estimate.band()
+                parts |= {f"{name}_standard_error": error.values, f"{name}_lower": lower, f"{name}_upper": upper}
+                variables[f"{name}_freedom"] = (estimate.axes, error.freedom)
+            variables |= {part: (estimate.axes, values) for part, values in parts.items()}
+            units |= dict.fromkeys(parts, estimate.unit)
         coordinates: Labelled = {"time": (("time",), self.time)}
+        coordinates |= {name: ((name,), values) for name, values in self.coordinates.items()}
         if self.diagnostics.rank is not None:
             variables["rank"] = (("time",), self.diagnostics.rank)
         extra, extra_coordinates = self._identified()
         variables |= extra
         coordinates |= extra_coordinates
+        if ensemble is not None:
+            for name, torque in self.pathways(ensemble).items():
+                variables[f"torque_{name}"] = (("realization", "time"), torque)
+                units[f"torque_{name}"] = "N m"
 
-        def with_unit(items: Labelled) -> dict[str, Any]:
+        def with_unit(items: Labelled) -> dict[str, tuple[tuple[str, ...], ArrayLike, dict[str, str]]]:
             return {
-                name: (dims, values, {"units": UNITS[name]} if name in UNITS else {})
+                name: (dims, values, {"units": units[name]} if name in units else {})
                 for name, (dims, values) in items.items()
             }
 
@@ -332,7 +249,7 @@ class Model(ABC):
         return str(self.to_xarray()._repr_html_())
 
     def _identified(self) -> tuple[Labelled, Labelled]:
-        """Variables and coordinates beyond stiffness, viscosity and inertia."""
+        """Variables and coordinates beside the estimates."""
         return {}, {}
 
 
@@ -351,9 +268,9 @@ class ImpulseResponseModel(Model):
     impulse_response: Array
     lags: Array
 
-    def _predict(self, ensemble: Ensemble) -> Array:
+    def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
         n = len(self.lags) // 2
-        return _convolve(ensemble, self.impulse_response / self.sampling_rate, n, n)
+        return {"intrinsic": _convolve(ensemble, self.impulse_response / self.sampling_rate, n, n)}
 
     def _identified(self) -> tuple[Labelled, Labelled]:
         return {"impulse_response": (("time", "lag"), self.impulse_response)}, {"lag": (("lag",), self.lags)}
@@ -387,11 +304,11 @@ class FrequencyResponseModel(Model):
     excited: NDArray[np.bool_]
     segment: int
 
-    def _predict(self, ensemble: Ensemble) -> Array:
+    def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
         response = np.where(self.excited, self.frequency_response, 0.0)
         weights = np.fft.fftshift(np.fft.irfft(response, self.segment, axis=1), axes=1)
         weights[np.isnan(self.frequency_response).any(axis=1)] = np.nan
-        return _convolve(ensemble, weights, self.segment // 2, (self.segment - 1) // 2)
+        return {"intrinsic": _convolve(ensemble, weights, self.segment // 2, (self.segment - 1) // 2)}
 
     def _identified(self) -> tuple[Labelled, Labelled]:
         variables: Labelled = {
@@ -406,7 +323,7 @@ class SecondOrderModel(Model):
     r"""Stiffness, viscosity and inertia that are sums of known functions of time.
 
     Its prediction is :math:`k(t)\theta + b(t)\dot\theta + I(t)\ddot\theta`, with the derivatives of
-    :func:`tvsysid.numerics.differentiation.differentiate`.
+    :meth:`tvsysid.Ensemble.derivatives`.
 
     Parameters
     ----------
@@ -426,20 +343,9 @@ class SecondOrderModel(Model):
         """Stiffness, viscosity and inertia that hold for the ensemble, each (time,) or (realization, time)."""
         return self.stiffness, self.viscosity, self.inertia
 
-    def _predict(self, ensemble: Ensemble) -> Array:
-        missing = max(0, HALF_WIDTH - ensemble.context)
-        out = np.full((len(ensemble), ensemble.samples), np.nan)
-        inner = slice(missing, ensemble.samples - missing)
-        if inner.stop <= inner.start:
-            return out
-        first = ensemble.context + missing - HALF_WIDTH
-        last = ensemble.angle.shape[1] - first
-        signals = differentiate(ensemble.angle[:, first:last], ensemble.sampling_rate)
-        impedance = self.impedance(ensemble)
-        out[:, inner] = sum(
-            coefficient[..., inner] * signal for coefficient, signal in zip(impedance, signals, strict=True)
-        )
-        return out
+    def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
+        derivatives = ensemble.derivatives()
+        return {"intrinsic": np.asarray(sum(map(np.multiply, self.impedance(ensemble), derivatives)))}
 
     def _identified(self) -> tuple[Labelled, Labelled]:
         variables: Labelled = {

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tvsysid.errors import InputError
+from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 
 Array = NDArray[np.float64]
 
@@ -103,6 +104,15 @@ def _checked_channels(channels: Mapping[str, ArrayLike], like: Array, axes: tupl
     return MappingProxyType(checked)
 
 
+def _signal(signals: Recording | Ensemble, name: str) -> Array:
+    """Angle, torque or a channel, by name."""
+    found = {"angle": signals.angle, "torque": signals.torque, **signals.channels}.get(name)
+    if found is None:
+        there = ", ".join(("angle", "torque", *signals.channels))
+        raise InputError(f"signal: there is no {name!r}; the signals are {there}. Read it as a further channel")
+    return found
+
+
 def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
@@ -177,6 +187,10 @@ class Recording:
             f"angle RMS {_rms(self.angle):.3g} rad, torque RMS {_rms(self.torque):.3g} N·m)"
         )
 
+    def signal(self, name: str) -> Array:
+        """``"angle"``, ``"torque"`` or a channel by its name, shape (time,); InputError for any other name."""
+        return _signal(self, name)
+
     @property
     def duration(self) -> float:
         """Seconds recorded, all trials together."""
@@ -220,6 +234,9 @@ class Ensemble:
         Further signals by name, each of the angle's shape.
     left_out
         How many realizations were not taken up when the record was cut, for want of context.
+    mean_subtracted
+        Whether the mean over realizations was subtracted (:func:`tvsysid.preprocess.subtract_mean`): the noise of R
+        realizations then counts as that of R - 1.
 
     Raises
     ------
@@ -243,6 +260,7 @@ class Ensemble:
     trials: NDArray[np.int64] | None = None
     channels: Mapping[str, Array] = field(default_factory=dict)
     left_out: int = 0
+    mean_subtracted: bool = False
 
     def __post_init__(self) -> None:
         axes = ("realization", "time")
@@ -290,6 +308,36 @@ class Ensemble:
             f"context {self.context / self.sampling_rate:g} s{left_out}; angle RMS {_rms(self.angle):.3g} rad, "
             f"torque RMS {_rms(self.torque):.3g} N·m)"
         )
+
+    def signal(self, name: str) -> Array:
+        """``"angle"``, ``"torque"`` or a channel by its name, context counted; InputError for any other name."""
+        return _signal(self, name)
+
+    def derivatives(self, order: int = 2) -> Array:
+        """Angle and its band-limited derivatives over the realization, context not counted.
+
+        Parameters
+        ----------
+        order
+            Of the highest derivative: 0, 1 or 2.
+
+        Returns
+        -------
+        Array
+            In rad, rad/s and rad/s², shape (order + 1, realization, time); NaN where the filters of
+            :mod:`tvsysid.numerics.differentiation` reach beyond the context.
+        """
+        if order not in (0, 1, 2):
+            raise InputError(f"derivatives: order must be 0, 1 or 2, got {order!r}")
+        reach = HALF_WIDTH if order else 0
+        missing = max(0, reach - self.context)
+        out = np.full((order + 1, len(self), self.samples), np.nan)
+        inner = slice(missing, self.samples - missing)
+        if inner.stop > inner.start:
+            first = self.context + missing - reach
+            angle = self.angle[:, first : self.angle.shape[1] - first]
+            out[:, :, inner] = differentiate(angle, self.sampling_rate)[: order + 1] if order else angle
+        return out
 
     @property
     def samples(self) -> int:

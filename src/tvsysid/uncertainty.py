@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid.errors import DataQualityWarning, InputError
-from tvsysid.methods.foreign import adopted
-from tvsysid.models import QUANTITIES, Model
+from tvsysid.estimates import read_only
+from tvsysid.methods.apply import apply
+from tvsysid.models import Model
 from tvsysid.numerics.bands import critical_value, mean_and_spread
 from tvsysid.preprocess.bootstrap import bootstrap_weights
 from tvsysid.signals import Ensemble
@@ -35,104 +37,85 @@ class Bootstrap:
         Identified from the ensemble as it is.
     realizations
         How many were drawn from.
-    stiffness, viscosity, inertia
-        Of each draw, in N·m/rad, N·m·s/rad and kg·m², shape (draw, time); NaN where not identified.
+    draws
+        Of each quantity that the model estimates, what each draw gave, shape (draw, time); NaN where not identified.
+        Means over realizations, where the method tells these apart.
     failed
         How many draws could not be identified; they are all NaN.
     """
 
     model: Model
     realizations: int
-    stiffness: Array
-    viscosity: Array
-    inertia: Array
+    draws: Mapping[str, Array]
     failed: int = 0
 
     def __post_init__(self) -> None:
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if isinstance(value, np.ndarray):
-                value = value.view()
-                value.flags.writeable = False
-                object.__setattr__(self, item.name, value)
+        draws = {name: read_only(values) for name, values in self.draws.items()}
+        object.__setattr__(self, "draws", MappingProxyType(draws))
 
     def __len__(self) -> int:
-        return len(self.stiffness)
+        return len(next(iter(self.draws.values())))
 
     def __repr__(self) -> str:
-        _, deviation = mean_and_spread(self.stiffness)
+        _, deviation = mean_and_spread(self.draws["stiffness"])
         known = np.isfinite(deviation)
         size = f"±{deviation[known].mean():.2g} N·m/rad (standard deviation)" if known.any() else "not known"
         failed = f", {self.failed} failed," if self.failed else ""
         return f"Bootstrap({len(self)} draws{failed} of {self.model.method}: stiffness {size})"
 
-    def stiffness_band(self, level: float = 0.95) -> tuple[Array, Array]:
-        """Band about the stiffness at each time by itself.
+    def band(self, quantity: str = "stiffness", level: float = 0.95, simultaneous: bool = False) -> tuple[Array, Array]:
+        r"""Band about the model's estimate.
 
         Parameters
         ----------
+        quantity
+            One of the draws'.
         level
-            Probability, between 0 and 1, with which the band holds the true value at a time.
+            Probability, between 0 and 1, with which the band holds the true value.
+        simultaneous
+            Whether it holds the truth at all times together with about that probability, rather than at each by itself.
 
         Returns
         -------
         lower, upper : Array
-            In N·m/rad, shape (time,); NaN where fewer than two draws have an estimate.
+            In the quantity's unit, shape (time,); NaN where fewer than two draws have an estimate.
 
         Raises
         ------
         InputError
-            For a level that is not between 0 and 1.
-        """
-        return self._band(0, level)
+            For a level that is not between 0 and 1, or a quantity that was not drawn.
 
-    def viscosity_band(self, level: float = 0.95) -> tuple[Array, Array]:
-        """Band about the viscosity in N·m·s/rad, as :meth:`stiffness_band`."""
-        return self._band(1, level)
-
-    def inertia_band(self, level: float = 0.95) -> tuple[Array, Array]:
-        """Band about the inertia in kg·m², as :meth:`stiffness_band`."""
-        return self._band(2, level)
-
-    def simultaneous_stiffness_band(self, level: float = 0.95) -> tuple[Array, Array]:
-        r"""Band that holds the true stiffness at all times together with a probability of about ``level``.
-
-        Each draw's largest distance from the draws' mean, in standard deviations at its time, is one of a sample of
-        what the estimate's own will be. The band is wider than :meth:`stiffness_band` by the ratio of that sample's
-        ``level`` quantile to the one of a single time:
+        Notes
+        -----
+        For the simultaneous band, each draw's largest distance from the draws' mean, in standard deviations at its
+        time, is one of a sample of what the estimate's own will be. The band is wider than that of single times by the
+        ratio of that sample's ``level`` quantile to theirs, and never narrower:
 
         .. math:: \frac{q\left(\max_t |k_b(t) - \bar k(t)| / s(t)\right)}{z}
 
         with z the quantile of the normal distribution. The quantile of so few draws is coarse: of a hundred, 95 % is
-        the fifth largest. Never narrower than :meth:`stiffness_band`, whose parameters and result it has.
+        the fifth largest.
 
         References
         ----------
         Davison and Hinkley 1997, Bootstrap Methods and their Application, section 4.2.4.
         """
-        lower, upper = self._band(0, level)
-        mean, deviation = mean_and_spread(self.stiffness)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            distances = np.abs(self.stiffness - mean) / deviation
-        largest = np.max(distances, axis=1, where=np.isfinite(distances), initial=0.0)[self._identified]
-        at_one = float(critical_value(level, np.array(np.inf)))
-        wider = max(1.0, float(np.quantile(largest, level)) / at_one) if len(largest) else 1.0
-        centre, width = (lower + upper) / 2, (upper - lower) / 2
-        return centre - wider * width, centre + wider * width
-
-    @property
-    def _identified(self) -> NDArray[np.bool_]:
-        return np.asarray(np.isfinite(self.stiffness).any(axis=1))
-
-    def _band(self, quantity: int, level: float) -> tuple[Array, Array]:
-        name = QUANTITIES[quantity]
+        if quantity not in self.draws:
+            raise InputError(f"band: there is no {quantity!r}; the quantities are {', '.join(self.draws)}")
+        draws = self.draws[quantity]
+        mean, deviation = mean_and_spread(draws)
         freedom = self.realizations - 1
         # A draw's own variance is that of so many realizations over so many, not over one less.
         multiple = critical_value(level, np.array(float(freedom))) * math.sqrt(self.realizations / freedom)
-        _, deviation = mean_and_spread(getattr(self, name))
-        width = multiple * deviation
-        estimate = getattr(self.model, name)
-        return estimate - width, estimate + width
+        if simultaneous:
+            with np.errstate(divide="ignore", invalid="ignore"):
+                distances = np.abs(draws - mean) / deviation
+            identified = np.isfinite(draws).any(axis=1)
+            largest = np.max(distances, axis=1, where=np.isfinite(distances), initial=0.0)[identified]
+            at_one = float(critical_value(level, np.array(np.inf)))
+            multiple *= max(1.0, float(np.quantile(largest, level)) / at_one) if len(largest) else 1.0
+        estimate = self.model.over_time(quantity)
+        return estimate - multiple * deviation, estimate + multiple * deviation
 
 
 def bootstrap(method: Any, ensemble: Ensemble, count: int, seed: int, progress: Progress | None = None) -> Bootstrap:
@@ -167,7 +150,7 @@ def bootstrap(method: Any, ensemble: Ensemble, count: int, seed: int, progress: 
     Returns
     -------
     Bootstrap
-        Estimates of all draws. The method's doubts about single draws are not heard, those about the whole are.
+        Estimates of all draws. The method's warnings about single draws are ignored, those about the whole are not.
 
     Raises
     ------
@@ -191,8 +174,8 @@ def bootstrap(method: Any, ensemble: Ensemble, count: int, seed: int, progress: 
     >>> simulation = joint.simulate(40, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1)
     >>> ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), period=2.0)
     >>> found = tv.uncertainty.bootstrap(tv.BasisIRF(), ensemble, count=20, seed=1)
-    >>> lower, upper = found.stiffness_band(0.95)
-    >>> found.stiffness.shape, lower.shape
+    >>> lower, upper = found.band("stiffness", 0.95)
+    >>> found.draws["stiffness"].shape, lower.shape
     ((20, 200), (200,))
     """
     if isinstance(method, type) or not callable(getattr(method, "identify", None)):
@@ -208,8 +191,9 @@ def bootstrap(method: Any, ensemble: Ensemble, count: int, seed: int, progress: 
     if count < FEWEST:
         raise InputError(f"bootstrap: expected at least {FEWEST} draws, got {count}")
     label = repr(method)
-    model = adopted(method.identify(ensemble), label, ensemble)
-    found = np.empty((len(QUANTITIES), count, ensemble.samples))
+    model = apply(method, ensemble)
+    quantities = [name for name, estimate in model.estimates.items() if estimate.axes[-1:] == ("time",)]
+    found = {name: np.full((count, ensemble.samples), np.nan) for name in quantities}
     every = np.arange(len(ensemble))
     reasons = []
     for draw, times in enumerate(weights):
@@ -217,12 +201,12 @@ def bootstrap(method: Any, ensemble: Ensemble, count: int, seed: int, progress: 
             drawn = ensemble.select(np.repeat(every, times))
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", DataQualityWarning)
-                own = adopted(method.identify(drawn), label, drawn)
-            found[:, draw] = [getattr(own, name) for name in QUANTITIES]
+                own = apply(method, drawn)
+            for name, draws in found.items():
+                draws[draw] = own.over_time(name)
         # One draw may be what no other is, and a method of one's own may raise anything.
         except Exception as error:
             reasons.append(f"{type(error).__name__}: {error}")
-            found[:, draw] = np.nan
         if progress is not None:
             progress(draw + 1, count)
     if reasons:
@@ -230,5 +214,4 @@ def bootstrap(method: Any, ensemble: Ensemble, count: int, seed: int, progress: 
         if count - len(reasons) < FEWEST:
             raise InputError(f"bootstrap: {said}; at least {FEWEST} are needed")
         warnings.warn(f"bootstrap: {said}; they are left out", DataQualityWarning, stacklevel=2)
-    stiffness, viscosity, inertia = found
-    return Bootstrap(model, len(ensemble), stiffness, viscosity, inertia, len(reasons))
+    return Bootstrap(model, len(ensemble), found, len(reasons))

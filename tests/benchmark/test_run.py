@@ -45,7 +45,7 @@ def test_a_trial_is_what_its_parts_give(results):
     found = results.sel(scenario=scenario.label, trial=2, method_key="sds")
     np.testing.assert_array_equal(found.stiffness, model.stiffness)
     np.testing.assert_array_equal(found.time_varying_vaf, tv.metrics.time_varying_vaf(torque, model.predict(ensemble)))
-    lower, upper = model.stiffness_band(0.95)
+    lower, upper = model.estimates["stiffness"].band(0.95)
     np.testing.assert_array_equal(found.covered, (lower <= found.true_stiffness) & (found.true_stiffness <= upper))
     vaf = tv.metrics.vaf(torque, model.predict(ensemble))
     np.testing.assert_allclose(found.vaf, [vaf.mean(), vaf.std(), vaf.min()], rtol=1e-12)

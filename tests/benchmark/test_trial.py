@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 import tvsysid as tv
 from tvsysid.benchmark import Study, run, score, summarize, trial
@@ -18,15 +19,16 @@ class Model:
     low: float
     high: float
     told: int
-    stiffness: np.ndarray = dataclasses.field(default_factory=lambda: np.full(TIMES, 100.0))
+
+    @property
+    def estimates(self):
+        width = np.where(np.arange(TIMES) < self.told, (self.high - self.low) / 2, np.nan)
+        middle = np.full(TIMES, (self.low + self.high) / 2)
+        error = tv.StandardError(width / stats.norm.ppf(0.975), np.inf)
+        return {"stiffness": tv.Estimate(middle, "N m/rad", error=error)}
 
     def predict(self, ensemble):
         return 100.0 * ensemble.angle[:, ensemble.core]
-
-    def stiffness_band(self, level):
-        assert level == 0.95
-        known = np.arange(TIMES) < self.told
-        return np.where(known, self.low, np.nan), np.where(known, self.high, np.nan)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,14 +46,20 @@ class Banded:
 class Bandless(Banded):
     def identify(self, ensemble):
         whole = Model(self.low, self.high, self.told)
-        return type("Plain", (), {"stiffness": whole.stiffness, "predict": lambda _, each: whole.predict(each)})()
+        return type("Plain", (), {"stiffness": np.full(TIMES, 100.0), "predict": lambda _, each: whole.predict(each)})()
 
 
 class Misshapen(Banded):
     def identify(self, ensemble):
-        model = Model(self.low, self.high, self.told)
-        object.__setattr__(model, "stiffness_band", lambda level: (np.zeros(3), np.ones(3)))
-        return model
+        wrong = tv.StandardError(np.zeros(3), np.inf)
+        return type("Wrong", (), {"estimates": {"stiffness": tv.Estimate(np.ones(TIMES), "N m/rad", error=wrong)}})()
+
+
+class Endless(Banded):
+    def identify(self, ensemble):
+        error = tv.StandardError(np.full(TIMES, np.inf), np.inf)
+        estimates = {"stiffness": tv.Estimate(np.full(TIMES, 100.0), "N m/rad", error=error)}
+        return type("Endless", (), {"estimates": estimates, "predict": Model(self.low, self.high, 0).predict})()
 
 
 METHODS = {
@@ -60,7 +68,7 @@ METHODS = {
     "where soft": (Banded(0.0, 100.0), 50.0),
     "at first": (Banded(0.0, 200.0, told=20), 100.0),
     "no band": (Bandless(0.0, 200.0), np.nan),
-    "two without end": (Banded(-np.inf, np.inf), np.nan),
+    "two without end": (Endless(0.0, 200.0), np.nan),
 }
 
 
@@ -95,7 +103,9 @@ def test_it_is_told_of_each_time_and_is_nan_where_there_is_no_band(results):
 
 def test_a_band_of_the_wrong_shape_is_a_failure_that_is_told(results):
     misshapen = results.isel(scenario=0, method_key=-1)
-    assert all("must be a lower and an upper edge of shape (200,)" in text for text in misshapen.failure.values)
+    assert all(
+        "expected standard errors of the values' shape (200,), got (3,)" in text for text in misshapen.failure.values
+    )
     assert np.isnan(misshapen.covered).all()
 
 
@@ -107,13 +117,13 @@ def test_the_time_that_bands_take_is_not_that_of_identification(monkeypatch):
     """The clock stands still, but goes on a second with each band."""
     now = [0.0]
     monkeypatch.setattr(trial, "time", SimpleNamespace(perf_counter=lambda: now[0]))
-    band = tv.models.Model.stiffness_band
+    band = tv.Estimate.band
 
     def slow(self, level=0.95):
         now[0] += 1.0
         return band(self, level)
 
-    monkeypatch.setattr(tv.models.Model, "stiffness_band", slow)
+    monkeypatch.setattr(tv.Estimate, "band", slow)
     results = run(Study(duration_s=20.0, trials=1, perturbation="prbs", methods="sds"), workers=1)
     spent = dict(zip(STAGES, results.stage_seconds.values[0, 0], strict=True))
     assert spent["bands"] == 1

@@ -14,7 +14,7 @@ PACKAGE = Path(tvsysid.__file__).parent
 LEVELS = [
     ["errors"],
     ["numerics"],
-    ["signals", "impedance"],
+    ["signals", "impedance", "estimates"],
     ["models"],
     ["preprocess"],
     ["quality"],

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.conftest import ensemble_of
+from tests.conftest import ensemble_of, standard_errors_of
 
 import tvsysid as tv
 
@@ -125,7 +125,7 @@ def test_every_method_answers_bands(method):
     ensemble = ensemble_of(150.0, "sine", "prbs")
     model = method.identify(ensemble)
     for name in ("stiffness", "viscosity", "inertia"):
-        estimate, band = getattr(model, name), getattr(model, f"{name}_band")
+        estimate, band = getattr(model, name), model.estimates[name].band
         known = np.isfinite(estimate)
         lower, upper = band()
         assert lower.shape == upper.shape == (ensemble.samples,)
@@ -138,13 +138,15 @@ def test_every_method_answers_bands(method):
         for wrong in (0.0, 1.0, 95):
             with pytest.raises(tv.InputError, match="level: expected a probability"):
                 band(wrong)
-    whole = model.simultaneous_stiffness_band()
-    pointwise = model.stiffness_band()
+    whole = model.estimates["stiffness"].band(simultaneous=True)
+    pointwise = model.estimates["stiffness"].band()
     assert (whole[0] < pointwise[0]).all()
     assert (whole[1] > pointwise[1]).all()
     dataset = model.to_xarray()
-    np.testing.assert_array_equal(dataset.stiffness_deviation.values, model.random_error.deviation[0])
-    assert dataset.inertia_deviation.attrs["units"] == "kg m2"
+    np.testing.assert_array_equal(
+        dataset.stiffness_standard_error.values, model.estimates["stiffness"].standard_error.values
+    )
+    assert dataset.inertia_standard_error.attrs["units"] == "kg m2"
 
 
 @parametrize()
@@ -213,7 +215,7 @@ def test_scaling_the_torque_scales_the_impedance(method, factor):
     for name in ("stiffness", "viscosity", "inertia"):
         expected = getattr(model, name) * factor
         np.testing.assert_allclose(getattr(other, name), expected, rtol=1e-4, atol=1e-4 * factor * 0.02)
-    np.testing.assert_allclose(other.random_error.deviation, model.random_error.deviation * factor, rtol=1e-3)
+    np.testing.assert_allclose(standard_errors_of(other), standard_errors_of(model) * factor, rtol=1e-3)
 
 
 @parametrize()
@@ -337,7 +339,6 @@ def test_a_callable_basis_serves():
 def test_a_model_that_travels_takes_its_bands_along_and_not_the_data(method):
     model = method.identify(enough_for(method))
     travelled = pickle.loads(pickle.dumps(model))
-    for one, other in zip(model.stiffness_band(), travelled.stiffness_band(), strict=True):
+    for one, other in zip(model.estimates["stiffness"].band(), travelled.estimates["stiffness"].band(), strict=True):
         np.testing.assert_array_equal(one, other)
-    assert not callable(travelled.spread)
     assert travelled.diagnostics.details.keys() == model.diagnostics.details.keys()

@@ -14,7 +14,7 @@ def drawn():
     ensemble = ensemble_of(150.0, "sine", "prbs")
     models = {key: tv.methods.create(key).identify(ensemble) for key in ("sds", "kbr")}
     bands = {
-        label: {name: getattr(model, f"{name}_band")() for name in ("stiffness", "viscosity", "inertia")}
+        label: {name: model.estimates[name].band() for name in ("stiffness", "viscosity", "inertia")}
         for label, model in models.items()
     }
     vaf = {label: np.full(ensemble.samples, 90.0) for label in models}
@@ -44,9 +44,16 @@ def test_lines_are_the_estimates_and_shades_the_bands(drawn, name):
 def test_what_no_method_identified_is_said():
     time = np.arange(200) / 100
     nothing = np.full(200, np.nan)
-    model = tv.methods.adopted(
-        type("Mine", (), {"stiffness": np.full(200, 100.0), "predict": lambda self, e: e.torque[:, e.core]})(),
-        "mine",
+    model = tv.methods.apply(
+        type(
+            "Mine",
+            (),
+            {
+                "identify": lambda self, e: self,
+                "stiffness": np.full(200, 100.0),
+                "predict": lambda self, e: e.torque[:, e.core],
+            },
+        )(),
         ensemble_of(40.0),
     )
     bands = {"mine": dict.fromkeys(("stiffness", "viscosity", "inertia"), (nothing, nothing))}

@@ -1,6 +1,7 @@
 """Bands against closed forms, plain slow versions and the spread of repeated simulations."""
 
 import copy
+import itertools
 import pickle
 import warnings
 from functools import cache
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 from scipy import stats
 from scipy.linalg import toeplitz
-from tests.conftest import ensemble_of
+from tests.conftest import ensemble_of, freedom_of, standard_errors_of
 
 import tvsysid as tv
 from tvsysid.methods.shared import correlations, residuals
@@ -51,7 +52,7 @@ def test_an_ensemble_without_its_mean_has_the_noise_of_one_realization_less():
     assert residuals.independent_realizations(ensemble) == 20
     without = tv.preprocess.subtract_mean(ensemble)
     assert residuals.independent_realizations(without) == 19
-    assert residuals.independent_realizations(without.select(np.arange(15))) == 15
+    assert residuals.independent_realizations(without.select(np.arange(15))) == 14
     assert residuals.independent_realizations(ensemble.select([3])) == 1
 
 
@@ -60,7 +61,7 @@ def test_an_ensemble_without_its_mean_has_the_noise_of_one_realization_less():
 def test_ensemble_response_has_the_variance_of_least_squares(solver, subtracted):
     ensemble = prepared(ensemble_of(150.0, "sine", "prbs"), subtracted)
     model = tv.EnsembleIRF(max_lag=0.04, solver=solver).identify(ensemble)
-    lower, upper = model.stiffness_band(0.9)
+    lower, upper = model.estimates["stiffness"].band(0.9)
     for time in (0, 57, 199):
         inputs, output = lagged(ensemble, time, 4), ensemble.torque[:, ensemble.context + time]
         weights = np.linalg.lstsq(inputs, output, rcond=None)[0]
@@ -71,7 +72,7 @@ def test_ensemble_response_has_the_variance_of_least_squares(solver, subtracted)
         assert (upper - lower)[time] / 2 == pytest.approx(stats.t.ppf(0.95, freedom) * area, rel=1e-5)
         signals = differentiate(ensemble.angle, 100.0, 4)[:, :, ensemble.context + time - 4].T
         fit = np.sqrt(variance * np.diag(np.linalg.inv(signals.T @ signals)))
-        np.testing.assert_allclose(model.random_error.deviation[1:, time], fit[1:], rtol=1e-5)
+        np.testing.assert_allclose(standard_errors_of(model)[1:, time], fit[1:], rtol=1e-5)
 
 
 def test_the_rank_does_not_choose_its_own_noise():
@@ -79,8 +80,8 @@ def test_the_rank_does_not_choose_its_own_noise():
     ensemble = ensemble_of(60.0, "sine", "noise")
     truncated, full = (tv.EnsembleIRF(solver=solver).identify(ensemble) for solver in ("mdl", "full"))
     assert truncated.diagnostics.rank.mean() < 24
-    np.testing.assert_allclose(truncated.random_error.deviation[1:], full.random_error.deviation[1:], rtol=1e-9)
-    np.testing.assert_array_equal(truncated.random_error.freedom, 30 - 25)
+    np.testing.assert_allclose(standard_errors_of(truncated)[1:], standard_errors_of(full)[1:], rtol=1e-9)
+    np.testing.assert_array_equal(freedom_of(truncated), 30 - 25)
 
 
 @pytest.mark.parametrize(("context", "subtracted"), [(0.5, False), (0.14, False), (0.0, False), (0.14, True)])
@@ -100,7 +101,7 @@ def test_short_segments_have_the_variance_of_the_dense_sandwich(context, subtrac
         samples = np.stack([lagged(ensemble, i, lags) for i in window], axis=1)  # realization, window, lag
         influence = np.einsum("ml,rwl->mrw", readout, samples) / (len(ensemble) * len(window))
         variance = windows.noise[time - missing] * np.einsum("mrw,wv,mrv->m", influence, noise, influence)
-        np.testing.assert_allclose(model.random_error.deviation[:, time] ** 2, variance, rtol=1e-6)
+        np.testing.assert_allclose(standard_errors_of(model)[:, time] ** 2, variance, rtol=1e-6)
 
 
 def correlations_of(*moments):
@@ -122,7 +123,7 @@ def test_regression_without_prior_has_the_variance_of_least_squares_times_the_co
     left = output - design @ np.linalg.lstsq(design, output, rcond=None)[0]
     covariance = np.linalg.inv(design.T @ design) * (left @ left) / (len(left) - 21)
     white = np.einsum("tj,jk,tk->t", functions, covariance[:10, :10], functions)
-    factor = model.random_error.deviation[0] ** 2 / white
+    factor = standard_errors_of(model)[0] ** 2 / white
     assert np.ptp(factor) < 1e-6 * factor.mean()
     # Sandwich with the residual's own products, realization by realization.
     scores = (design * left[:, None]).reshape(len(ensemble), 200, 21)
@@ -132,7 +133,7 @@ def test_regression_without_prior_has_the_variance_of_least_squares_times_the_co
     )
     bread = np.linalg.inv(design.T @ design)
     sandwich = np.einsum("tj,jk,tk->t", functions, (bread @ middle @ bread)[:10, :10], functions)
-    assert np.mean(model.random_error.deviation[0] ** 2) == pytest.approx(np.mean(sandwich), rel=0.2)
+    assert np.mean(standard_errors_of(model)[0] ** 2) == pytest.approx(np.mean(sandwich), rel=0.2)
     assert factor.mean() > 1.2  # the noise is stronger where stiffness shows than on the average
 
 
@@ -147,9 +148,9 @@ def test_response_at_rest_has_the_variance_of_a_regression_with_unequal_errors(s
         regressors = np.stack([inputs, np.ones(20)][: 1 + subtracted], axis=1)
         errors, leverage = outputs - slope * inputs, np.diag(regressors @ np.linalg.pinv(regressors))
         variance = np.sum(inputs**2 * errors**2 / (1 - leverage)) / (inputs @ inputs) ** 2
-        assert model.random_error.deviation[0, time] ** 2 == pytest.approx(variance, rel=1e-9)
+        assert standard_errors_of(model)[0, time] ** 2 == pytest.approx(variance, rel=1e-9)
         width = stats.t.ppf(0.975, 19 - subtracted) * np.sqrt(variance)
-        assert model.stiffness_band()[1][time] - model.stiffness[time] == pytest.approx(width, rel=1e-9)
+        assert model.estimates["stiffness"].band()[1][time] - model.stiffness[time] == pytest.approx(width, rel=1e-9)
 
 
 def test_segments_fit_is_weighted_least_squares_on_the_derivatives():
@@ -174,8 +175,8 @@ def repeated(name, duration, perturbation):
             ensemble = tv.preprocess.subtract_mean(ensemble_of(duration, "sine", perturbation, seed=300 + seed))
             model = DEFAULTS[name].identify(ensemble)
             estimates.append([model.stiffness, model.viscosity, model.inertia])
-            deviations.append(model.random_error.deviation)
-            bands.append(model.stiffness_band())
+            deviations.append(standard_errors_of(model))
+            bands.append(model.estimates["stiffness"].band())
     return np.array(estimates), np.array(deviations), np.array(bands)
 
 
@@ -221,7 +222,7 @@ def test_bands_of_few_realizations_hold_the_truth(perturbation, subtracted):
         ensemble = prepared(ensemble_of(40.0, "sine", perturbation, seed=300 + seed).select(np.arange(9)), subtracted)
         for name, (method, _) in methods.items():
             model = method.identify(ensemble)
-            held[name].append([*model.stiffness_band(), *model.viscosity_band()])
+            held[name].append([*model.estimates["stiffness"].band(), *model.estimates["viscosity"].band()])
     for name, (_, lowest) in methods.items():
         bands = np.array(held[name])
         assert lowest < tv.metrics.coverage(bands[:, 0], bands[:, 1], truth) < 98
@@ -231,11 +232,9 @@ def test_bands_of_few_realizations_hold_the_truth(perturbation, subtracted):
 
 def test_fewer_realizations_than_lags_leave_no_band():
     model = tv.EnsembleIRF().identify(ensemble_of(40.0))
-    for band in (model.stiffness_band, model.viscosity_band, model.inertia_band, model.simultaneous_stiffness_band):
-        with pytest.warns(
-            tv.DataQualityWarning, match=r"_band: 20 realizations are no more than the 25 lags"
-        ) as caught:
-            lower, upper = band()
+    for name, simultaneous in itertools.product(model.estimates, (False, True)):
+        with pytest.warns(tv.DataQualityWarning, match=r"no band: 20 realizations are no more than the 25") as caught:
+            lower, upper = model.estimates[name].band(simultaneous=simultaneous)
         assert caught[0].filename == __file__
         assert np.isnan(lower).all()
         assert np.isnan(upper).all()
@@ -254,28 +253,34 @@ def test_white_noise_needs_no_correction(random):
         model.covariance[:10, :10],
         evaluate(tv.CubicBSplines(10), 200),
     )
-    np.testing.assert_allclose(model.random_error.deviation[0] ** 2, variance, rtol=0.15)
+    np.testing.assert_allclose(standard_errors_of(model)[0] ** 2, variance, rtol=0.15)
 
 
-def test_a_model_of_other_people_may_bring_its_band():
-    class Found:
-        stiffness = np.full(200, 100.0)
+class Mine:
+    """A method of one's own, whose model has the estimates given."""
 
-        def predict(self, ensemble):
-            return np.zeros((len(ensemble), ensemble.samples))
+    def __init__(self, **estimates):
+        self.estimates = estimates
 
-        def stiffness_band(self, level):
-            return self.stiffness - 10 * level, self.stiffness + 10 * level
+    def identify(self, ensemble):
+        return self
 
-        def viscosity_band(self, level):
-            return 1.0, 2.0
+    def predict(self, ensemble):
+        return np.zeros((len(ensemble), ensemble.samples))
 
-    model = tv.methods.adopted(Found(), "mine", ensemble_of())
-    np.testing.assert_array_equal(model.stiffness_band(0.5), [np.full(200, 95.0), np.full(200, 105.0)])
-    with pytest.raises(tv.InputError, match=r"viscosity_band\(level\) must be a lower and an upper edge"):
-        model.viscosity_band()
-    with pytest.warns(tv.DataQualityWarning, match="inertia_band: the method tells nothing of its random error"):
-        assert np.isnan(model.inertia_band()).all()
+
+def test_a_model_of_ones_own_may_bring_its_band():
+    stiffness, error = np.full(200, 100.0), tv.StandardError(np.full(200, 2.0), 10)
+    mine = Mine(stiffness=tv.Estimate(stiffness, "N m/rad", error=error), viscosity=np.ones(200))
+    model = tv.methods.apply(mine, ensemble_of())
+    width = 2 * stats.t.ppf(0.75, 10)
+    lower, upper = model.estimates["stiffness"].band(0.5)
+    np.testing.assert_allclose([lower, upper], [stiffness - width, stiffness + width])
+    with pytest.warns(tv.DataQualityWarning, match="no band: the method states no standard error"):
+        assert np.isnan(model.estimates["viscosity"].band()).all()
+    assert np.isnan(model.inertia).all()
+    with pytest.raises(tv.InputError, match=r"expected standard errors of the values' shape \(200,\), got \(3,\)"):
+        tv.Estimate(stiffness, "N m/rad", error=tv.StandardError(np.ones(3), 10))
 
 
 @pytest.mark.parametrize(
@@ -291,8 +296,8 @@ def test_a_model_of_other_people_may_bring_its_band():
 )
 def test_too_little_data_has_no_band_and_says_why(method, realizations, subtracted, message):
     model = method.identify(prepared(ensemble_of(40.0).select(np.arange(realizations)), subtracted))
-    with pytest.warns(tv.DataQualityWarning, match=f"stiffness_band: .*{message}"):
-        assert np.isnan(model.stiffness_band()).all()
+    with pytest.warns(tv.DataQualityWarning, match=f"no band: .*{message}"):
+        assert np.isnan(model.estimates["stiffness"].band()).all()
     assert np.isfinite(model.stiffness).all()
 
 
@@ -300,13 +305,13 @@ def test_what_is_known_beside_a_missing_band_is_told():
     model = tv.EnsembleSpectral().identify(ensemble_of(40.0).select([0]))
     with warnings.catch_warnings():
         warnings.simplefilter("error", tv.DataQualityWarning)
-        lower, upper = model.viscosity_band()
+        lower, upper = model.estimates["viscosity"].band()
     assert (lower < upper).all()
 
 
 def test_only_windows_that_are_cut_too_short_have_no_band():
     model = tv.ShortDataSegments().identify(ensemble_of(40.0, context=0.12).select(np.arange(8)))
-    known = np.isfinite(model.random_error.deviation)
+    known = np.isfinite(standard_errors_of(model))
     # Eight realizations of ten samples make 80; of nine they make 72, less than three times 25.
     np.testing.assert_array_equal(np.flatnonzero(~known[0]), [*range(4), *range(196, 200)])
 
@@ -320,7 +325,7 @@ def test_short_realizations_have_finite_bands(perturbation, realizations, seed):
     for method in (tv.BasisIRF(), tv.EnsembleSpectral(stiffness="fit")):
         model = method.identify(ensemble)
         for quantity, widest in (("stiffness", 2000.0), ("viscosity", 50.0), ("inertia", 1.0)):
-            lower, upper = getattr(model, f"{quantity}_band")()
+            lower, upper = model.estimates[quantity].band()
             assert (lower <= upper).all()  # equal where the sparse prior prunes all there is
             assert np.median(upper - lower) < widest
 
@@ -329,9 +334,10 @@ def test_short_realizations_have_finite_bands(perturbation, realizations, seed):
 def test_a_model_that_travels_stays_immutable(name):
     model = DEFAULTS[name].identify(ensemble_of(40.0))
     for other in (pickle.loads(pickle.dumps(model)), copy.deepcopy(model)):
-        np.testing.assert_array_equal(other.random_error.deviation, model.random_error.deviation)
+        np.testing.assert_array_equal(standard_errors_of(other), standard_errors_of(model))
         held = [value for value in vars(other).values() if isinstance(value, np.ndarray)]
-        held += [other.random_error.deviation, other.random_error.freedom]
+        for estimate in other.estimates.values():
+            held += [estimate.values, estimate.standard_error.values, estimate.standard_error.freedom]
         held += [other.diagnostics.rank] if other.diagnostics.rank is not None else []
         assert len(held) >= 6
         assert not any(values.flags.writeable for values in held)

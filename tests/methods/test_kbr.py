@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from benchmarks import plain
+from tests.conftest import standard_errors_of
 
 import tvsysid as tv
 from tvsysid.methods.kbr import kbr, record
@@ -185,13 +186,13 @@ def test_what_a_lower_order_leaves_out_is_none_and_has_no_band(ensemble_of, tmp_
     ensemble = ensemble_of(40.0, "sine", "noise")
     model = tv.KernelRegression(order=1).identify(ensemble)
     np.testing.assert_array_equal(model.inertia, 0.0)
-    deviation = model.random_error.deviation
+    deviation = standard_errors_of(model)
     assert np.isfinite(deviation[:2]).all()
     assert np.isnan(deviation[2]).all()
-    with pytest.warns(tv.DataQualityWarning, match=r"inertia_band: the model has no inertia \(order 1\)"):
-        assert np.isnan(model.inertia_band()).all()
-    assert np.isfinite(model.viscosity_band()).all()
-    assert np.isfinite(model.simultaneous_stiffness_band()).all()
+    with pytest.warns(tv.DataQualityWarning, match=r"no band: the model has no inertia \(order 1\)"):
+        assert np.isnan(model.estimates["inertia"].band()).all()
+    assert np.isfinite(model.estimates["viscosity"].band()).all()
+    assert np.isfinite(model.estimates["stiffness"].band(simultaneous=True)).all()
     assert {label.split()[0] for label in model.labels} == {"stiffness", "viscosity"}
     angle, velocity, _ = differentiate(ensemble.angle[:, 38:-38], 100.0)
     torque = model.stiffness * angle + model.viscosity * velocity

@@ -163,7 +163,7 @@ def _covered(model: Model, truth: Array) -> Array:
     """1 where the 95 % band of the stiffness holds the truth, 0 where not, NaN where there is none; shape (time,)."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DataQualityWarning)  # that there is no band
-        lower, upper = model.stiffness_band()
+        lower, upper = model.estimates["stiffness"].band()
     inside = (lower <= truth) & (truth <= upper)
     return np.where(np.isfinite(lower) & np.isfinite(upper), inside, np.nan)
 

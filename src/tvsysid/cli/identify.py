@@ -137,10 +137,10 @@ def identify(
 def _identified(label: str, method: Any, ensemble: Ensemble) -> Model:
     """Model, whoever's the method is; an error of somebody else's is told with its place."""
     from tvsysid.errors import describe_error
-    from tvsysid.methods import adopted
+    from tvsysid.methods import apply
 
     try:
-        return adopted(method.identify(ensemble), label, ensemble)
+        return apply(method, ensemble, label)
     except InputError:
         raise
     except Exception as error:
@@ -188,17 +188,17 @@ def _write_tuning(tuned: dict[str, Method], out: Path) -> list[str]:
 
 
 def _bands_of(label: str, model: Model) -> dict[str, Any]:
-    """Lower and upper 95 % band of each quantity; that a method that tells of its random error has none is told."""
-    error = model.random_error
+    """Lower and upper 95 % band of each quantity; warns where a method that states standard errors has none."""
+    import numpy as np
+
+    error = model.estimates["stiffness"].standard_error
     if error is not None and error.absent:
         warnings.warn(f"{label}: no band: {error.absent}", DataQualityWarning, stacklevel=2)
+    absent = (np.full(len(model.time), np.nan),) * 2
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DataQualityWarning)
-        return {
-            "stiffness": model.stiffness_band(),
-            "viscosity": model.viscosity_band(),
-            "inertia": model.inertia_band(),
-        }
+        found = {name: each.band() for name, each in model.estimates.items() if each.axes == ("time",)}
+    return dict.fromkeys(("stiffness", "viscosity", "inertia"), absent) | found
 
 
 def _show_models(
@@ -246,6 +246,6 @@ def _stiffness_table(
     for label, model in models.items():
         columns = {"time_s": model.time, "method": label}
         for name, (lower, upper) in bands[label].items():
-            columns |= {name: getattr(model, name), f"{name}_lower": lower, f"{name}_upper": upper}
+            columns |= {name: model.over_time(name), f"{name}_lower": lower, f"{name}_upper": upper}
         tables.append(pd.DataFrame(columns | {"time_varying_vaf": over_time[label]}))
     return pd.concat(tables, ignore_index=True)

@@ -23,7 +23,7 @@ from threadpoolctl import ThreadpoolController
 
 from tvsysid import __version__
 from tvsysid.errors import DataQualityWarning, InputError, library_folders
-from tvsysid.methods.foreign import adopted
+from tvsysid.methods.apply import apply
 from tvsysid.models import Model
 from tvsysid.signals import Ensemble
 
@@ -142,8 +142,7 @@ def identified(method: Any, ensemble: Ensemble) -> tuple[Model, list[str]]:
     """
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DataQualityWarning)
-        found = method.identify(ensemble)
-    model = adopted(found, type(method).__name__, ensemble)
+        model = apply(method, ensemble, type(method).__name__)
     if not np.isfinite(model.stiffness).any():
         raise InputError("it found no stiffness at any time")
     return model, [str(item.message) for item in caught if issubclass(item.category, DataQualityWarning)]

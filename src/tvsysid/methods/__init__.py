@@ -1,14 +1,13 @@
 """The methods: one file each, behind one verb, ``identify(ensemble) -> model``; and plugins."""
 
-from tvsysid.methods.base import Method
+from tvsysid.methods.apply import Identifies, apply, deviating_channels, reason_to_skip
+from tvsysid.methods.base import Input, Method
 from tvsysid.methods.birf import BasisIRF
 from tvsysid.methods.eirf import EnsembleIRF
 from tvsysid.methods.esm import EnsembleSpectral
-from tvsysid.methods.foreign import adopted
 from tvsysid.methods.kbr.kbr import KernelRegression
 from tvsysid.methods.plugins import (
     METHODS,
-    Identifies,
     clashes,
     create,
     describe,
@@ -31,19 +30,22 @@ __all__ = [
     "EnsembleSpectral",
     "Evidence",
     "Identifies",
+    "Input",
     "KernelRegression",
     "Method",
     "ShortDataSegments",
     "Tuned",
-    "adopted",
+    "apply",
     "clashes",
     "create",
     "describe",
+    "deviating_channels",
     "from_text",
     "key_of",
     "label_of",
     "load",
     "names",
     "parse",
+    "reason_to_skip",
     "typed",
 ]

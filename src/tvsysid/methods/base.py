@@ -8,7 +8,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import ClassVar, Self, TypeVar, get_args
+from typing import ClassVar, Literal, Self, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,27 @@ Number = TypeVar("Number", np.float64, np.complex128)
 
 
 @dataclass(frozen=True)
+class Input:
+    """A signal that a method needs beside angle and torque.
+
+    Parameters
+    ----------
+    name
+        Of the channel.
+    kind
+        ``"input"``: acts on the joint, as EMG that drives a reflex; ``"reference"``: the disturbance that the
+        experimenter applied, in closed loop; both lose their mean with the angle. ``"scheduling"``: a measured variable
+        that the joint's properties depend on; it keeps its mean.
+    unit
+        In which the method takes it.
+    """
+
+    name: str
+    kind: Literal["input", "reference", "scheduling"]
+    unit: str
+
+
+@dataclass(frozen=True)
 class Method(ABC):
     """Settings of a method, in seconds and hertz, and one verb.
 
@@ -35,6 +56,8 @@ class Method(ABC):
     key: ClassVar[str]
     title: ClassVar[str]
     assumptions: ClassVar[tuple[str, ...]]
+    inputs: ClassVar[tuple[Input, ...]] = ()
+    """Signals that it needs beside angle and torque; channels of the ensemble."""
     contiguous: ClassVar[bool] = False
     """Whether it needs realizations that follow each other in the record."""
     evidence: ClassVar[Evidence | None] = None
@@ -64,6 +87,8 @@ class Method(ABC):
             For what is legal but doubtful; kept in the model's diagnostics.
         """
         _check_ensemble("identify", ensemble)
+        if reason := self.skip(ensemble):
+            raise InputError(f"{type(self).__name__}: {reason}")
         started = perf_counter()
         model = self._identify(ensemble)
         doubts = (*self._doubts(ensemble), *_doubts_of_all(ensemble, model, *self._needed_band(ensemble)))
@@ -71,6 +96,10 @@ class Method(ABC):
         for doubt in doubts:
             warnings.warn(f"{self.key}: {doubt}", DataQualityWarning, stacklevel=2)
         return replace(model, diagnostics=diagnostics)
+
+    def skip(self, ensemble: Ensemble) -> str | None:
+        """Why the method cannot serve this ensemble, in words; None if it can."""
+        return None
 
     def tuned(self, ensemble: Ensemble, seed: int = 0) -> Self:
         """Return the method with settings chosen from the data.

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
+from tvsysid.estimates import StandardError, impedance_estimates, standard_errors
 from tvsysid.impedance import agreement, derivative_filters, second_order_fit
 from tvsysid.methods.base import (
     EXCITED_ABOVE,
@@ -30,7 +31,7 @@ from tvsysid.methods.shared.residuals import (
     second_order_agreement,
 )
 from tvsysid.methods.tuning.evidence import Evidence
-from tvsysid.models import Diagnostics, ImpulseResponseModel, Model, SecondOrderModel, Spread
+from tvsysid.models import Diagnostics, ImpulseResponseModel, Model, SecondOrderModel
 from tvsysid.numerics.bands import arc_length
 from tvsysid.numerics.bases import Basis, CubicBSplines, FourierSeries, HaarWavelets, evaluate
 from tvsysid.numerics.bayes import PRIORS, Posterior
@@ -207,9 +208,9 @@ class BasisIRF(Method):
         readout = np.stack([np.ones(unknowns), fit[1], fit[2]])
         spreads = np.einsum("ma,ajbk,mb->mjk", readout, covariance, readout, optimize=True)
         left = residual(ensemble, weights, lags)
-        spread = _spread(ensemble, (inner,) * 3, tuple(spreads), left, posterior.effective, missing)
+        errors = _errors(ensemble, (inner,) * 3, tuple(spreads), left, posterior.effective, missing)
         diagnostics = _diagnostics(posterior, details)
-        return impulse_response_model(repr(self), ensemble, weights, impedance, lags, diagnostics, spread)
+        return impulse_response_model(repr(self), ensemble, weights, impedance, lags, diagnostics, errors)
 
     def _parametric(self, ensemble: Ensemble, functions: Array, share: float) -> SecondOrderModel:
         check_window("BasisIRF: the derivatives of the angle", 2 * HALF_WIDTH + 1, ensemble)
@@ -252,10 +253,9 @@ class BasisIRF(Method):
             )
         }
 
-        def spread() -> Spread:
-            left = residual(ensemble, impedance.T @ derivative, HALF_WIDTH)
-            spreads = tuple(covariance[np.ix_(at, at)] for at in places)
-            return _spread(ensemble, expansions, spreads, left, posterior.effective, missing)
+        left = residual(ensemble, impedance.T @ derivative, HALF_WIDTH)
+        covariances = tuple(covariance[np.ix_(at, at)] for at in places)
+        errors = _errors(ensemble, expansions, covariances, left, posterior.effective, missing)
 
         stiffness, viscosity, inertia = (padded(values, missing) for values in impedance)
         names = [f"{name} {j}" for name in ("stiffness", "viscosity") for j in range(count)]
@@ -263,14 +263,11 @@ class BasisIRF(Method):
             method=repr(self),
             sampling_rate=ensemble.sampling_rate,
             time=ensemble.time,
-            stiffness=stiffness,
-            viscosity=viscosity,
-            inertia=inertia,
+            estimates=impedance_estimates(stiffness, viscosity, inertia, errors),
             coefficients=coefficients,
             covariance=covariance,
             labels=(*names, "inertia"),
             diagnostics=_diagnostics(posterior, details),
-            spread=spread,
         )
 
     def _solve(
@@ -298,15 +295,15 @@ def _moments(ensemble: Ensemble, lags: int) -> Iterator[tuple[slice, Array, Arra
         yield chunk, phi_uu, phi_uy, square
 
 
-def _spread(
+def _errors(
     ensemble: Ensemble,
     expansions: tuple[Array, ...],
     covariances: tuple[Array, ...],
     left: Array,
     effective: float,
     missing: int,
-) -> Spread:
-    """Random error of stiffness, viscosity and inertia from the posterior, corrected for the noise's colour.
+) -> dict[str, StandardError]:
+    """Standard errors of stiffness, viscosity and inertia from the posterior, corrected for the noise's colour.
 
     ``expansions`` (time, function) and their coefficients' ``covariances`` are those of the three; ``left`` is the
     residual.
@@ -320,9 +317,9 @@ def _spread(
         stronger * factor * np.einsum("tj,jk,tk->t", expansion, covariance, expansion)
         for factor, expansion, covariance in zip(factors, expansions, covariances, strict=True)
     ]
-    deviation = np.stack([padded(np.sqrt(np.maximum(variance, 0.0)), missing) for variance in variances])
+    deviation = np.stack([padded(np.sqrt(np.maximum(variance, 0.0)), missing) for variance in variances], axis=1)
     arcs = [arc_length(*pair) for pair in zip(expansions, covariances, strict=True)]
-    return Spread(deviation, np.full(deviation.shape, freedom), (arcs[0], arcs[1], arcs[2]))
+    return standard_errors(deviation, np.full(deviation.shape, freedom), arcs)
 
 
 def _diagnostics(posterior: Posterior, details: dict[str, float]) -> Diagnostics:

@@ -9,18 +9,19 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from tvsysid.estimates import no_errors
 from tvsysid.methods.base import EXCITED_ABOVE, Method, check_choice, check_positive, fitting_lags, whole_samples
 from tvsysid.methods.shared.correlations import (
     Solver,
     impulse_response_model,
     solve_windows,
     window_diagnostics,
-    window_spread,
+    window_errors,
 )
 from tvsysid.methods.shared.residuals import counted, independent_realizations
 from tvsysid.methods.tuning.evidence import Evidence
 from tvsysid.methods.tuning.halves import evidence_by_halves
-from tvsysid.models import ImpulseResponseModel, Spread
+from tvsysid.models import ImpulseResponseModel
 from tvsysid.numerics import pseudoinverse
 from tvsysid.numerics.pseudoinverse import Order, Solution
 from tvsysid.signals import Ensemble
@@ -92,13 +93,13 @@ class EnsembleIRF(Method):
         solve = self._directly(ensemble, lags) if self.solver == "lstsq" else self._solve
         windows = solve_windows(ensemble, lags, 0, solve)
         # Realizations lie seconds apart: whatever the noise's colour, it is white across them.
-        spread = window_spread(ensemble, lags, windows, windows.white)
+        errors = window_errors(ensemble, lags, windows, windows.white)
         if independent_realizations(ensemble) <= 2 * lags + 1:
             why = (
                 f"{counted(ensemble)} are no more than the {2 * lags + 1} lags: nothing tells the noise from "
                 "what the joint does; record more, or shorten max_lag"
             )
-            spread = Spread.none(ensemble.samples, why)
+            errors = no_errors(ensemble.samples, why)
         return impulse_response_model(
             repr(self),
             ensemble,
@@ -106,7 +107,7 @@ class EnsembleIRF(Method):
             windows.impedance,
             lags,
             window_diagnostics(ensemble, windows, lags, 0),
-            spread,
+            errors,
         )
 
     def _solve(self, at: slice, phi_uu: Array, phi_uy: Array, variance: Array, count: Array) -> Solution:

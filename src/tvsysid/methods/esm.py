@@ -12,6 +12,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
+from tvsysid.estimates import impedance_estimates, standard_errors
 from tvsysid.impedance import derivative_filters, second_order_fit
 from tvsysid.methods.base import (
     EXCITED_ABOVE,
@@ -33,7 +34,7 @@ from tvsysid.methods.shared.residuals import (
 )
 from tvsysid.methods.tuning.evidence import Evidence
 from tvsysid.methods.tuning.halves import evidence_by_halves
-from tvsysid.models import Diagnostics, FrequencyResponseModel, Spread
+from tvsysid.models import Diagnostics, FrequencyResponseModel
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.moments import convolve_lags
 from tvsysid.numerics.spectra import hann, power_share, short_time_spectra
@@ -148,21 +149,19 @@ class EnsembleSpectral(Method):
                 )
                 variance[:, 0] = np.nan
         stiffness, viscosity, inertia = padded(impedance, *missing).T
+        errors = standard_errors(padded(np.sqrt(variance), *missing), padded(freedom, *missing), absent=absent)
         details = {"second_order_agreement": fit.agreement}
         return FrequencyResponseModel(
             method=repr(self),
             sampling_rate=ensemble.sampling_rate,
             time=ensemble.time,
-            stiffness=stiffness,
-            viscosity=viscosity,
-            inertia=inertia,
+            estimates=impedance_estimates(stiffness, viscosity, inertia, errors),
             frequency_response=padded(response, *missing),
             frequencies=frequencies,
             coherence=padded(coherence, *missing),
             excited=padded(excited, *missing) > 0,
             segment=length,
             diagnostics=Diagnostics(float(length), details=details),
-            spread=Spread(padded(np.sqrt(variance), *missing).T, padded(freedom, *missing).T, absent=absent),
         )
 
     def _doubts(self, ensemble: Ensemble) -> Iterator[str]:

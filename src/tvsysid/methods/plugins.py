@@ -15,11 +15,12 @@ from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from importlib.metadata import EntryPoint, distributions
 from types import ModuleType
-from typing import Any, NamedTuple, Protocol, get_type_hints
+from typing import Any, NamedTuple, get_type_hints
 
 from pydantic import ConfigDict, PydanticUserError, TypeAdapter, ValidationError
 
 from tvsysid.errors import InputError, describe_error
+from tvsysid.methods.apply import Identifies
 from tvsysid.methods.base import Method
 from tvsysid.methods.birf import BasisIRF
 from tvsysid.methods.eirf import EnsembleIRF
@@ -28,7 +29,6 @@ from tvsysid.methods.kbr.kbr import KernelRegression
 from tvsysid.methods.sds import ShortDataSegments
 from tvsysid.methods.tuning.tuning import Tuned
 from tvsysid.numerics.bases import BASES, Basis, basis_from_text
-from tvsysid.signals import Ensemble
 
 METHODS: dict[str, type[Method]] = {
     method.key: method for method in (EnsembleIRF, ShortDataSegments, BasisIRF, EnsembleSpectral, KernelRegression)
@@ -44,13 +44,6 @@ VERBS = {
     "perturbation": ("generate", "generate(self, samples, rate, random) that returns an angle for each sample"),
 }
 """What an object of each kind must have, and how it is written."""
-
-
-class Identifies(Protocol):
-    """What every method is: an object with one verb."""
-
-    def identify(self, ensemble: Ensemble) -> Any:
-        """Model with ``stiffness``, shape (time,), and ``predict(ensemble)``, shape (realization, time)."""
 
 
 class Description(NamedTuple):

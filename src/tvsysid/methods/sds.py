@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from tvsysid.errors import InputError
+from tvsysid.estimates import StandardError, no_errors
 from tvsysid.methods.base import EXCITED_ABOVE, Method, check_positive, fitting_lags, whole_samples
 from tvsysid.methods.shared.correlations import (
     Windows,
@@ -16,12 +17,12 @@ from tvsysid.methods.shared.correlations import (
     impulse_response_model,
     solve_windows,
     window_diagnostics,
-    window_spread,
+    window_errors,
 )
 from tvsysid.methods.shared.residuals import counted, independent_realizations
 from tvsysid.methods.tuning.evidence import Evidence
 from tvsysid.methods.tuning.halves import evidence_by_halves
-from tvsysid.models import ImpulseResponseModel, Spread
+from tvsysid.models import ImpulseResponseModel
 from tvsysid.numerics.pseudoinverse import truncated
 from tvsysid.signals import Ensemble
 
@@ -91,7 +92,7 @@ class ShortDataSegments(Method):
             windows.impedance,
             lags,
             window_diagnostics(ensemble, windows, lags, half),
-            lambda: _spread(ensemble, lags, half, windows),
+            _errors(ensemble, lags, half, windows),
         )
 
     def _doubts(self, ensemble: Ensemble) -> Iterator[str]:
@@ -110,8 +111,8 @@ class ShortDataSegments(Method):
         return 1 / (2 * self.max_lag), EXCITED_ABOVE
 
 
-def _spread(ensemble: Ensemble, lags: int, half: int, windows: Windows) -> Spread:
-    """Random error at the times whose windows hold samples enough to tell it."""
+def _errors(ensemble: Ensemble, lags: int, half: int, windows: Windows) -> dict[str, StandardError]:
+    """Standard errors at the times whose windows hold samples enough to tell it."""
     unknowns = 2 * lags + 1
     independent = independent_realizations(ensemble)
     samples = windows.samples * independent / len(ensemble)
@@ -122,10 +123,10 @@ def _spread(ensemble: Ensemble, lags: int, half: int, windows: Windows) -> Sprea
             f"{FEWEST} for each and {FEWEST_REALIZATIONS} realizations are needed to tell the noise from what the "
             "joint does; record more, shorten max_lag, or lengthen window"
         )
-        return Spread.none(ensemble.samples, why)
+        return no_errors(ensemble.samples, why)
     variances = coloured_variances(ensemble, lags, half, windows)
     variances[~enough] = np.nan
-    return window_spread(ensemble, lags, windows, variances)
+    return window_errors(ensemble, lags, windows, variances)
 
 
 FEWEST = 3

@@ -112,6 +112,11 @@ def _check(level: float) -> None:
         raise InputError(f"level: expected a probability between 0 and 1, such as 0.95, got {level!r}")
 
 
+def mean_known(values: Array) -> Array:
+    """Mean over the first axis, NaN left out; NaN of nothing."""
+    return mean_and_spread(values)[0]
+
+
 def mean_and_spread(values: Array) -> tuple[Array, Array]:
     """Mean and standard deviation over the first axis, NaN left out; NaN of nothing, and the latter of one value."""
     known = np.isfinite(values)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -97,26 +98,28 @@ def _whole_samples(name: str, seconds: float, rate: float) -> int:
     return round(samples)
 
 
-def subtract_mean(ensemble: Ensemble) -> Ensemble:
+def subtract_mean(ensemble: Ensemble, channels: Iterable[str] = ()) -> Ensemble:
     """Subtract from angle and torque, at each time, their mean over realizations.
 
-    What all realizations share (the voluntary torque, an imposed movement) is no answer to the perturbation. Further
-    channels stay as they are.
+    What all realizations share (the voluntary torque, an imposed movement) is no answer to the perturbation.
 
     Parameters
     ----------
     ensemble
         At least two realizations.
+    channels
+        Channels that lose their mean too: those that act on angle or torque, such as a reference signal or the EMG that
+        drives a reflex. A channel that only schedules the joint's properties keeps it.
 
     Returns
     -------
     Ensemble
-        Deviations from the mean.
+        Deviations from the mean, with ``mean_subtracted`` set.
 
     Raises
     ------
     InputError
-        For a single realization, which would leave nothing.
+        For a single realization, which would leave nothing, or a channel that is not there.
     """
     if len(ensemble) < 2:
         raise InputError(
@@ -124,12 +127,13 @@ def subtract_mean(ensemble: Ensemble) -> Ensemble:
             "recording with a shorter period (--period)"
         )
     deviations = {}
-    for name in ("angle", "torque"):
-        values = getattr(ensemble, name)
+    for name in dict.fromkeys(("angle", "torque", *channels)):
+        values = ensemble.signal(name)
         deviations[name] = values - values.mean(axis=0)
         if np.abs(deviations[name]).max() <= 1e-12 * np.abs(values).max():
             raise InputError(
                 f"subtract_mean: the {name} is the same in all {len(ensemble)} realizations, so that nothing is left; "
                 "the perturbation must differ from realization to realization"
             )
-    return replace(ensemble, **deviations)
+    pair = {name: deviations.pop(name) for name in ("angle", "torque")}
+    return replace(ensemble, **pair, channels={**ensemble.channels, **deviations}, mean_subtracted=True)

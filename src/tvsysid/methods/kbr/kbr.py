@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal, Self
@@ -12,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import firwin
 
-from tvsysid.errors import DataQualityWarning, InputError
+from tvsysid.errors import InputError
+from tvsysid.estimates import IMPEDANCE, StandardError, impedance_estimates, standard_errors
 from tvsysid.impedance import derivative_filters
 from tvsysid.methods.base import EXCITED_ABOVE, Method, check_positive, missing_edge, padded
 from tvsysid.methods.kbr.kernel import ENDLESS, VISIBLE, Kernel
@@ -36,7 +36,7 @@ from tvsysid.methods.shared.residuals import (
     residual,
 )
 from tvsysid.methods.tuning.evidence import Evidence
-from tvsysid.models import QUANTITIES, Diagnostics, SecondOrderModel, Spread
+from tvsysid.models import Diagnostics, SecondOrderModel
 from tvsysid.numerics.bands import arc_length
 from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.numerics.gaussian import Fit, fit
@@ -212,26 +212,22 @@ class KernelRegression(Method):
         for realization in distinct:
             impedance += kernel.combined(*times_of(ensemble, realization, clocks), coefficients) / len(distinct)
 
-        def spread() -> Spread:
-            features = np.mean([kernel(*times_of(ensemble, r, clocks)) for r in distinct], axis=0)
-            return _spread(ensemble, self.band, impedance, features, covariance, fit, missing)
+        features = np.mean([kernel(*times_of(ensemble, r, clocks)) for r in distinct], axis=0)
+        errors = _errors(ensemble, self.band, impedance, features, covariance, fit, missing)
 
         inner = padded(_with_zeros(impedance)[missing : len(impedance) - missing], missing)
-        labels = tuple(f"{name} {j}" for name in QUANTITIES[: self.order + 1] for j in range(kernel.columns))
+        labels = tuple(f"{name} {j}" for name in IMPEDANCE[: self.order + 1] for j in range(kernel.columns))
         model = KernelModel(
             method=repr(self),
             sampling_rate=ensemble.sampling_rate,
             time=ensemble.time,
-            stiffness=inner[:, 0],
-            viscosity=inner[:, 1],
-            inertia=inner[:, 2],
+            estimates=impedance_estimates(inner[:, 0], inner[:, 1], inner[:, 2], errors),
             coefficients=coefficients,
             covariance=covariance,
             labels=labels,
             kernel=kernel,
             phase=_common_phase(ensemble, period),
             lag=self.lag,
-            spread=spread,
             diagnostics=Diagnostics(fit.effective),
         )
         details = {"noise_variance": fit.noise_variance, "iterations": fit.iterations}
@@ -346,21 +342,13 @@ class KernelModel(SecondOrderModel):
         values = _with_zeros(values)
         return values[..., 0], values[..., 1], values[..., 2]
 
-    def _predict(self, ensemble: Ensemble) -> Array:
-        return super()._predict(lagged(ensemble, self.lag))
-
-    def _given_band(self, name: str, level: float) -> tuple[Array, Array] | None:
-        order = len(self.coefficients) // self.kernel.columns - 1
-        for quantity in QUANTITIES[order + 1 :]:
-            if quantity in name:
-                warnings.warn(f"{name}: the model has no {quantity} (order {order})", DataQualityWarning, stacklevel=4)
-                return np.full(len(self.time), np.nan), np.full(len(self.time), np.nan)
-        return None
+    def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
+        return super()._pathways(lagged(ensemble, self.lag))
 
 
 def _agreement(model: KernelModel, ensemble: Ensemble) -> float:
     """How much of the torque that answers to the angle, lagged if the model has a lag, it explains, in per cent."""
-    fit = SecondOrderModel._predict(model, ensemble)
+    fit = SecondOrderModel._pathways(model, ensemble)["intrinsic"]
     known = np.isfinite(fit).all(axis=0)
     angle, torque = (x[:, ensemble.core][:, known] for x in (ensemble.angle, ensemble.torque))
     fit, left = fit[:, known], torque - fit[:, known]
@@ -372,7 +360,7 @@ def _inverse(precision: Array) -> Array:
     return np.where(precision > 0, 1 / np.where(precision > 0, precision, 1.0), 0.0)
 
 
-def _spread(
+def _errors(
     ensemble: Ensemble,
     band: tuple[float, float],
     impedance: Array,
@@ -380,8 +368,8 @@ def _spread(
     covariance: Array,
     fit: Fit,
     missing: int,
-) -> Spread:
-    """Random error of the impedance (time, order + 1) from the posterior, corrected for the noise's colour.
+) -> dict[str, StandardError]:
+    """Standard errors of the impedance (time, order + 1) from the posterior, corrected for the noise's colour.
 
     The posterior takes the noise as white, as strong as it is in the mean over the band that was fitted. What the model
     has not was not estimated, and has no random error.
@@ -405,8 +393,11 @@ def _spread(
     deviation[:, :missing] = deviation[:, len(impedance) - missing :] = np.nan
     arcs = [arc_length(features, one) for one in covariances] + [math.inf] * (3 - len(parts))
     numbers = 2 * left.size * (edges[1] - edges[0])
-    freedom = np.full(deviation.shape, max(1.0, numbers - fit.effective))
-    return Spread(deviation, freedom, (arcs[0], arcs[1], arcs[2]))
+    freedom = np.full(deviation.T.shape, max(1.0, numbers - fit.effective))
+    errors = standard_errors(deviation.T, freedom, arcs)
+    order = len(parts) - 1
+    absent = {name: f"the model has no {name} (order {order})" for name in IMPEDANCE[order + 1 :]}
+    return errors | {name: StandardError.none(len(impedance), why) for name, why in absent.items()}
 
 
 LEAST_POWER = 1e-3

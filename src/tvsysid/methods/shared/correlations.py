@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -10,10 +10,11 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.linalg import toeplitz
 
+from tvsysid.estimates import StandardError, impedance_estimates, standard_errors
 from tvsysid.impedance import agreement, second_order_readout, static_stiffness
 from tvsysid.methods.base import missing_edge, padded
 from tvsysid.methods.shared.residuals import correlation, independent_realizations, residual
-from tvsysid.models import Diagnostics, ImpulseResponseModel, Spread
+from tvsysid.models import Diagnostics, ImpulseResponseModel
 from tvsysid.numerics.moments import coloured_moments, lagged_moments, sliding_sum, time_chunks
 from tvsysid.numerics.pseudoinverse import Solution
 from tvsysid.signals import Ensemble
@@ -142,13 +143,13 @@ def _noise_correlation(ensemble: Ensemble, windows: Windows, lags: int, reach: i
     return correlation(residual(ensemble, windows.weights, lags), taken)
 
 
-def window_spread(ensemble: Ensemble, lags: int, windows: Windows, variances: Array) -> Spread:
-    """Random error from variances (time, 3) at the times whose lags lie within the context."""
+def window_errors(ensemble: Ensemble, lags: int, windows: Windows, variances: Array) -> dict[str, StandardError]:
+    """Standard errors from variances (time, 3) at the times whose lags lie within the context."""
     missing = missing_edge(lags, ensemble)
     freedom = np.broadcast_to(windows.freedom[:, None], variances.shape)
     # A negative one is rounding: of hardly any motion within the lags, next to nothing is known.
     deviations = np.sqrt(np.where(variances >= 0, variances, np.nan))
-    return Spread(padded(deviations, missing).T, padded(freedom, missing).T)
+    return standard_errors(padded(deviations, missing), padded(freedom, missing))
 
 
 def window_diagnostics(ensemble: Ensemble, windows: Windows, lags: int, half: int) -> Diagnostics:
@@ -191,7 +192,7 @@ def impulse_response_model(
     impedance: Array,
     lags: int,
     diagnostics: Diagnostics,
-    spread: Spread | Callable[[], Spread],
+    errors: Mapping[str, StandardError],
 ) -> ImpulseResponseModel:
     """Model from weights (time, lag) at the times whose lags lie within the context; NaN at the others.
 
@@ -203,13 +204,15 @@ def impulse_response_model(
         method=method,
         sampling_rate=ensemble.sampling_rate,
         time=ensemble.time,
-        stiffness=static_stiffness(response, 1 / ensemble.sampling_rate),
-        viscosity=padded(impedance[:, 1], missing),
-        inertia=padded(impedance[:, 2], missing),
+        estimates=impedance_estimates(
+            static_stiffness(response, 1 / ensemble.sampling_rate),
+            padded(impedance[:, 1], missing),
+            padded(impedance[:, 2], missing),
+            errors,
+        ),
         impulse_response=response,
         lags=np.arange(-lags, lags + 1) / ensemble.sampling_rate,
         diagnostics=diagnostics,
-        spread=spread,
     )
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.linalg import toeplitz
 
 from tvsysid.impedance import agreement
-from tvsysid.numerics.moments import convolve_lags, mean_subtracted
+from tvsysid.numerics.moments import convolve_lags
 from tvsysid.numerics.noise import (
     autocovariance,
     colour_factors,
@@ -32,7 +32,7 @@ def independent_realizations(ensemble: Ensemble) -> int:
     One less than there are realizations where the mean over them was subtracted: what is fitted then is a regression
     with an intercept at each time.
     """
-    return len(ensemble) - 1 if mean_subtracted(ensemble.torque[:, ensemble.core]) else len(ensemble)
+    return len(ensemble) - ensemble.mean_subtracted
 
 
 def independent_share(ensemble: Ensemble, predicted: Array, band: tuple[float, float]) -> float:

@@ -1,0 +1,244 @@
+"""What is known of one quantity: its values, their standard errors, and the bands that follow."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tvsysid.errors import DataQualityWarning, InputError
+from tvsysid.numerics.bands import critical_value, simultaneous_value
+
+Array = NDArray[np.float64]
+
+IMPEDANCE = ("stiffness", "viscosity", "inertia")
+"""Quantities of a joint of second order, in the order of the angle's derivatives that they multiply."""
+UNITS = {
+    "stiffness": "N m/rad",
+    "viscosity": "N m s/rad",
+    "inertia": "kg m2",
+    "reflex_gain": "N m s/rad",
+    "impulse_response": "N m/rad/s",
+    "frequency_response": "N m/rad",
+    "coherence": "1",
+    "rank": "1",
+    "time": "s",
+    "lag": "s",
+    "frequency": "Hz",
+}
+"""Units of what the package itself estimates or simulates."""
+
+
+def read_only(values: ArrayLike) -> Array:
+    """View of an array as floating-point numbers that cannot be written to."""
+    array = np.asarray(values, dtype=np.float64).view()
+    array.flags.writeable = False
+    return array
+
+
+@dataclass(frozen=True, eq=False)
+class StandardError:
+    """Random error of an estimate: what other noise of the same kind would have changed.
+
+    Parameters
+    ----------
+    values
+        Standard errors, of the estimate's shape and unit; NaN where they are not known.
+    freedom
+        Degrees of freedom from which they were estimated, one number or an array of the same shape.
+    arc
+        How far the estimate moves over the period apart from its size; see
+        :func:`tvsysid.numerics.bands.simultaneous_value`.
+    absent
+        Why there is none at any time, if so.
+    """
+
+    values: Array
+    freedom: Array
+    arc: float = np.inf
+    absent: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "values", read_only(self.values))
+        object.__setattr__(self, "freedom", read_only(np.broadcast_to(self.freedom, np.shape(self.values))))
+
+    def __reduce__(self) -> tuple[object, ...]:
+        # Arrays that come out of a pickle can be written to; those of an object that is made anew cannot.
+        return type(self), (self.values, np.array(self.freedom), self.arc, self.absent)
+
+    @classmethod
+    def none(cls, times: int, why: str) -> StandardError:
+        """Nothing is known of the random error."""
+        return cls(np.full(times, np.nan), np.array(np.inf), absent=why)
+
+
+class ErrorStatistics(Hashable, Protocol):
+    """Small arrays from which standard errors are worked out when somebody asks for a band; pickled as they are."""
+
+    def standard_errors(self) -> Mapping[str, StandardError]:
+        """Return the standard errors of a model's estimates, by quantity."""
+        ...  # pragma: no cover
+
+
+@dataclass(frozen=True, eq=False)
+class DeferredError:
+    """Standard error of one quantity that nobody has asked for yet."""
+
+    statistics: ErrorStatistics
+    quantity: str
+
+
+@lru_cache(maxsize=16)
+def _worked_out(statistics: ErrorStatistics) -> Mapping[str, StandardError]:
+    """Standard errors of all quantities: they are worked out together, and asked for one after the other."""
+    return statistics.standard_errors()
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Estimate:
+    """One quantity that was identified.
+
+    Parameters
+    ----------
+    values
+        In ``unit``; NaN where not identified.
+    unit
+        SI unit, such as ``"N m/rad"``.
+    axes
+        Names of the axes of ``values``: ``("time",)``; ``("realization", "time")`` where a method tells realizations
+        apart; or that of a measured variable, whose coordinates are the model's.
+    error
+        Its random error, or what it is worked out from; None where the method states none.
+
+    Raises
+    ------
+    InputError
+        For values that are not real numbers, are infinite, or have another number of axes.
+
+    Notes
+    -----
+    A band covers the random error: the truth lies within it in a share ``level`` of repetitions with other noise, as
+    far as the method has no bias. What a method's assumptions distort (a change that is smoothed, directions of the
+    input that are left out) is not noise and not in the band; nor is what differs between realizations beyond the
+    noise, for which there is :func:`tvsysid.uncertainty.bootstrap`.
+
+    Examples
+    --------
+    >>> estimate = Estimate([100.0, 110.0], "N m/rad", error=StandardError([1.0, 2.0], np.inf))
+    >>> lower, upper = estimate.band(0.95)
+    >>> upper.round(2)
+    array([101.96, 113.92])
+    """
+
+    values: Array
+    unit: str
+    axes: tuple[str, ...] = ("time",)
+    error: StandardError | DeferredError | None = None
+
+    def __post_init__(self) -> None:
+        values = np.asarray(self.values)
+        if values.dtype.kind not in "fiu" or np.isinf(values).any():
+            infinite = ", some of them infinite" if values.dtype.kind == "f" else ""
+            raise InputError(
+                f"estimate: expected real numbers, NaN where there is none, got values of type {values.dtype}{infinite}"
+            )
+        if values.ndim != len(self.axes):
+            raise InputError(
+                f"estimate: expected values over {', '.join(self.axes)}, got an array of shape {values.shape}"
+            )
+        object.__setattr__(self, "values", read_only(values))
+        object.__setattr__(self, "axes", tuple(self.axes))
+        if isinstance(self.error, StandardError) and self.error.values.shape != values.shape:
+            raise InputError(
+                f"estimate: expected standard errors of the values' shape {values.shape}, got {self.error.values.shape}"
+            )
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return type(self), (self.values, self.unit, self.axes, self.error)
+
+    def __repr__(self) -> str:
+        known = self.values[np.isfinite(self.values)]
+        span = f"{known.min():.3g} to {known.max():.3g} {self.unit}" if known.size else f"no value ({self.unit})"
+        return f"Estimate({span} over {', '.join(self.axes)})"
+
+    @property
+    def standard_error(self) -> StandardError | None:
+        """Standard error, worked out if need be; None where the method states none."""
+        if isinstance(self.error, DeferredError):
+            return _worked_out(self.error.statistics).get(self.error.quantity)
+        return self.error
+
+    def band(self, level: float = 0.95, simultaneous: bool = False) -> tuple[Array, Array]:
+        """Band about the estimate.
+
+        Parameters
+        ----------
+        level
+            Probability, between 0 and 1, with which the band holds the true value.
+        simultaneous
+            Whether it holds the truth at all times together with at least that probability, rather than at each time by
+            itself; see :func:`tvsysid.numerics.bands.simultaneous_value`.
+
+        Returns
+        -------
+        lower, upper : Array
+            In the estimate's unit and shape; NaN where there is none.
+
+        Raises
+        ------
+        InputError
+            For a level that is not between 0 and 1.
+
+        Warns
+        -----
+        DataQualityWarning
+            If there is none at any time; says why.
+        """
+        error = self.standard_error
+        if error is None:
+            error = StandardError(np.full(self.values.shape, np.nan), np.array(np.inf), absent=NO_ERROR)
+        known = np.isfinite(error.values)
+        if error.absent and not known.any():
+            warnings.warn(f"no band: {error.absent}", DataQualityWarning, stacklevel=2)
+        freedom = error.freedom[known]
+        multiple = simultaneous_value(level, freedom, error.arc) if simultaneous else critical_value(level, freedom)
+        width = np.full(self.values.shape, np.nan)
+        width[known] = multiple * error.values[known]
+        return self.values - width, self.values + width
+
+
+NO_ERROR = "the method states no standard error"
+
+
+def impedance_estimates(
+    stiffness: Array, viscosity: Array, inertia: Array, errors: ErrorStatistics | Mapping[str, StandardError] | None
+) -> dict[str, Estimate]:
+    """Estimates of a joint's impedance over time, with their standard errors or what these are worked out from."""
+
+    def error_of(name: str) -> StandardError | DeferredError | None:
+        if errors is None or isinstance(errors, Mapping):
+            return (errors or {}).get(name)
+        return DeferredError(errors, name)
+
+    return {
+        name: Estimate(values, UNITS[name], error=error_of(name))
+        for name, values in zip(IMPEDANCE, (stiffness, viscosity, inertia), strict=True)
+    }
+
+
+def standard_errors(
+    values: Array, freedom: Array, arcs: Sequence[float] = (np.inf,) * 3, absent: str = ""
+) -> dict[str, StandardError]:
+    """Standard errors of stiffness, viscosity and inertia from arrays (time, 3)."""
+    columns = zip(values.T, freedom.T, arcs, strict=True)
+    return {name: StandardError(*column, absent) for name, column in zip(IMPEDANCE, columns, strict=True)}
+
+
+def no_errors(times: int, why: str) -> dict[str, StandardError]:
+    """Nothing is known of the random error of stiffness, viscosity and inertia."""
+    return dict.fromkeys(IMPEDANCE, StandardError.none(times, why))

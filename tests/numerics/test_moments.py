@@ -18,6 +18,17 @@ def test_window_moments_equal_a_loop(random, times):
         np.testing.assert_allclose(moment, a[:, window].T @ b[:, window] / 7, atol=1e-12)
 
 
+@pytest.mark.parametrize(("times", "beyond"), [(40, 0), (250, 3), (250, 30)])
+def test_diagonal_moments_equal_a_loop(random, times, beyond):
+    a, b = random.normal(size=(7, times)), random.normal(size=(7, times + beyond))
+    found = moments.diagonal_moments(a, b, 12)
+    assert found.shape == (times, 13)
+    for i in range(times):
+        for d in range(13):
+            expected = np.mean(a[:, i] * b[:, i + d]) if i + d < b.shape[1] else 0.0
+            assert found[i, d] == pytest.approx(expected, abs=1e-12)
+
+
 @pytest.mark.parametrize("times", [40, 300])
 def test_lagged_moments_equal_a_loop(random, times):
     u, y = random.normal(size=(9, times)), random.normal(size=(9, times)) + 3
@@ -56,7 +67,8 @@ def test_coloured_moments_are_those_of_the_dense_noise(random, lags, half):
     times = 40 - 2 * (lags + half)
     weights, correlation = random.normal(size=(times, 2, 2 * lags + 1)), 0.7 ** np.arange(2 * half + 1)
     lagged = np.lib.stride_tricks.sliding_window_view(u, 2 * lags + 1, axis=1)[:, :, ::-1]
-    found = moments.coloured_moments(u, weights, correlation)
+    products = moments.diagonal_moments(u, u, 2 * (lags + half))
+    found = moments.coloured_moments(products, weights, correlation)
     for time in range(times):
         answers = lagged[:, time : time + 2 * half + 1] @ weights[time].T
         expected = np.einsum("rwm,wv,rvm->m", answers, toeplitz(correlation), answers) / 5

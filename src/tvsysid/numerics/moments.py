@@ -64,6 +64,36 @@ def window_moments(a: Array, b: Array, before: int, after: int) -> Array:
     return moments
 
 
+def diagonal_moments(a: Array, b: Array, reach: int) -> Array:
+    r"""Second moments of each sample of a signal with those of another that come up to so many samples later.
+
+    .. math:: M(i, d) = \frac1R \sum_r a_r(i)\, b_r(i + d), \qquad 0 \le d \le reach
+
+    Parameters
+    ----------
+    a, b
+        Signals, shape (realization, time); the second may be longer.
+    reach
+        Largest d; beyond the last sample of ``b`` the moments are 0.
+
+    Returns
+    -------
+    Array
+        Shape (time, reach + 1).
+    """
+    times = a.shape[1]
+    moments = np.empty((times, reach + 1))
+    for start in range(0, times, BLOCK):
+        stop = min(start + BLOCK, times)
+        product = np.zeros((stop - start, stop - start + reach))
+        known = min(stop + reach, b.shape[1]) - start
+        np.matmul(a[:, start:stop].T, b[:, start : start + known], out=product[:, :known])
+        row, column = product.strides
+        moments[start:stop] = as_strided(product, (stop - start, reach + 1), (row + column, column), writeable=False)
+    moments /= len(a)
+    return moments
+
+
 def lagged_moments(u: Array, y: Array, lags: int) -> tuple[Array, Array, Array, Array]:
     r"""Correlations of lagged inputs with each other and with the output, at each time.
 
@@ -91,35 +121,22 @@ def lagged_moments(u: Array, y: Array, lags: int) -> tuple[Array, Array, Array, 
     """
     phi_uu = window_moments(u, u, lags, lags)[:, ::-1, ::-1]
     inner = y[:, lags : y.shape[1] - lags]
-    return phi_uu, _cross_moments(u, inner, 2 * lags + 1), np.mean(inner * inner, axis=0), inner.mean(axis=0)
+    return phi_uu, diagonal_moments(inner, u, 2 * lags)[:, ::-1], np.mean(inner * inner, axis=0), inner.mean(axis=0)
 
 
-def _cross_moments(u: Array, y: Array, length: int) -> Array:
-    """Moments of y at each time with the window of u about it, latest sample of u first."""
-    times = y.shape[1]
-    moments = np.empty((times, length))
-    for start in range(0, times, BLOCK):
-        stop = min(start + BLOCK, times)
-        product = u[:, start : stop + length - 1].T @ y[:, start:stop]
-        row, column = product.strides
-        moments[start:stop] = as_strided(product, (stop - start, length), (row + column, row), writeable=False)[:, ::-1]
-    moments /= len(u)
-    return moments
-
-
-def coloured_moments(u: Array, weights: Array, correlation: Array) -> Array:
+def coloured_moments(products: Array, weights: Array, correlation: Array) -> Array:
     r"""Mean products of weighted sums of lagged inputs over a window, weighted by the correlation at their distance.
 
     .. math:: \frac1R \sum_r \sum_{i, j = t - h}^{t + h} z_r(i)\, \rho(i - j)\, z_r(j), \qquad
               z_r(i) = \sum_{k=-n}^{n} a_k(t)\, u_r(i - k)
 
-    Second moments of the input on a diagonal, :math:`\sum_r u_r(p)\, u_r(p + f)`, serve all windows as differences of
-    their running sums, so that the cost hardly depends on the window.
+    All windows follow from running sums of the input's moments at each distance, so that the cost hardly depends on the
+    window.
 
     Parameters
     ----------
-    u
-        Input, shape (realization, time).
+    products
+        Moments of the input with itself up to 2 n + 2 h samples later, as of :func:`diagonal_moments`.
     weights
         a, shape (time - 2 n - 2 h, quantity, 2 n + 1), lags from -n to n; row 0 belongs to sample n + h.
     correlation
@@ -133,13 +150,13 @@ def coloured_moments(u: Array, weights: Array, correlation: Array) -> Array:
     times, quantities, length = weights.shape
     reach = len(correlation) - 1
     half, farthest = reach // 2, length - 1 + reach
-    samples = u.shape[1]
+    samples = len(products)
     # Row farthest + f, column p + 1: running sum of u(p) u(p + f), shifted along so that it covers products up to p.
     sums = np.zeros((2 * farthest + 1, samples + 1))
     for offset in range(farthest + 1):
-        products = np.einsum("rt,rt->t", u[:, : samples - offset], u[:, offset:]) / len(u)
-        sums[farthest + offset, 1 : samples - offset + 1] = products
-        sums[farthest - offset, offset + 1 :] = products
+        known = products[: samples - offset, offset]
+        sums[farthest + offset, 1 : samples - offset + 1] = known
+        sums[farthest - offset, offset + 1 :] = known
     np.cumsum(sums, axis=1, out=sums)
     # Row e, column p: the double sum over the windows about p and about p + e.
     inner = samples - 2 * half
@@ -150,10 +167,10 @@ def coloured_moments(u: Array, weights: Array, correlation: Array) -> Array:
         double += correlation[abs(distance)] * (rows[:, end : end + inner] - rows[:, begin : begin + inner])
     out = np.zeros((times, quantities))
     for apart in range(length):
-        products = weights[:, :, apart:] * weights[:, :, : length - apart]
+        pairs = weights[:, :, apart:] * weights[:, :, : length - apart]
         # Weight k belongs to the input n - k samples from the window's centre.
         near = sliding_window_view(double[apart], length - apart)[:times, ::-1]
-        out += (1 + (apart > 0)) * np.einsum("tqk,tk->tq", products, near)
+        out += (1 + (apart > 0)) * np.einsum("tqk,tk->tq", pairs, near)
     return out
 
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.signal import welch
+
+from tvsysid.numerics.moments import diagonal_moments
 
 Array = NDArray[np.float64]
 
@@ -105,11 +106,14 @@ def regressor_covariances(filters: Array, angle: Array, lags: int) -> Array:
     if missing:
         angle = np.pad(angle, ((0, 0), (missing - missing // 2, missing // 2)), mode="reflect", reflect_type="odd")
     count = angle.shape[1] - width + 1
-    signals = np.ascontiguousarray(filters[:, ::-1]) @ sliding_window_view(angle, count, axis=1)
-    size = next_fast_len(count + lags, real=True)
-    spectra = np.ascontiguousarray(rfft(signals, size, axis=2).transpose(2, 1, 0))
-    products = irfft(spectra.conj() @ spectra.transpose(0, 2, 1), size, axis=0)[: lags + 1]
-    return np.asarray(products / (count * len(angle)))
+    # Sums of u(p) u(p + f) over the N - d samples p at which both filters lie within the angle, from running sums.
+    running = np.zeros((angle.shape[1] + 1, width + lags))
+    np.cumsum(diagonal_moments(angle, angle, width - 1 + lags), axis=0, out=running[1:])
+    later, lag = np.arange(lags + 1)[:, None, None], np.arange(width)[::-1]
+    one, other = lag[:, None], lag + later
+    first, apart = np.minimum(one, other), np.abs(one - other)
+    products = running[first + count - later, apart] - running[first, apart]
+    return np.asarray(filters @ products @ filters.T / count)
 
 
 def regressor_correlation(covariances: Array) -> Array:

@@ -10,13 +10,13 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.fft import rfft
 
-from tvsysid.numerics.moments import BLOCK, window_moments
+from tvsysid.numerics.moments import diagonal_moments
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
-TRANSFORMS = 4.0
-"""Time of a segment's transform, R N log N, over that of the moments, N³ (measured)."""
+TRANSFORMS = 30.0
+"""Time of a segment's transform, R N log N, over that of its share of the moments, N² (measured)."""
 SEGMENTS = 2**18
 """Samples of segments that are transformed at once, so that they stay in the cache."""
 
@@ -35,10 +35,10 @@ def short_time_spectra(u: Array, y: Array, length: int) -> ShortTimeSpectra:
     .. math:: S_{yu}(f, t) = \frac{1}{N R} \sum_r Y_r(f, t)\, U_r^*(f, t)
 
     (equations 10 and 11 of van de Ruit et al. 2021), where U and Y are the Fourier transforms of the windowed
-    segments; no mean is subtracted. For short segments of many realizations they follow from the second moments of the
-    samples in the window: with :math:`F` the windowed Fourier matrix and :math:`M(t)` those moments,
-    :math:`S(f, t) = (F M(t) F^H)_{ff} / N`, which costs as :math:`N^3`. Otherwise every segment is transformed, which
-    costs as :math:`R N \log N`. Both give the same to rounding; the quicker is taken.
+    segments; no mean is subtracted. For short segments of many realizations they are the Fourier transforms of the
+    segments' correlations at each distance, which follow from the second moments at a cost as :math:`N^2`. Otherwise
+    every segment is transformed, which costs as :math:`R N \log N`. Both give the same to rounding; the quicker is
+    taken.
 
     Parameters
     ----------
@@ -59,30 +59,19 @@ def short_time_spectra(u: Array, y: Array, length: int) -> ShortTimeSpectra:
 
 def _from_moments(u: Array, y: Array, length: int) -> ShortTimeSpectra:
     window = hann(length)
-    transform = np.fft.rfft(np.diag(window), axis=1)  # (sample, frequency)
-    stacked = np.concatenate([transform.real, -transform.imag], axis=1)
-    before, after = length // 2, length - 1 - length // 2
-    frequencies = transform.shape[1]
+    taper = np.array([np.pad(window[: length - d] * window[d:], (0, d)) for d in range(length)])
+    turns = 2 * np.pi / length * np.outer(np.arange(length), np.arange(length // 2 + 1))
+    twice = np.where(np.arange(length) == 0, 1.0, 2.0)[:, None]
 
-    def density(a: Array, b: Array) -> ComplexArray:
-        centres = a.shape[1] - length + 1
-        out = np.empty((centres, frequencies), dtype=np.complex128)
-        for start in range(0, centres, BLOCK):
-            stop = min(start + BLOCK, centres)
-            columns = slice(start, stop + length - 1)
-            moments = window_moments(a[:, columns], b[:, columns], before, after)
-            half = (moments.reshape(-1, length) @ stacked).reshape(stop - start, length, 2 * frequencies)
-            real, imaginary = half[..., :frequencies], half[..., frequencies:]
-            out.real[start:stop] = np.einsum("tjf,jf->tf", real, transform.real) - np.einsum(
-                "tjf,jf->tf", imaginary, transform.imag
-            )
-            out.imag[start:stop] = np.einsum("tjf,jf->tf", real, transform.imag) + np.einsum(
-                "tjf,jf->tf", imaginary, transform.real
-            )
-        out /= length
-        return out
+    def correlation(a: Array, b: Array) -> Array:
+        """Products of samples of a windowed segment and later ones, summed over it, shape (time, lag)."""
+        moments = sliding_window_view(diagonal_moments(a, b, length - 1), length, axis=0)
+        return np.asarray(np.einsum("tdj,dj->td", moments, taper)) / length
 
-    return ShortTimeSpectra(density(u, u).real, density(y, u), density(y, y).real)
+    later, earlier = correlation(u, y), correlation(y, u)
+    yu = (later + earlier) @ (0.5 * twice * np.cos(turns)) - 1j * ((later - earlier) @ np.sin(turns))
+    uu, yy = (correlation(x, x) @ (twice * np.cos(turns)) for x in (u, y))
+    return ShortTimeSpectra(uu, yu, yy)
 
 
 def _from_segments(u: Array, y: Array, length: int) -> ShortTimeSpectra:

@@ -15,7 +15,7 @@ from tvsysid.impedance import agreement, second_order_readout, static_stiffness
 from tvsysid.methods.base import missing_edge, padded
 from tvsysid.methods.shared.residuals import correlation, independent_realizations, residual
 from tvsysid.models import Diagnostics, ImpulseResponseModel
-from tvsysid.numerics.moments import coloured_moments, lagged_moments, sliding_sum, time_chunks
+from tvsysid.numerics.moments import coloured_moments, diagonal_moments, lagged_moments, sliding_sum, time_chunks
 from tvsysid.numerics.pseudoinverse import Solution
 from tvsysid.signals import Ensemble
 
@@ -123,7 +123,8 @@ def coloured_variances(ensemble: Ensemble, lags: int, half: int, windows: Window
     out = np.empty((times, 3))
     whole = slice(cut, max(cut, times - cut))
     if whole.stop > whole.start:
-        out[whole] = coloured_moments(angle, windows.readout[whole], noise) / len(noise)
+        products = diagonal_moments(angle, angle, 2 * (lags + half))
+        out[whole] = coloured_moments(products, windows.readout[whole], noise) / len(noise)
     lagged = sliding_window_view(angle, 2 * lags + 1, axis=1)[:, :, ::-1]
     for time in (*range(min(cut, times)), *range(max(cut, times - cut), times)):
         # Where the context ends, a window is cut short.

@@ -19,7 +19,7 @@ LEVELS = [
     ["preprocess"],
     ["quality"],
     ["recordings", "simulate", "methods", "metrics"],
-    ["uncertainty", "execution", "verdicts"],
+    ["uncertainty", "compare", "execution", "verdicts"],
     ["benchmark", "experiment", "check"],
     ["figures"],
     ["report"],

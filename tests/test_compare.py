@@ -1,0 +1,106 @@
+"""Several methods on one ensemble."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from tests.conftest import ensemble_of
+
+import tvsysid as tv
+
+
+@dataclasses.dataclass
+class Found:
+    estimates: dict
+
+    def pathways(self, ensemble):
+        angle = ensemble.angle[:, ensemble.core]
+        return {"intrinsic": 80 * angle, "reflex": 20 * angle}
+
+
+class Level:
+    """Reads the scheduling channel and says that stiffness is that."""
+
+    inputs = (tv.Input("emg", "scheduling", "V"),)
+
+    def identify(self, ensemble):
+        values = ensemble.signal("emg")[:, ensemble.core]
+
+        error = tv.StandardError(np.ones(ensemble.samples), 9)
+        return Found(
+            {
+                "stiffness": tv.Estimate(values, "N m/rad", axes=("realization", "time")),
+                "offset": tv.Estimate(values.mean(axis=0), "V", error=error),
+            }
+        )
+
+    def __repr__(self):
+        return "Level()"
+
+
+def test_it_gives_what_each_method_gives_by_itself():
+    ensemble = ensemble_of()
+    found = tv.compare(ensemble, ["sds", tv.BasisIRF()])
+    assert list(found.models) == ["sds", repr(tv.BasisIRF())]
+    alone = tv.ShortDataSegments().identify(ensemble)
+    np.testing.assert_array_equal(found.models["sds"].stiffness, alone.stiffness)
+    np.testing.assert_array_equal(found.bands["sds"]["stiffness"], alone.estimates["stiffness"].band())
+    torque = ensemble.torque[:, ensemble.core]
+    np.testing.assert_array_equal(found.vaf["sds"], tv.metrics.vaf(torque, alone.predict(ensemble)))
+    table = found.over_time()
+    assert len(table) == 2 * ensemble.samples
+    np.testing.assert_array_equal(table[table.method == "sds"].viscosity_upper, found.bands["sds"]["viscosity"][1])
+    row = found.summary().iloc[0]
+    assert row["stiffness (N·m/rad)"] == pytest.approx(alone.stiffness.mean())
+    assert row["lowest (N·m/rad)"] == alone.stiffness.min()
+
+
+def test_a_method_that_lacks_its_channel_is_skipped_and_the_others_go_on():
+    found = tv.compare(ensemble_of(), [Level(), "sds"])
+    assert list(found.models) == ["sds"]
+    assert "needs the channel 'emg' (scheduling, V), the ensemble has no further channel" in found.skipped["Level()"]
+    with pytest.raises(tv.InputError, match="needs the channel 'emg'"):
+        tv.compare(ensemble_of(), [Level()])
+    with pytest.raises(tv.InputError, match="needs the channel 'emg'"):
+        tv.methods.apply(Level(), ensemble_of())
+
+
+def test_any_quantity_and_any_pathway_comes_through():
+    ensemble = ensemble_of()
+    shape = ensemble.angle.shape
+    with_emg = tv.Ensemble(
+        ensemble.angle, ensemble.torque, 100.0, ensemble.context, channels={"emg": np.full(shape, 100.0)}
+    )
+    found = tv.compare(with_emg, [Level()])
+    model = found.models["Level()"]
+    np.testing.assert_array_equal(model.stiffness, 100.0)
+    assert list(model.pathways(with_emg)) == ["intrinsic", "reflex"]
+    np.testing.assert_allclose(model.predict(with_emg), 100 * with_emg.angle[:, with_emg.core], rtol=1e-12)
+    table = found.over_time()
+    assert (table.offset_upper > table.offset).all()
+    assert np.isnan(table.stiffness_upper).all()
+    dataset = model.to_xarray(with_emg)
+    assert dataset.stiffness.dims == ("realization", "time")
+    assert dataset.torque_reflex.attrs["units"] == "N m"
+    assert dataset.offset_lower.attrs["units"] == "V"
+
+
+def test_an_error_of_a_plugin_names_its_place():
+    class Broken:
+        def identify(self, ensemble):
+            raise ZeroDivisionError("by zero")
+
+    with pytest.raises(tv.InputError, match=r"method Broken: ZeroDivisionError: by zero \(test_compare.py, line"):
+        tv.compare(ensemble_of(), [Broken()])
+
+
+def test_settings_are_chosen_from_the_data_if_asked():
+    found = tv.compare(ensemble_of(80.0), ["birf"], tune=True)
+    assert found.methods["birf"].evidence is not None
+    with pytest.raises(tv.InputError, match="its settings cannot be chosen from data"):
+        tv.compare(ensemble_of(), [OnlyStiffness()], tune=True)
+
+
+class OnlyStiffness:
+    def identify(self, ensemble):
+        raise AssertionError

@@ -112,9 +112,9 @@ def test_interrupted_with_a_key_and_gone_on_with(tmp_path, uninterrupted):
         os.killpg(process.pid, number) if number == signal.SIGINT else process.send_signal(number)
         errors = finished(process, 130)
         before, _, last = errors.rstrip("\n").rpartition("\n")
-        assert before == ("" if not already else f"going on: {already} of {TOTAL} trials are there already")
+        assert before == ("" if not already else f"resuming: {already} of {TOTAL} trials are done already")
         told = re.fullmatch(
-            rf"tvsysid: interrupted; (\d+) of {TOTAL} trials are in out/results.zarr, the same command goes on", last
+            rf"tvsysid: interrupted; (\d+) of {TOTAL} trials are in out/results.zarr; the same command resumes", last
         )
         assert told, errors
         # It may have been interrupted between writing a trial and counting it.
@@ -195,7 +195,7 @@ def test_a_full_disk_loses_nothing_that_was_finished(tmp_path, uninterrupted):
     try:
         errors = finished(start(small), 2)
         assert re.search(
-            rf"No space left on device; \d+ of {TOTAL} trials are kept: .* the same command goes on", errors
+            rf"No space left on device; \d+ of {TOTAL} trials are kept; .* the same command resumes", errors
         )
         assert "Traceback" not in errors
         kept = trials_in(small)

@@ -298,7 +298,7 @@ def test_check_method_passes_the_packages_own(tvsysid, name):
     code, out, err = tvsysid("check-method", name)
     assert (code, err) == (0, "")
     assert out.count("✓") == 14
-    assert f"{name} passes: enter it with tvsysid benchmark --method {name}\n" in out
+    assert f"{name} passes; use it: tvsysid benchmark --method {name}\n" in out
 
 
 @pytest.mark.parametrize(
@@ -336,9 +336,9 @@ def test_version(tvsysid):
         (("inspect", "nowhere.mat"), "nowhere.mat: no such file"),
         (
             ("inspect", "joint.mat", "--diagnose", *IDENTIFY[:4]),
-            "--rate, --period missing; give them as to tvsysid identify",
+            "--rate, --period missing; give them as for tvsysid identify",
         ),
-        (("inspect", "joint.mat", *IDENTIFY), "--angle: add --diagnose to have it used"),
+        (("inspect", "joint.mat", *IDENTIFY), "--angle: is used with --diagnose only; add --diagnose"),
         (("inspect", "joint.mat", "--diagnose", *IDENTIFY, "--decimate", "300"), "not a whole multiple of 300 Hz"),
         (("inspect", "joint.mat", "--plot", "joint.doc"), "unknown ending '.doc'; give one of .png, .pdf, .svg"),
         (("simulate", "joint.docx"), "unknown ending '.docx'"),

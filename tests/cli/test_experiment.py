@@ -65,7 +65,7 @@ def test_virtual_participants(tvsysid, tmp_path):
     # Again, nothing is done twice.
     code, _, err = tvsysid(*words)
     assert code == 0
-    assert "going on: 2 of 2 analyses are there already" in err
+    assert "resuming: 2 of 2 analyses are done already" in err
 
 
 def test_files_of_which_some_cannot_be_used(tvsysid, tmp_path):

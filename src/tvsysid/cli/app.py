@@ -29,7 +29,7 @@ app = typer.Typer(
     add_completion=False,
     rich_markup_mode="markdown",
     pretty_exceptions_enable=False,
-    help="How stiff a human joint is while it moves: time-varying identification of joint impedance.\n\n"
+    help="Estimate how stiff a human joint is while it moves: time-varying identification of joint impedance.\n\n"
     "All units are SI: rad, N·m, s, Hz, N·m/rad, N·m·s/rad, kg·m².",
 )
 for command in (benchmark, experiment, report, identify, inspect, methods, check_method, simulate):
@@ -40,7 +40,7 @@ for command in (benchmark, experiment, report, identify, inspect, methods, check
 def tvsysid(
     version: Annotated[bool, typer.Option("--version", help="Print the version and stop.")] = False,
 ) -> None:
-    """Parse what stands before the command."""
+    """Handle the options before the command."""
     if version:
         from tvsysid import __version__
 
@@ -49,11 +49,11 @@ def tvsysid(
 
 
 def main() -> None:
-    """Run the command line; what the user can correct is one line on standard error, with exit code 2."""
+    """Run the command line; an error that the user can correct is one line on standard error, with exit code 2."""
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # a terminal that lacks a character shows another in its place
+        if isinstance(stream, io.TextIOWrapper):  # a terminal that lacks a character shows a question mark
             stream.reconfigure(errors="replace")
-    # What ends a job on a cluster ends it as cleanly as a key.
+    # A cluster ends a job by SIGTERM: treat it as Ctrl-C.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     with suppress(OSError):  # the current folder may be gone
         if os.getcwd() not in sys.path:
@@ -67,14 +67,14 @@ def main() -> None:
     except MemoryError:
         _stop("there is not enough memory for this; give a shorter duration, fewer trials or a lower rate")
     except Exception as error:
-        # Usage errors come from the parser that typer carries within; they know how to say what is wrong.
+        # The usage errors of the parser within typer have a message of their own.
         message = getattr(error, "format_message", None)
         if message is None:
             raise
         _stop(f"{message()} (see tvsysid --help)")
     else:
         if code == INTERRUPTED:
-            errors.print("tvsysid: interrupted; a file that is there is whole, the others were not written")
+            errors.print("tvsysid: interrupted; the files that were written are complete")
         sys.exit(code if isinstance(code, int) else 0)
 
 

@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from tvsysid.quality import Diagnosis
 
 MOST_DRAWN = 12
-"""Channels of a file that are drawn."""
+"""Channels of a file that are drawn at most."""
 MOST_COLUMNS = 20
-"""Columns of a matrix that are drawn."""
+"""Columns of a matrix that are drawn at most."""
 
 
 def inspect(
@@ -47,14 +47,14 @@ def inspect(
     ],
     plot: Annotated[
         Path | None,
-        typer.Option(metavar="FILE.png", help="Picture to write, .png, .pdf or .svg. [tvsysid-inspect/FILE.png]"),
+        typer.Option(metavar="FILE.png", help="Picture to write: .png, .pdf or .svg. [tvsysid-inspect/FILE.png]"),
     ] = None,
     diagnose: Annotated[
         bool,
         typer.Option(
             "--diagnose",
-            help="Also read and cut the recording as `tvsysid identify` does, and say what is wrong with it, before it "
-            "is decimated. Takes the options below; --angle, --torque, --rate and --period are needed.",
+            help="Also read the recording and cut it into realizations as `tvsysid identify` does, and report what is "
+            "wrong with it. Needs --angle, --torque, --rate and --period.",
         ),
     ] = False,
     angle: Annotated[str | None, ANGLE] = None,
@@ -68,21 +68,23 @@ def inspect(
     start: StartOption = 0.0,
     context: ContextOption = 0.5,
 ) -> None:
-    """Show which channels a file holds, and with --diagnose what is wrong with a recording.
+    """Show the channels of a file; with --diagnose, report what is wrong with the recording.
 
-    Prints the name, shape and type of each, and unit and sampling rate where the file states them, and draws those
-    that are signals, against time where the rate is stated and against samples where it is not. The names are what
-    `--angle` and `--torque` of `tvsysid identify` take.
+    Prints each channel's name, shape and type, and its unit and sampling rate if the file states them, and draws the
+    signals: against time if the file states the rate, else against sample numbers. The names are those that the
+    options `--angle`, `--torque` and `--channel` of `tvsysid identify` expect.
 
-    With `--diagnose`, looks for what would spoil the result: units, signs, delays, lost or clipped signals, drift,
-    misaligned realizations, a wrong period, feedback, reflexes; says what each does and what to do, and writes a page
-    with pictures, `FILE.ANGLE-TORQUE.diagnosis.html` (the channels' names), beside the picture.
+    With `--diagnose`, looks for faults that would spoil the result: units, signs, delays, lost or clipped signals,
+    drift, misaligned realizations, a wrong period, feedback, reflexes. Prints what each fault does to the result and
+    what to do, and writes a page with figures, `FILE.ANGLE-TORQUE.diagnosis.html`, beside the picture (ANGLE and TORQUE
+    are the channels' names). The recording is diagnosed at its own rate, because decimation would hide some faults;
+    `--decimate` is only checked.
 
     Example: `tvsysid inspect ankle.mat`
 
     Example: `tvsysid inspect ankle.mat --plot ankle.pdf`
 
-    Example: `tvsysid inspect ankle.mat --diagnose --angle pos --torque tq --rate 1000 --decimate 100 --period 2`
+    Example: `tvsysid inspect ankle.mat --diagnose --angle pos --torque tq --rate 1000 --period 2`
     """
     from threadpoolctl import threadpool_limits
 
@@ -98,9 +100,11 @@ def inspect(
     needed = {"--angle": angle, "--torque": torque, "--rate": rate, "--period": period}
     missing = [name for name, value in needed.items() if value is None]
     if diagnose and missing:
-        raise InputError(f"--diagnose: {', '.join(missing)} missing; give them as to tvsysid identify")
+        raise InputError(f"--diagnose: {', '.join(missing)} missing; give them as for tvsysid identify")
     if not diagnose and len(missing) < len(needed):
-        raise InputError(f"{next(name for name in needed if name not in missing)}: add --diagnose to have it used")
+        raise InputError(
+            f"{next(name for name in needed if name not in missing)}: is used with --diagnose only; add --diagnose"
+        )
     channels = describe_file(file)
     rows = []
     for name, channel in channels.items():
@@ -119,13 +123,13 @@ def inspect(
     with shown_warnings():
         recording = read(file, angle, torque, rate, columns, torque_sign, angle_unit, start)
         if decimate is not None:
-            preprocess.decimate(recording, decimate)  # only to say if it cannot be done
-        # Decimation would hide that a signal is clipped; what needs a low rate lowers it by itself.
+            preprocess.decimate(recording, decimate)  # reports a rate that is impossible
+        # Not decimated: that would hide a clipped signal. A check that needs a low rate decimates by itself.
         ensemble = preprocess.subtract_mean(preprocess.segment(recording, period, context))
-    # Small matrices: BLAS threads would only wait for each other.
+    # The matrices are small: BLAS threads would only wait for each other.
     with waiting("diagnosing"), threadpool_limits(1):
         diagnosis = diagnosis_of(ensemble)
-    # A file may hold several pairs of channels, each of which has a page of its own.
+    # A file may hold several pairs of channels: a page for each.
     page = picture.with_name(re.sub(r"[^\w.-]+", "_", f"{file.name}.{angle}-{torque}.diagnosis.html"))
     name = f"{file.name} ({angle}, {torque})"
     write_diagnosis(page, {name: diagnosis}, command_line())
@@ -143,7 +147,7 @@ def _print_diagnosis(diagnosis: Diagnosis, name: str) -> None:
 
 
 def _outlines(channels: dict[str, Any]) -> dict[str, Any]:
-    """What is drawn of a file: the first of its signals that fit in memory, and of each at most so many columns."""
+    """Outlines of the first signals of a file that fit in memory, and of the first columns of each."""
     import numpy as np
 
     from tvsysid.recordings import outline

@@ -7,7 +7,7 @@ from tvsysid.errors import InputError
 
 
 def methods() -> None:
-    """List the methods, what they assume, and their settings."""
+    """List the methods, their assumptions and their settings."""
     from tvsysid.methods import clashes, describe, names
 
     rows: list[tuple[str, ...]] = []
@@ -20,9 +20,9 @@ def methods() -> None:
         rows.append((key, title, "\n".join(f"- {text}" for text in assumptions), "\n".join(settings)))
     show_table(None, ["key", "method", "assumes", "settings and defaults"], rows, "llll", lines=True)
     say(
-        "Durations are in s, frequencies in Hz. Settings go behind the key: sds:window=0.2,max_lag=0.1\n"
+        "Durations are in s, frequencies in Hz. Settings follow the key: sds:window=0.2,max_lag=0.1\n"
         "kbr also takes preset=simulation (the default) or preset=experiment: the paper's settings for either study.\n"
-        "A method of your own is module:Class or module:Class:setting=value; see tvsysid check-method --help."
+        "A method of your own is module:Class or module:Class:setting=value; tvsysid check-method checks it."
     )
     for text in clashes():
         remark("note", text)

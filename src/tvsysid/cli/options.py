@@ -44,41 +44,67 @@ MethodOption = Annotated[
         "--method",
         "-m",
         metavar="KEY[:SETTING=VALUE,…]",
-        help="Method, with settings if need be, as in `sds:window=0.2`; one of your own as `module:Class`, the module "
-        "being in the current folder or installed. Repeat it for more. See `tvsysid methods`.",
+        help="Method, with settings after a colon if you wish: `sds:window=0.2`. A method of your own is "
+        "`module:Class`, where the module is in the current folder or installed. Repeatable; `tvsysid methods` lists "
+        "the methods.",
     ),
 ]
 
 # How a recording is read and cut: `identify` and `inspect --diagnose`.
-ANGLE = typer.Option(metavar="NAME", help="Variable or column that holds the angle.")
-TORQUE = typer.Option(metavar="NAME", help="Variable or column that holds the torque, in N·m.")
-RATE = typer.Option(metavar="HZ", help="Sampling rate of the file.")
-PERIOD = typer.Option(metavar="S", help="Duration of one realization of the behaviour.")
+ANGLE = typer.Option(metavar="NAME", help="Name of the variable or column with the angle.")
+TORQUE = typer.Option(metavar="NAME", help="Name of the variable or column with the torque, in N·m.")
+RATE = typer.Option(metavar="HZ", help="Sampling rate of the recording.")
+PERIOD = typer.Option(metavar="S", help="Duration of one realization, that is, of one repetition of the behaviour.")
 DecimateOption = Annotated[
     float | None,
-    typer.Option(metavar="HZ", help="Low-pass and decimate to this rate first; 100 Hz is usual, and much faster."),
+    typer.Option(
+        metavar="HZ", help="Low-pass filter and decimate to this rate first; 100 Hz is usual, and much faster."
+    ),
 ]
 ColumnsOption = Annotated[
-    Columns, typer.Option(help="Whether the columns of a matrix follow each other in time or are trials of their own.")
+    Columns,
+    typer.Option(
+        help="What the columns of a matrix are: parts of one recording, in order of time, or separate trials."
+    ),
 ]
 TorqueSignOption = Annotated[
-    int, typer.Option(metavar="1|-1", help="-1 if the file's torque assists where it should resist.")
+    int,
+    typer.Option(
+        metavar="1|-1",
+        help="Give -1 if the file's torque has the opposite sign. Torque must rise with the angle: torque = stiffness x "
+        "angle, with a stiffness above zero.",
+    ),
 ]
 AngleUnitOption = Annotated[AngleUnit, typer.Option(help="Unit of the angle in the file.")]
 StartOption = Annotated[
     float, typer.Option(metavar="S", help="Time of the first sample; realizations begin at multiples of the period.")
 ]
+ChannelOption = Annotated[
+    list[str],
+    typer.Option(
+        "--channel",
+        metavar="NAME=CHANNEL",
+        help="Read a further channel for methods that need one, and give it the name that the method expects: "
+        "`emg=EMG_SIGNAL` reads EMG_SIGNAL as emg. Repeatable.",
+    ),
+]
 ContextOption = Annotated[
-    float, typer.Option(metavar="S", help="Record kept beside each realization, for lags and windows at its edges.")
+    float,
+    typer.Option(
+        metavar="S", help="Seconds kept before and after each realization, which lags and windows need at its ends."
+    ),
 ]
 
 # How a study is run: `benchmark` and `experiment`.
-SeedOption = Annotated[int | None, typer.Option(metavar="N", help="Seed; the same seed gives the same numbers. [0]")]
-WorkersOption = Annotated[
-    int | None, typer.Option(metavar="N", help="Processes; as many as there are cores by default.")
+SeedOption = Annotated[
+    int | None, typer.Option(metavar="N", help="Seed of the random numbers; the same seed gives the same results. [0]")
 ]
+WorkersOption = Annotated[int | None, typer.Option(metavar="N", help="Number of processes. [one for each core]")]
 SchedulerOption = Annotated[
     str | None,
-    typer.Option(metavar="ADDRESS", help="Run on a Dask cluster instead, such as tcp://host:8786 (tvsysid[dask])."),
+    typer.Option(
+        metavar="ADDRESS",
+        help="Run on a Dask cluster instead: the address of its scheduler, such as tcp://host:8786; needs `tvsysid[dask]`.",
+    ),
 ]
 OutOption = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the results.")]

@@ -1,4 +1,4 @@
-"""How a long study is run from the command line: its folder, its workers, its end before time."""
+"""How a long study is run from the command line: its folder, its workers, and what happens when it is interrupted."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ STORE = "results.zarr"
 
 
 def check_folder(out: Path) -> None:
-    """Find out now, not after the work, whether the folder can be written to."""
+    """Make the folder, so that one that cannot be written to is reported before the work, not after it."""
     if out.exists() and not out.is_dir():
-        raise InputError(f"{out}: a file is in the way; give a folder with --out")
+        raise InputError(f"{out}: expected a folder, this is a file; give a folder with --out")
     out.mkdir(parents=True, exist_ok=True)
     if not os.access(out, os.W_OK):
-        raise InputError(f"{out}: this folder cannot be written to; give another with --out")
+        raise InputError(f"{out}: no permission to write to this folder; give another with --out")
 
 
 def command_line() -> str:
-    """The command as it may be typed again."""
+    """The command as it can be typed again."""
     return shlex.join(["tvsysid", *sys.argv[1:]])
 
 
@@ -44,33 +44,33 @@ def run_in(
     workers: int | None,
     scheduler: str | None,
 ) -> Any:
-    """Results of a run with store, workers, executor and progress; where it ends early, how to go on."""
+    """Results of a run with store, workers, executor and progress; if it ends early, the message says how to resume."""
     kept = [0, 0]
     try:
         with progress(title) as advance, _executor(scheduler) as (executor, threads):
 
             def count_kept(done: int, total: int) -> None:
                 if done and not kept[1]:
-                    errors.print(f"going on: {done} of {total} {units} are there already")
+                    errors.print(f"resuming: {done} of {total} {units} are done already")
                 kept[:] = done, total
                 advance(done, total)
 
             at_a_time = threads if workers is None else workers
             return study_run(store=out / STORE, workers=at_a_time, executor=executor, progress=count_kept)
     except KeyboardInterrupt:
-        text = f"tvsysid: interrupted; {kept[0]} of {kept[1]} {units} are in {out / STORE}, the same command goes on"
+        text = f"tvsysid: interrupted; {kept[0]} of {kept[1]} {units} are in {out / STORE}; the same command resumes"
         errors.print(text, soft_wrap=True)
         sys.exit(INTERRUPTED)
     except OSError as error:
         raise InputError(
-            f"{error.filename or out}: {error.strerror or error}; {kept[0]} of {kept[1]} {units} are kept: once this "
-            "is mended, the same command goes on from there"
+            f"{error.filename or out}: {error.strerror or error}; {kept[0]} of {kept[1]} {units} are kept; "
+            "solve this, and the same command resumes from there"
         ) from error
 
 
 @contextmanager
 def _executor(scheduler: str | None) -> Iterator[tuple[Any, int | None]]:
-    """Executor of a Dask cluster and the number of its threads, or None twice."""
+    """Executor of a Dask cluster and the number of its threads; without a scheduler, None for both."""
     if scheduler is None:
         yield None, None
         return
@@ -81,30 +81,34 @@ def _executor(scheduler: str | None) -> Iterator[tuple[Any, int | None]]:
     try:
         client: Any = Client(scheduler, timeout="10s")  # type: ignore[no-untyped-call]
     except (OSError, ValueError, TypeError) as error:
-        raise InputError(f"--scheduler {scheduler}: no Dask scheduler answers there: {error}") from error
+        raise InputError(
+            f"--scheduler {scheduler}: no Dask scheduler answers there ({error}); check the address"
+        ) from error
     with client:
         threads = sum(client.nthreads().values())
         if not threads:
-            raise InputError(f"--scheduler {scheduler}: this cluster has no workers; start some with `dask worker`")
+            raise InputError(
+                f"--scheduler {scheduler}: this cluster has no workers; start some with `dask worker {scheduler}`"
+            )
         yield client.get_executor(pure=False), threads
 
 
 def print_met(results: Any, met: list[dict[str, Any]], units: str, counted: str) -> bool:
-    """Print what was met and what is missing; whether no method failed."""
+    """Print failures, warnings and what is missing; return whether no method failed."""
     there = results.checksums.values.any(axis=-1)
     if not there.all():
-        text = f"{there.sum()} of {there.size} {units} are there so far; the command that ran it goes on from there"
+        text = f"{there.sum()} of {there.size} {units} are done so far; the command that started them resumes"
         remark("warning", text)
     for trouble in met:
         failed = trouble["kind"] == "failed"
-        what = "failed and are left out" if failed else "deserve doubt"
+        what = "failed and are left out" if failed else "gave warnings"
         text = "{method}: {count} of {trials} {counted} {what}; the first: {first}"
         remark("error" if failed else "warning", text.format(what=what, counted=counted, **trouble))
     return not any(trouble["kind"] == "failed" for trouble in met)
 
 
 def show_claims(claims: pd.DataFrame, of: str, need: str) -> None:
-    """Print the verdicts on the paper's claims; `need` says what those need that were not studied."""
+    """Print the verdicts on the paper's claims; `need` says what the claims without a verdict need."""
     symbols = {"holds": "✓", "does not hold": "✗", "undecided": "?"}
     studied = claims[claims.verdict != "not studied"]
     rows = [
@@ -112,4 +116,4 @@ def show_claims(claims: pd.DataFrame, of: str, need: str) -> None:
     ]
     missing = len(claims) - len(studied)
     caption = f"{missing} more of its claims need {need}" if missing else None
-    show_table(f"what the paper says of its {of}", ["claim", "verdict"], rows, "ll", caption)
+    show_table(f"the paper's claims about its {of}", ["claim", "verdict"], rows, "ll", caption)

@@ -18,7 +18,8 @@ def check_method(
         str,
         typer.Argument(
             metavar="MODULE:CLASS",
-            help="Class of the method, in a module that is in the current folder or installed; or a key of `tvsysid methods`.",
+            help="Class of the method, in a module that is in the current folder or installed; or a key that "
+            "`tvsysid methods` lists.",
         ),
     ],
 ) -> None:

@@ -71,8 +71,8 @@ TorqueSignOption = Annotated[
     int,
     typer.Option(
         metavar="1|-1",
-        help="Give -1 if the file's torque has the opposite sign. Torque must rise with the angle: torque = stiffness x "
-        "angle, with a stiffness above zero.",
+        help="Give -1 if the file's torque has the opposite sign: torque must rise with the angle (torque = stiffness "
+        "x angle, with positive stiffness).",
     ),
 ]
 AngleUnitOption = Annotated[AngleUnit, typer.Option(help="Unit of the angle in the file.")]
@@ -104,7 +104,7 @@ SchedulerOption = Annotated[
     str | None,
     typer.Option(
         metavar="ADDRESS",
-        help="Run on a Dask cluster instead: the address of its scheduler, such as tcp://host:8786; needs `tvsysid[dask]`.",
+        help="Run on a Dask cluster instead: address of its scheduler, such as tcp://host:8786; needs `tvsysid[dask]`.",
     ),
 ]
 OutOption = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the results.")]

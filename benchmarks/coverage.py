@@ -26,7 +26,7 @@ from threadpoolctl import threadpool_limits
 sys.path.insert(0, str(Path(__file__).parents[1]))  # when run as a script
 
 import tvsysid as tv
-from tvsysid.benchmark.scores import AT_SWITCH, AWAY, from_switch
+from tvsysid.study.scores import AT_SWITCH, AWAY, from_switch
 
 Array = NDArray[np.float64]
 

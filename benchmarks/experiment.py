@@ -35,12 +35,12 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=None)
     chosen = parser.parse_args()
     console = Console()
-    experiment = tv.experiment.Experiment(bootstraps=chosen.bootstraps)
+    experiment = tv.study.Experiment(bootstraps=chosen.bootstraps)
     with tempfile.TemporaryDirectory() as folder, watched_memory() as peak:
         started = time.perf_counter()
-        prepared = tv.experiment.prepared_recordings(experiment)
+        prepared = tv.study.prepared_recordings(experiment)
         preparing = time.perf_counter() - started
-        results = tv.experiment.run(
+        results = tv.study.run(
             experiment, prepared=prepared, store=Path(folder) / "results.zarr", workers=chosen.workers
         )
         seconds = time.perf_counter() - started
@@ -66,7 +66,7 @@ def moments_table(ensemble: tv.Ensemble | None) -> Table:
     assert ensemble is not None
     drawn = next(tv.preprocess.bootstrap(ensemble, 1, 0, 75))
     angle, torque = drawn.angle, drawn.torque
-    methods = tv.experiment.Experiment().named_methods
+    methods = tv.study.Experiment().named_methods
     moments: dict[str, Callable[[], object]] = {
         "eirf": lambda: lagged_moments(angle, torque, 15),
         "sds": lambda: lagged_moments(angle, torque, 15),

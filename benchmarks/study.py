@@ -23,10 +23,10 @@ import tvsysid as tv
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="Where the time of a study goes.")
-    parser.add_argument("--preset", default="quick", choices=tv.benchmark.PRESETS)
+    parser.add_argument("--preset", default="quick", choices=tv.studies.van_de_ruit_2021.PRESETS)
     parser.add_argument("--workers", type=int, nargs="*", default=sorted({1, os.cpu_count() or 1}))
     chosen = parser.parse_args()
-    study = tv.benchmark.Study.preset(chosen.preset)
+    study = tv.studies.van_de_ruit_2021.preset(chosen.preset)
     console = Console()
     first = None
     for workers in chosen.workers:
@@ -41,11 +41,11 @@ def main() -> None:
         )
 
 
-def timed(study: tv.benchmark.Study, workers: int) -> tuple[xr.Dataset, float, int]:
+def timed(study: tv.study.Study, workers: int) -> tuple[xr.Dataset, float, int]:
     """Results, seconds and bytes."""
     with tempfile.TemporaryDirectory() as folder, watched_memory() as peak:
         started = time.perf_counter()
-        results = tv.benchmark.run(study, store=Path(folder) / "results.zarr", workers=workers)
+        results = tv.study.run(study, store=Path(folder) / "results.zarr", workers=workers)
         seconds = time.perf_counter() - started
         return results.load(), seconds, peak[0]
 
@@ -53,7 +53,7 @@ def timed(study: tv.benchmark.Study, workers: int) -> tuple[xr.Dataset, float, i
 def stages_table(results: xr.Dataset, seconds: float, title: str) -> Table:
     """A row for each stage, summed over all workers."""
     simulated = float(results.duration_s.sum()) * results.sizes["trial"]
-    spent = tv.benchmark.time_spent(results)
+    spent = tv.study.time_spent(results)
     table = Table(title=title, title_justify="left", caption="times of all workers, but for the last row")
     table.add_column("stage")
     for heading in ("s", "share, %", "simulated seconds per second"):

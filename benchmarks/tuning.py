@@ -41,17 +41,17 @@ def main() -> None:
     methods = [key + rest for key in chosen.methods for rest in ("", TUNED)]
     part = {"stiffness": chosen.stiffness, "perturbation": chosen.perturbations, "duration_s": chosen.durations}
     given = {name: values for name, values in part.items() if values}
-    study = tv.benchmark.Study.preset("paper", methods=methods, trials=chosen.trials, **given)
+    study = tv.studies.van_de_ruit_2021.preset("paper", methods=methods, trials=chosen.trials, **given)
     console = Console(width=None if sys.stdout.isatty() else 150)
     with tempfile.TemporaryDirectory() as folder, Progress(*COLUMNS, disable=not sys.stdout.isatty()) as bar:
         task = bar.add_task("")
-        results = tv.benchmark.run(
+        results = tv.study.run(
             study,
             store=chosen.store or Path(folder) / "results.zarr",
             workers=chosen.workers,
             progress=lambda done, total: bar.update(task, completed=done, total=total),
         ).load()
-    scores = tv.benchmark.score(results)
+    scores = tv.study.score(results)
     for key in chosen.methods:
         console.print(table(key, results, scores))
 

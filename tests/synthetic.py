@@ -24,7 +24,7 @@ SINE = [("sine", perturbation, 150.0, 10.0) for perturbation in ("noise", "prbs"
 
 
 def results_of(scenarios=(*SQUARE, *SINE), methods=tuple(METHODS), trials=6, viscosity="constant"):
-    """Results of a study in the layout of tvsysid.benchmark.run; a scenario: profile, perturbation, duration, SNR."""
+    """Results of a study in the layout of tvsysid.study.run; a scenario: profile, perturbation, duration, SNR."""
     random = np.random.default_rng(7)
     truth = np.stack([np.asarray(PROFILES[profile](TIME), dtype=float) for profile, *_ in scenarios])
     sizes = len(scenarios), trials, len(methods)
@@ -96,7 +96,7 @@ def fail(results, method, trial, reason):
 
 
 def summary_of(results):
-    """Rows as those of tvsysid.benchmark.summarize; standard errors only roughly."""
+    """Rows as those of tvsysid.study.summarize; standard errors only roughly."""
     rows = []
     for scenario in results.scenario.values:
         for method in results.method_key.values:

@@ -165,7 +165,7 @@ def test_stiffness_rises_with_the_ankle_angle(moving):
 def walker(recordings_folder):
     """Experiment on 40 of the walking record's cycles: eirf with short lags, for these are few."""
     short = {"name": "eirf", "method": "eirf:max_lag=0.04"}
-    experiment = tv.experiment.Experiment(
+    experiment = tv.study.Experiment(
         participants={"walker": {"walking": str(recordings_folder / "walking_ankle_small_reflex.mat")}},
         reading={"angle": "POSITION_SIGNAL", "torque": "TORQUE_SIGNAL", "sampling_rate": 1000, "torque_sign": -1},
         preparation={
@@ -175,7 +175,7 @@ def walker(recordings_folder):
         methods=[short, "sds", "birf", "esm", {"name": "kbr", "method": "kbr"}],
         realizations=40,
     )
-    return tv.experiment.run(experiment)
+    return tv.study.run(experiment)
 
 
 @pytest.mark.parametrize("key", ["eirf", "sds", "birf", "esm", "kbr"])

@@ -1,5 +1,3 @@
-from . import benchmark as benchmark
-from . import experiment as experiment
 from . import figures as figures
 from . import methods as methods
 from . import metrics as metrics
@@ -8,6 +6,8 @@ from . import quality as quality
 from . import recordings as recordings
 from . import report as report
 from . import simulate as simulate
+from . import studies as studies
+from . import study as study
 from . import uncertainty as uncertainty
 from .check import check_method as check_method
 from .compare import Comparison as Comparison

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 from scipy.io import savemat
-from tests.experiment.conftest import write_trials
+from tests.study.recorded.conftest import write_trials
 
 import tvsysid as tv
 
@@ -111,10 +111,10 @@ def test_a_virtual_participants_file_is_what_the_study_reads(tvsysid, tmp_path):
     code, out, _ = tvsysid("simulate", "P3-prbs.mat", "--participant", 3, "--perturbation", "prbs")
     assert code == 0
     (tmp_path / "study.toml").write_text(out.split("a study of it:")[1])
-    experiment = tv.experiment.Experiment.from_toml(tmp_path / "study.toml")
-    (prepared,) = tv.experiment.prepared_recordings(experiment)
-    virtual = tv.experiment.Experiment(virtual=3, perturbation="prbs")
-    (expected,) = tv.experiment.prepared_recordings(virtual)
+    experiment = tv.study.Experiment.from_toml(tmp_path / "study.toml")
+    (prepared,) = tv.study.prepared_recordings(experiment)
+    virtual = tv.study.Experiment(virtual=3, perturbation="prbs")
+    (expected,) = tv.study.prepared_recordings(virtual)
     np.testing.assert_array_equal(prepared.ensemble.torque, expected.ensemble.torque)
     assert json.loads(experiment.to_json())["participants"] == {"P3": {"prbs": ["P3-prbs.mat"]}}
     assert tvsysid("simulate", "P3.csv", "--participant", 3)[0] == 2

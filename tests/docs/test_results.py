@@ -5,11 +5,12 @@ from pathlib import Path
 
 from tests.synthetic import responses_of, results_of, summary_of
 
-from tvsysid.benchmark.layout import MEASURED, layout_of
-from tvsysid.benchmark.scores import COLUMNS, UNITS
-from tvsysid.benchmark.study import Study
-from tvsysid.benchmark.trial import STAGES
 from tvsysid.figures import study_figures
+from tvsysid.study.layout import OF_TRIAL, layout_of
+from tvsysid.study.scores import UNITS
+from tvsysid.study.simulated import Study
+from tvsysid.study.summary import COLUMNS
+from tvsysid.study.trial import STAGES
 
 PAGE = (Path(__file__).parents[2] / "docs" / "results.md").read_text(encoding="utf-8")
 SECTIONS = dict(re.findall(r"^## (\S+)\n\n(.+?)(?=\n## |\Z)", PAGE, re.MULTILINE | re.DOTALL))
@@ -33,7 +34,7 @@ def test_every_metric_is_explained_once():
 
 
 def test_every_variable_of_the_store_is_named():
-    names = set(MEASURED) | {
+    names = set(OF_TRIAL) | {
         each.name for each in layout_of(Study()).fixed if "time" in each.dims and each.name != "time"
     }
     text = SECTIONS["results.zarr"]

@@ -230,7 +230,7 @@ def test_installed_methods_are_known_without_being_loaded():
     assert parse("fit:window=0.3,band=[1,2]").window == 0.3
     assert create("fit", window=0.4).window == 0.4
     assert parse("ready").window == 0.7
-    assert tv.benchmark.Study(methods=["sds", "fit"]).named_methods["fit"] == create("fit")
+    assert tv.study.Study(methods=["sds", "fit"]).named_methods["fit"] == create("fit")
 
 
 @pytest.mark.usefixtures("installed")
@@ -267,7 +267,7 @@ def test_unreadable_metadata_of_another_package_stops_nothing(installed):
 
 @pytest.mark.usefixtures("installed")
 def test_a_study_holds_the_five_whatever_is_installed():
-    assert tv.benchmark.Study().methods == tuple(tv.methods.METHODS)
+    assert tv.study.Study().methods == tuple(tv.methods.METHODS)
 
 
 @pytest.mark.parametrize(

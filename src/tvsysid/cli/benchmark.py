@@ -111,8 +111,8 @@ def benchmark(
 
     Example: `tvsysid benchmark --preset paper --out paper`
     """
-    from tvsysid.benchmark import Study
-    from tvsysid.execution import cores
+    from tvsysid.studies.van_de_ruit_2021 import preset as study_called
+    from tvsysid.study import Study, cores
 
     options: dict[str, Any] = {
         "stiffness": [item.value for item in stiffness or ()],
@@ -127,7 +127,7 @@ def benchmark(
     given = {name: value for name, value in options.items() if value not in (None, [])}
     if study_file is not None and preset is not None:
         raise InputError(f"{study_file} and --preset {preset}: give one of them")
-    study = Study.from_toml(study_file, **given) if study_file else Study.preset(preset or "quick", **given)
+    study = Study.from_toml(study_file, **given) if study_file else study_called(preset or "quick", **given)
     if dry_run:
         _print_plan(study, workers or cores())
         return
@@ -139,7 +139,7 @@ def benchmark(
 
 
 def _print_plan(study: Any, workers: int) -> None:
-    from tvsysid.benchmark import plan
+    from tvsysid.study import plan
 
     with waiting("timing a trial of the shortest and the longest scenario"):
         taken = plan(study)
@@ -161,7 +161,7 @@ def _print_plan(study: Any, workers: int) -> None:
 
 def _run_study(study: Any, out: Path, workers: int | None, scheduler: str | None) -> Any:
     """Results, with progress; what ends it early says how to go on."""
-    from tvsysid.benchmark import run
+    from tvsysid.study import run
 
     count = len(study.scenarios)
     title = f"{count} scenario{'s' if count > 1 else ''} x {study.trials} trials x {len(study.methods)} methods"
@@ -170,10 +170,11 @@ def _run_study(study: Any, out: Path, workers: int | None, scheduler: str | None
 
 def write_study(results: Any, out: Path, command: str) -> bool:
     """Write tables, figures and report, and print the essence; whether every method gave a result in every trial."""
-    from tvsysid.benchmark import example_responses, judge, score, summarize
     from tvsysid.figures import save, study_figures
     from tvsysid.recordings import whole_file
     from tvsysid.report import write_report
+    from tvsysid.studies.van_de_ruit_2021 import example_responses, judge
+    from tvsysid.study import score, summarize
 
     with waiting("scoring and drawing"):
         for name in ("seconds", "stage_seconds", "doubts", "failure", "checksums"):
@@ -244,7 +245,7 @@ def _show_scores(summary: pd.DataFrame) -> None:
 
 def _show_times(results: Any) -> None:
     """Where the time of the trials went, and how much data each stage gets through."""
-    from tvsysid.benchmark import time_spent
+    from tvsysid.study import time_spent
 
     there = results.checksums.values.any(axis=-1)
     simulated = float((results.duration_s.values * there.sum(axis=1)).sum())

@@ -51,8 +51,8 @@ def _checked_apart(name: str) -> list[Check]:
     """Results of the checks, run in a process of their own, in case the method crashes it."""
     from concurrent.futures import BrokenExecutor
 
-    from tvsysid.execution import processes
     from tvsysid.methods import parse
+    from tvsysid.study import processes
 
     parse(name)  # a wrong name is reported from this process
     with processes(1) as pool:

@@ -81,7 +81,7 @@ def experiment(
 
     Example: `tvsysid experiment study.toml --method sds --bootstraps 50`
     """
-    from tvsysid.experiment import Experiment
+    from tvsysid.study import Experiment
 
     options: dict[str, Any] = {
         "virtual": virtual,
@@ -101,7 +101,7 @@ def experiment(
 
 def _run(experiment: Any, out: Path, workers: int | None, scheduler: str | None) -> tuple[Any, Any]:
     """Results and what they are of, with progress; what ends it early says how to go on."""
-    from tvsysid.experiment import prepared_recordings, run
+    from tvsysid.study import prepared_recordings, run
 
     with progress("preparing recordings") as advance:
         prepared = prepared_recordings(experiment, advance)
@@ -123,10 +123,11 @@ def write_experiment(experiment: Any, results: Any, prepared: Any, out: Path, co
     """Write tables, ensembles, figures and report, and print the essence; whether every analysis gave a result."""
     import pandas as pd
 
-    from tvsysid.experiment import exclusions, judge, stiffness_over_time, summarize
     from tvsysid.quality import diagnose
     from tvsysid.recordings import whole_file, write_ensemble
     from tvsysid.report import experiment_troubles, write_diagnosis, write_experiment_report
+    from tvsysid.studies.van_de_ruit_2021 import judge
+    from tvsysid.study import exclusions, stiffness_over_time, summarize
 
     with waiting("scoring and drawing"):
         results = results.load()
@@ -168,8 +169,8 @@ def write_experiment(experiment: Any, results: Any, prepared: Any, out: Path, co
 
 def _experiment_pictures(experiment: Any, results: Any, summary: Any, prepared: Any, folder: Path) -> Any:
     """Draw and save everything; those of the page, by the stems of their files."""
-    from tvsysid.experiment import shown
     from tvsysid.figures import experiment_figures, participant_in_detail, representative, save
+    from tvsysid.study import shown
 
     excerpts, preparations = {}, {}
     who = representative(results, summary)

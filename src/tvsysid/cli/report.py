@@ -25,18 +25,15 @@ def report(
 
     Example: `tvsysid report tvsysid-benchmark`
     """
-    from tvsysid.benchmark import read_results
-    from tvsysid.execution import title_of
-    from tvsysid.experiment import TITLE, Experiment, prepared_recordings
-    from tvsysid.experiment import read_results as read_experiment
+    from tvsysid.study import EXPERIMENT, Experiment, prepared_recordings, read_results
 
     if not folder.is_dir():
         raise InputError(f"{folder}: there is no such folder; give the one that a benchmark or an experiment wrote")
     check_folder(folder)
-    if title_of(folder / STORE) != TITLE:
-        write_study(read_results(folder / STORE), folder, "")
+    results = read_results(folder / STORE)
+    if results.attrs["title"] != EXPERIMENT:
+        write_study(results, folder, "")
         return
-    results = read_experiment(folder / STORE)
     settings = {name: each for name, each in json.loads(results.attrs["experiment"]).items() if name != "methods"}
     what = Experiment(**settings)
     with progress("preparing recordings") as advance:

@@ -30,7 +30,7 @@ def error_against_amount(summary: pd.DataFrame, title: str = "") -> Figure:
     Parameters
     ----------
     summary
-        Rows of :func:`tvsysid.benchmark.summarize` for one stiffness profile and viscosity, with several durations
+        Rows of :func:`tvsysid.study.summarize` for one stiffness profile and viscosity, with several durations
         and one signal-to-noise ratio, or the other way round. Data without noise have no place on the axis of ratios
         and are left out.
     title

@@ -40,9 +40,9 @@ def method_comparison(
     Parameters
     ----------
     results
-        As of :func:`tvsysid.benchmark.run`.
+        As of :func:`tvsysid.study.run`.
     summary
-        Of these results, as of :func:`tvsysid.benchmark.summarize`.
+        Of these results, as of :func:`tvsysid.study.summarize`.
     shown
         Labels of the scenarios whose stiffness and time-varying VAF are drawn over time: mean ± 2 standard deviations
         over trials.

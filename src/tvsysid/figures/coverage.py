@@ -28,7 +28,7 @@ def coverage_over_time(results: xr.Dataset, scenarios: Sequence[str], title: str
     Parameters
     ----------
     results
-        As of :func:`tvsysid.benchmark.run`.
+        As of :func:`tvsysid.study.run`.
     scenarios
         Labels of those shown, an axes each, with the true stiffness below.
     title

@@ -37,9 +37,9 @@ def study_figures(
     Parameters
     ----------
     results
-        As of :func:`tvsysid.benchmark.run`.
+        As of :func:`tvsysid.study.run`.
     summary
-        Of these results, as of :func:`tvsysid.benchmark.summarize`.
+        Of these results, as of :func:`tvsysid.study.summarize`.
     responses
         As :func:`impulse_responses` takes them; None leaves that figure out.
 

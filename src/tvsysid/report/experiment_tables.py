@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.experiment.claims import EXCLUDED, REPORTED, SURVIVED
 from tvsysid.figures.analyses import unique
 from tvsysid.figures.words import told
 from tvsysid.report.tables import Cell, number, verdicts
+from tvsysid.studies.van_de_ruit_2021.experiment import EXCLUDED, REPORTED, SURVIVED
 
 if TYPE_CHECKING:
     import pandas as pd

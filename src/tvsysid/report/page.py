@@ -47,9 +47,9 @@ def write_report(
     path
         Of the file, which appears whole or not at all.
     results
-        As of :func:`tvsysid.benchmark.run`.
+        As of :func:`tvsysid.study.run`.
     summary
-        Of these results, as of :func:`tvsysid.benchmark.summarize`.
+        Of these results, as of :func:`tvsysid.study.summarize`.
     claims
         What the paper says and whether it holds here; may have no rows.
     illustrations

@@ -1,0 +1,46 @@
+"""Simulation studies by name: what van de Ruit et al. 2021 compare, and what they leave open."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from tvsysid.errors import InputError
+from tvsysid.study.settings import overridden
+from tvsysid.study.simulated import VISCOSITIES, Study
+
+PRESETS: dict[str, dict[str, Any]] = {
+    "quick": {},
+    "paper": {
+        "duration_s": (40.0, 80.0, 150.0, 300.0, 600.0),
+        "also": ({"stiffness": ("sine",), "duration_s": (150.0,)},),
+        "trials": 100,
+    },
+    "snr": {"snr_db": (0.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0), "trials": 100},
+    "viscosity": {"viscosity": VISCOSITIES, "trials": 100},
+}
+"""Studies by name: the default, that of van de Ruit et al. 2021 with its Appendix A, and two that it leaves open."""
+
+
+def preset(name: str, **settings: Any) -> Study:
+    """Study of this name.
+
+    Parameters
+    ----------
+    name
+        One of ``PRESETS``: ``"quick"``, ``"paper"``, ``"snr"``, ``"viscosity"``.
+    **settings
+        Take the place of the preset's, in its further scenarios too.
+
+    Raises
+    ------
+    InputError
+        For an unknown name, or a setting that a study does not take.
+
+    Examples
+    --------
+    >>> len(preset("paper").scenarios), len(preset("paper", duration_s=40).scenarios)
+    (12, 4)
+    """
+    if name not in PRESETS:
+        raise InputError(f"unknown preset {name!r}; the presets are {', '.join(PRESETS)}")
+    return Study(**overridden(PRESETS[name], settings))

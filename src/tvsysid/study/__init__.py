@@ -1,0 +1,32 @@
+"""Comparing methods: what is studied, running it, where results are kept, and what they say."""
+
+from tvsysid.study.layout import EXPERIMENT, SIMULATIONS
+from tvsysid.study.plan import plan
+from tvsysid.study.prepared import Prepared, prepared_recordings, shown
+from tvsysid.study.recorded import Experiment, Recorded
+from tvsysid.study.run import read_results, run
+from tvsysid.study.scores import score, time_spent
+from tvsysid.study.simulated import Study
+from tvsysid.study.summary import exclusions, stiffness_over_time, summarize
+from tvsysid.study.workers import cores, processes
+
+__all__ = [
+    "EXPERIMENT",
+    "SIMULATIONS",
+    "Experiment",
+    "Prepared",
+    "Recorded",
+    "Study",
+    "cores",
+    "exclusions",
+    "plan",
+    "prepared_recordings",
+    "processes",
+    "read_results",
+    "run",
+    "score",
+    "shown",
+    "stiffness_over_time",
+    "summarize",
+    "time_spent",
+]

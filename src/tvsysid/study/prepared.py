@@ -1,0 +1,232 @@
+"""From files, or a virtual participant, to an ensemble ready for identification, with what became of every trial."""
+
+from __future__ import annotations
+
+import glob
+import hashlib
+import os
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tvsysid.errors import DataQualityWarning, InputError
+from tvsysid.preprocess import Account, Preparation, prepare
+from tvsysid.recordings import read_usable_trials
+from tvsysid.signals import Ensemble, Recording
+from tvsysid.simulate import PERTURBATIONS, Participant, Simulation
+from tvsysid.study.recorded import Experiment, Recorded
+from tvsysid.study.task import single_thread
+
+Array = NDArray[np.float64]
+
+NOTHING = "nothing"
+"""Digest of what could not be prepared, for whatever reason."""
+EXCERPT = 10.0
+"""Seconds of a recording that are shown."""
+TORQUE = "tvsysid: recorded torque"
+"""Channel that passes through the preparation beside the torque, which loses its mean there."""
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """One recording, ready for identification.
+
+    Parameters
+    ----------
+    recorded
+        Which it is.
+    ensemble
+        The survivors, mean subtracted, without channels; None where nothing could be prepared.
+    account
+        What became of each realization; None likewise.
+    target_torque, mean_torque, true_stiffness
+        Over one realization: torque to be followed and mean torque of the survivors in N·m, their mean true stiffness
+        in N·m/rad; shape (time,), NaN where not known.
+    trials
+        How many can be used.
+    refused
+        Why other trials cannot, by file.
+    doubts
+        What is doubtful about the recording.
+    failure
+        Why nothing could be prepared, or nothing.
+    """
+
+    recorded: Recorded
+    ensemble: Ensemble | None
+    account: Account | None
+    target_torque: Array
+    mean_torque: Array
+    true_stiffness: Array
+    trials: int
+    refused: dict[str, str]
+    doubts: tuple[str, ...]
+    failure: str = ""
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """All that should be known about it, in words."""
+        left_out = (f"{name} is left out: {reason}" for name, reason in self.refused.items())
+        return (*left_out, *self.doubts, *([self.failure] if self.failure else []))
+
+    @property
+    def digest(self) -> str:
+        """Of the ensemble; what tells these data from others."""
+        if self.ensemble is None:
+            return NOTHING
+        found = hashlib.sha256()
+        for values in (self.ensemble.angle, self.ensemble.torque, self.ensemble.onsets, self.ensemble.trials):
+            found.update(np.asarray(values).tobytes())
+        return found.hexdigest()[:16]
+
+
+def prepared_recordings(
+    experiment: Experiment, progress: Callable[[int, int], None] | None = None
+) -> tuple[Prepared, ...]:
+    """Prepare every recording of an experiment; what cannot be used spoils nothing else.
+
+    Parameters
+    ----------
+    experiment
+        What to prepare.
+    progress
+        Called with the numbers of recordings done and in all.
+    """
+    done: list[Prepared] = []
+    for recorded in experiment.recordings:
+        if progress is not None:
+            progress(len(done), len(experiment.recordings))
+        with single_thread():  # so that the same recordings have the same digest everywhere
+            done.append(_prepared(experiment, recorded))
+    return tuple(done)
+
+
+def shown(experiment: Experiment, recorded: Recorded) -> tuple[Recording, Preparation]:
+    """Excerpt of a recording and its whole preparation, for figures.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read or prepared.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DataQualityWarning)  # told when it was prepared
+        recording, _ = _recording(experiment, recorded, _simulated(recorded))
+        return _excerpt(recording, experiment.preparation.reference), _preparation(experiment, recording)
+
+
+def _prepared(experiment: Experiment, recorded: Recorded) -> Prepared:
+    samples = round(experiment.preparation.period * experiment.preparation.rate)
+    unknown = np.full(samples, np.nan)
+    refused: dict[str, str] = {}
+    trials, failure, preparation = 0, "", None
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", DataQualityWarning)
+        try:
+            simulation = _simulated(recorded)
+            recording, refused = _recording(experiment, recorded, simulation)
+            trials = len(recording.trials)
+            preparation = _preparation(experiment, recording)
+        except (InputError, MemoryError) as error:
+            failure = str(error) or "there is not enough memory"
+    doubts = tuple(dict.fromkeys(str(item.message) for item in caught))
+    if preparation is None:
+        return Prepared(recorded, None, None, unknown, unknown, unknown, trials, refused, doubts, failure)
+    ensemble = preparation.ensemble
+
+    def over_time(name: str | None) -> Array:
+        """Mean over the survivors of a channel, which moved and was cut as the torque was."""
+        if name is None or name not in ensemble.channels:
+            return unknown
+        return np.asarray(ensemble.channels[name][:, ensemble.core].mean(axis=0))
+
+    return Prepared(
+        recorded=recorded,
+        ensemble=replace(ensemble, channels={}),
+        account=preparation.account,
+        target_torque=over_time(experiment.preparation.reference),
+        mean_torque=over_time(TORQUE),
+        true_stiffness=unknown if simulation is None else simulation.truth_of(ensemble)["stiffness"].mean(axis=0),
+        trials=trials,
+        refused=refused,
+        doubts=doubts,
+    )
+
+
+def _preparation(experiment: Experiment, recording: Recording) -> Preparation:
+    return prepare(recording, **experiment.preparation.model_dump())
+
+
+def _simulated(recorded: Recorded) -> Simulation | None:
+    if not recorded.is_virtual:
+        return None
+    return Participant(recorded.number).simulate(perturbation=PERTURBATIONS[recorded.perturbation])
+
+
+def _recording(
+    experiment: Experiment, recorded: Recorded, simulation: Simulation | None
+) -> tuple[Recording, dict[str, str]]:
+    """All usable trials in one, and why others are not.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    recording, refused = _read(experiment, recorded) if simulation is None else (simulation.recording, {})
+    return replace(recording, channels={**recording.channels, TORQUE: recording.torque}), refused
+
+
+def _read(experiment: Experiment, recorded: Recorded) -> tuple[Recording, dict[str, str]]:
+    """Usable trials from files, each long enough for a realization.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    assert experiment.reading is not None
+    preparing = experiment.preparation
+    files, missing = _files(experiment.folder, recorded.files)
+    channels = {} if preparing.reference is None else {preparing.reference: preparing.reference}
+    shortest = 2 * preparing.ends + preparing.period
+    usable = read_usable_trials(files, shortest, **experiment.reading.model_dump(), channels=channels)
+    refused = missing | usable.refused
+    if usable.recording is None:
+        reasons = "; ".join(f"{name}: {reason}" for name, reason in refused.items())
+        raise InputError(f"no trial can be used: {reasons}")
+    return usable.recording, refused
+
+
+def _files(folder: Path, patterns: tuple[str, ...]) -> tuple[dict[str, Path], dict[str, str]]:
+    """Files that patterns stand for, each once, in the order of their names, and patterns that stand for none.
+
+    Files are called by their place in the folder, which may be moved with all that is in it.
+    """
+    files: dict[Path, str] = {}
+    missing = {}
+    for pattern in map(os.path.expanduser, patterns):
+        if not glob.has_magic(pattern) or (folder / pattern).is_file():
+            found = [pattern]
+        else:
+            root = None if Path(pattern).is_absolute() else folder
+            found = sorted(glob.glob(pattern, root_dir=root, recursive=True))
+        if not found:
+            missing[pattern] = "no file has such a name, in the folder of the study or where the name says"
+        for name in found:
+            files.setdefault((folder / name).resolve(), name)
+    return {name: folder / name for name in files.values()}, missing
+
+
+def _excerpt(recording: Recording, reference: str | None) -> Recording:
+    """Ten seconds from the middle of the first trial, counted from its beginning, with the torque to be followed."""
+    trial = recording.trials[0]
+    count = min(round(EXCERPT * recording.sampling_rate), trial.stop - trial.start)
+    first = trial.start + (trial.stop - trial.start - count) // 2
+    part = slice(first, first + count)
+    target = {} if reference is None else {"target": recording.channels[reference][part]}
+    return Recording(recording.angle[part], recording.torque[part], recording.sampling_rate, 0.0, target)

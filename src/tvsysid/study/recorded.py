@@ -1,0 +1,374 @@
+"""What an experimental study is made of: participants, how their trials are read and prepared, and the analyses."""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple
+
+import numpy as np
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator, model_validator
+
+from tvsysid.errors import InputError
+from tvsysid.methods import label_of, parse
+from tvsysid.study.settings import settings_in
+
+VIRTUAL = (1, 2, 3, 4, 5, 6)
+"""Numbers of the virtual participants that are studied if nobody else is named."""
+PERTURBATIONS = ("noise", "prbs")
+"""What virtual participants undergo."""
+LAG, SHORT, LONG = 15 / 128, 12 / 128, 30 / 128
+"""The paper's longest lag and its windows for sds and esm in s: 15, 12 and 30 samples (section 4.2)."""
+LONGEST = 80
+"""Characters of a name, of which files are called."""
+FEW, MANY = (20, 40), (75, 150)
+"""Realizations in a draw: of kbr, and of the other methods."""
+
+
+def _listed(value: Any) -> Any:
+    return value if isinstance(value, (list, tuple)) else (value,)
+
+
+Counts = Annotated[tuple[Annotated[int, Field(ge=2)], ...], BeforeValidator(_listed), Field(min_length=1)]
+Files = Annotated[tuple[str, ...], BeforeValidator(_listed), Field(min_length=1)]
+
+
+class _Settings(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True)
+
+
+class Reading(_Settings):
+    """How files are read; see :func:`tvsysid.read_recording`."""
+
+    angle: str
+    torque: str
+    sampling_rate: Annotated[float, Field(gt=0)]
+    angle_unit: Literal["rad", "deg"] = "rad"
+    torque_sign: Literal[1, -1] = 1
+    columns: Literal["contiguous", "trials"] = "contiguous"
+
+
+class Preparing(_Settings):
+    """How a recording is prepared; see :func:`tvsysid.preprocess.prepare`."""
+
+    reference: str | None = "target"
+    rate: Annotated[float, Field(gt=0)] = 128.0
+    ends: Annotated[float, Field(ge=0)] = 5.0
+    period: Annotated[float, Field(gt=0)] = 2.0
+    context: Annotated[float, Field(ge=0)] = 0.5
+    search: Annotated[float, Field(gt=0)] = 0.5
+    max_shift: Annotated[float, Field(gt=0)] = 0.25
+    task_limit: Annotated[float, Field(gt=0)] | None = 3.0
+    cutoff: Annotated[float, Field(gt=0)] = 5.0
+    residual_limit: Annotated[float, Field(gt=0)] | None = 3.0
+
+    @model_validator(mode="before")
+    @classmethod
+    def _words_for_none(cls, values: Any) -> Any:
+        # TOML has no null.
+        if isinstance(values, Mapping):
+            optional = ("reference", "task_limit", "residual_limit")
+            return {name: None if name in optional and value is False else value for name, value in values.items()}
+        return values
+
+
+class Applied(_Settings):
+    """A method, and how many realizations it is given."""
+
+    method: Any
+    name: str = ""
+    realizations: Counts | None = None
+    contiguous: bool | None = None
+
+    @field_validator("method")
+    @classmethod
+    def _can_identify(cls, value: Any) -> Any:
+        if isinstance(value, str):
+            parse(value)
+        elif isinstance(value, type) or not callable(getattr(value, "identify", None)):
+            raise ValueError("expected the key of a method, or an object with identify(ensemble)")
+        return value
+
+
+PAPER: dict[str, dict[str, Any]] = {
+    "eirf": {"method": f"eirf:max_lag={LAG}"},
+    "sds": {"method": f"sds:max_lag={LAG},window={SHORT}"},
+    "birf": {"method": f"birf:max_lag={LAG}"},
+    "esm": {"method": f"esm:window={LONG}"},
+    "kbr": {"method": "kbr:preset=experiment"},
+}
+"""The paper's methods with its settings for the experiment, by the key that stands for them."""
+
+
+class Recorded(NamedTuple):
+    """One participant under one perturbation."""
+
+    participant: str
+    perturbation: str
+    files: tuple[str, ...] = ()
+    number: int = 0
+
+    @property
+    def label(self) -> str:
+        """Name in results and files."""
+        return f"{self.participant}-{self.perturbation}"
+
+    @property
+    def is_virtual(self) -> bool:
+        """Whether it is simulated."""
+        return not self.files
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """A method with a number of realizations."""
+
+    name: str
+    method: Any
+    realizations: int
+    contiguous: bool
+
+    @property
+    def label(self) -> str:
+        """Name in results."""
+        return f"{self.name}-{self.realizations}"
+
+
+class Experiment(_Settings):
+    """Participants x perturbations x methods x numbers of realizations, each bootstrapped.
+
+    Parameters
+    ----------
+    participants
+        Files by participant and perturbation: ``{"P1": {"noise": "P1/noise*.mat", "prbs": ["a.mat", "b.mat"]}}``; one
+        pattern or a list of files, each a trial or, with ``columns="trials"``, a matrix of trials. Any names will do
+        for participants and perturbations.
+    virtual
+        Numbers of virtual participants; by default 1 to 6 if no files are given, else none.
+    reading
+        How the files are read: ``angle``, ``torque``, ``sampling_rate`` and the other settings of
+        :func:`tvsysid.read_recording`.
+    preparation
+        Settings of :func:`tvsysid.preprocess.prepare` that are not its defaults. In a TOML file, ``false`` stands for
+        None: ``reference = false`` where there was no torque to follow.
+    perturbation
+        Which of the perturbations are studied; None takes all there are.
+    methods
+        ``"eirf"``, ``"sds"``, ``"birf"``, ``"esm"`` and ``"kbr"`` by themselves take the paper's settings for its
+        experiment. Others are keys with settings (``"sds:window=0.2"``), ``"mymodule:MyMethod"``, objects with
+        ``identify``, or mappings with ``method`` and, if need be, a ``name``, ``realizations`` of its own, and
+        ``contiguous`` for draws in one piece (of itself true for kbr, and for a method whose attribute
+        ``contiguous`` is).
+    realizations
+        How many are drawn, of all methods; by default 75 and 150, and 20 and 40 in one piece, as in the paper.
+    bootstraps
+        Number of draws.
+    seed
+        Of the draws. They depend on it, the recording and the number of realizations alone, so that all methods see
+        the same ones.
+
+    Raises
+    ------
+    InputError
+        For an unknown setting or name, or a value out of range.
+
+    Examples
+    --------
+    >>> experiment = Experiment(virtual=[1, 2], methods=["sds", "kbr"])
+    >>> [recorded.label for recorded in experiment.recordings]
+    ['P1-noise', 'P1-prbs', 'P2-noise', 'P2-prbs']
+    >>> [analysis.label for analysis in experiment.analyses]
+    ['sds-75', 'sds-150', 'kbr-20', 'kbr-40']
+    """
+
+    participants: dict[str, dict[str, Files]] = {}
+    virtual: Annotated[tuple[Annotated[int, Field(ge=0)], ...], BeforeValidator(_listed)] | None = None
+    reading: Reading | None = None
+    preparation: Preparing = Preparing()
+    perturbation: Annotated[tuple[str, ...], BeforeValidator(_listed), Field(min_length=1)] | None = None
+    methods: Annotated[tuple[Applied, ...], Field(min_length=1)] = tuple(
+        Applied(**{"name": key} | each) for key, each in PAPER.items()
+    )
+    realizations: Counts | None = None
+    bootstraps: Annotated[int, Field(ge=2)] = 100
+    seed: Annotated[int, Field(ge=0)] = 0
+    folder: Path = Path()
+
+    def __init__(self, **settings: Any) -> None:
+        try:
+            super().__init__(**settings)
+        except ValidationError as error:
+            raise InputError(f"experiment: {_explained(error)}") from error
+
+    @classmethod
+    def from_toml(cls, path: str | Path, **settings: Any) -> Experiment:
+        """Experiment from a TOML file whose keys are the settings; files in it are sought beside it.
+
+        Parameters
+        ----------
+        path
+            The file.
+        **settings
+            Take the place of the file's.
+
+        Raises
+        ------
+        InputError
+            For a file that is missing or no TOML, or a wrong experiment; names the file and the key.
+        """
+        found = settings_in(path)
+        try:
+            return cls(**{"folder": Path(path).parent, **found, **settings})
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
+
+    @field_validator("participants")
+    @classmethod
+    def _names_for_files(cls, values: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+        for name in [*values, *(name for recorded in values.values() for name in recorded)]:
+            if not name.isprintable() or not name or set(name) & set("/\\:") or name[0] == "." or len(name) > LONGEST:
+                raise ValueError(
+                    f"expected names that files may have: up to {LONGEST} characters, no slashes or colons; got the "
+                    f"name {name[: LONGEST + 1]!r}"
+                )
+        if empty := [name for name, recorded in values.items() if not recorded]:
+            raise ValueError(f"expected perturbations with files for each participant; {empty[0]} has none")
+        return values
+
+    @field_validator("methods", mode="before")
+    @classmethod
+    def _each_applied(cls, values: Any) -> Any:
+        return tuple(_applied(value) for value in _listed(values))
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Experiment:
+        if self.participants and self.reading is None:
+            raise ValueError(
+                "reading: files need it: which channels are angle and torque, and the sampling rate, as in "
+                "reading = {angle = 'pos', torque = 'tq', sampling_rate = 1000}"
+            )
+        if twice := _twice([analysis.label for analysis in self.analyses]):
+            raise ValueError(f"methods: {twice} is there twice; give each method a name of its own")
+        there = list(dict.fromkeys(recorded.perturbation for recorded in self._every_recording))
+        if unknown := [name for name in self.perturbation or () if name not in there]:
+            raise ValueError(f"perturbation: {unknown[0]} was not recorded; there are {', '.join(there)}")
+        virtual = {recorded.participant for recorded in self._every_recording if recorded.is_virtual}
+        if both := sorted(virtual & set(self.participants)):
+            raise ValueError(f"participants: {both[0]} is a virtual one too; give the one with files another name")
+        if twice := _twice([recorded.label for recorded in self.recordings]):
+            raise ValueError(f"participants: {twice} is there twice; give each a name of its own")
+        return self
+
+    @property
+    def _every_recording(self) -> list[Recorded]:
+        virtual = VIRTUAL if self.virtual is None and not self.participants else self.virtual or ()
+        return [
+            Recorded(name, perturbation, files)
+            for name, recorded in self.participants.items()
+            for perturbation, files in recorded.items()
+        ] + [Recorded(f"P{number}", perturbation, (), number) for number in virtual for perturbation in PERTURBATIONS]
+
+    @cached_property
+    def recordings(self) -> tuple[Recorded, ...]:
+        """What is studied, participant by participant."""
+        chosen = self.perturbation
+        return tuple(
+            recorded for recorded in self._every_recording if chosen is None or recorded.perturbation in chosen
+        )
+
+    @cached_property
+    def analyses(self) -> tuple[Analysis, ...]:
+        """What is done with each recording."""
+        found = []
+        for item in self.methods:
+            own = bool(getattr(self.named_methods[item.name], "contiguous", False))
+            contiguous = own if item.contiguous is None else item.contiguous
+            counts = item.realizations or self.realizations or (FEW if contiguous else MANY)
+            found += [Analysis(item.name, item.method, count, contiguous) for count in counts]
+        return tuple(found)
+
+    @cached_property
+    def named_methods(self) -> dict[str, Any]:
+        """Method objects by the name that they have in results."""
+        return {item.name: parse(item.method) if isinstance(item.method, str) else item.method for item in self.methods}
+
+    def seed_of(self, recorded: Recorded, realizations: int) -> int:
+        """Seed of the draws from one recording, whatever else the experiment holds."""
+        digest = hashlib.sha256(f"{recorded.label} {realizations}".encode()).digest()
+        key = [int.from_bytes(digest[i : i + 4], "little") for i in range(0, 16, 4)]
+        return int(np.random.SeedSequence(self.seed, spawn_key=key).generate_state(1, np.uint64)[0])
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What is done with each recording; with the recordings themselves, it tells one experiment from another."""
+        methods = [
+            {
+                "name": item.name,
+                "method": label_of(item.method),
+                "realizations": [each.realizations for each in self.analyses if each.name == item.name],
+                "contiguous": any(each.contiguous for each in self.analyses if each.name == item.name),
+            }
+            for item in self.methods
+        ]
+        return {"methods": methods, "bootstraps": self.bootstraps, "seed": self.seed}
+
+    def to_json(self) -> str:
+        """All settings as text."""
+        settings = self.identity
+        virtual = dict.fromkeys(recorded.number for recorded in self.recordings if recorded.is_virtual)
+        if virtual:
+            settings["virtual"] = list(virtual)
+        participants: dict[str, dict[str, list[str]]] = {}
+        for recorded in self.recordings:
+            if not recorded.is_virtual:
+                participants.setdefault(recorded.participant, {})[recorded.perturbation] = list(recorded.files)
+        if participants:
+            settings |= {"participants": participants, "folder": str(self.folder.resolve())}
+        if self.reading is not None:
+            settings["reading"] = self.reading.model_dump()
+        prepared = self.preparation.model_dump()
+        settings["preparation"] = {name: False if value is None else value for name, value in prepared.items()}
+        settings["perturbation"] = list(dict.fromkeys(recorded.perturbation for recorded in self.recordings))
+        return json.dumps(settings)
+
+
+def _applied(value: Any) -> Any:
+    """A method as it may be written, as a mapping with all that belongs to it."""
+    if isinstance(value, Applied):
+        return value
+    given = dict(value) if isinstance(value, Mapping) else {}
+    short = given.get("name") if isinstance(value, Mapping) and "method" not in given else value
+    if isinstance(short, str) and short in PAPER:
+        return {"name": short} | PAPER[short] | given
+    method = given.get("method", value)
+    return {"method": method, "name": label_of(method)} | given
+
+
+def _twice(labels: list[str]) -> str:
+    """First label that is there more than once, or nothing."""
+    return next((label for number, label in enumerate(labels) if label in labels[:number]), "")
+
+
+def _explained(error: ValidationError) -> str:
+    """First fault in plain words: the key, what came, what was expected."""
+    first = error.errors()[0]
+    where = ".".join(str(part) for part in first["loc"])
+    if first["type"] == "extra_forbidden":
+        known = _keys_beside(first["loc"])
+        close = difflib.get_close_matches(str(first["loc"][-1]), known, n=1, cutoff=0.5)
+        return f"{where}: unknown key{f'; did you mean {close[0]}?' if close else ''} (known: {', '.join(known)})"
+    message = str(first["msg"]).removeprefix("Value error, ")
+    if first["type"] == "missing":
+        return f"{where}: this is missing; give it"
+    return message if not where else f"{where}: {message}; got {first['input']!r}"
+
+
+def _keys_beside(place: tuple[int | str, ...]) -> list[str]:
+    kinds: dict[str, type[BaseModel]] = {"reading": Reading, "preparation": Preparing, "methods": Applied}
+    kind = kinds.get(str(place[0]), Experiment) if len(place) > 1 else Experiment
+    return [name for name in kind.model_fields if name != "folder"]

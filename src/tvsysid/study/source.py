@@ -1,0 +1,142 @@
+"""What a study gives to do: its tasks, and what is known beside their results."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tvsysid.errors import DataQualityWarning, InputError
+from tvsysid.recordings import whole_file
+from tvsysid.study.draws import DrawsTask
+from tvsysid.study.layout import layout_of, of_recordings
+from tvsysid.study.prepared import Prepared, prepared_recordings
+from tvsysid.study.recorded import Experiment
+from tvsysid.study.simulated import Study
+from tvsysid.study.store import Layout, Place, Store
+from tvsysid.study.task import Task, pickled
+from tvsysid.study.trial import Trial
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+RECORDINGS = "recordings.nc"
+"""File in the store of an experiment that holds what became of each recording."""
+
+
+class Source(ABC):
+    """A study, ready to be run."""
+
+    layout: Layout
+
+    @abstractmethod
+    def task_at(self, place: Place) -> Task:
+        """The task for a place of the store."""
+
+    def begin(self, store: Store) -> None:  # noqa: B027  # most have nothing to do
+        """See to what is in the store before anything is run."""
+
+    def completed(self, results: xr.Dataset) -> xr.Dataset:
+        """Results with what is known beside them."""
+        return results
+
+
+class Simulations(Source):
+    """Trials of a simulation study."""
+
+    def __init__(self, study: Study) -> None:
+        self.layout = layout_of(study)
+        self._study, self._methods = study, pickled(study.named_methods)
+
+    def task_at(self, place: Place) -> Trial:
+        """A trial of a scenario."""
+        scenario = self._study.scenarios[place[0]]
+        return Trial(scenario, place[1], self._study.seed_of(scenario, place[1]), self._methods)
+
+
+class Recordings(Source):
+    """Bootstraps of the recordings of an experiment."""
+
+    def __init__(self, experiment: Experiment, prepared: Sequence[Prepared] | None) -> None:
+        self._methods = pickled(experiment.named_methods)
+        ready = prepared_recordings(experiment) if prepared is None else prepared
+        if [item.recorded for item in ready] != list(experiment.recordings):
+            given = ", ".join(item.recorded.label for item in ready)
+            raise InputError(
+                f"run: the recordings prepared are not the experiment's: {given}; give what "
+                "prepared_recordings(experiment) returns"
+            )
+        self.layout = layout_of(experiment)
+        self._experiment, self._ready = experiment, ready
+        self._known = of_recordings(experiment, ready)
+
+    def task_at(self, place: Place) -> DrawsTask:
+        """All bootstraps of one method from one recording."""
+        item, analysis = self._ready[place[0]], self._experiment.analyses[place[1]]
+        return DrawsTask(
+            label=f"{analysis.label} of {item.recorded.label}",
+            ensemble=item.ensemble,
+            digest=item.digest,
+            samples=self.layout.lengths["time"],
+            realizations=analysis.realizations,
+            contiguous=analysis.contiguous,
+            bootstraps=self._experiment.bootstraps,
+            seed=self._experiment.seed_of(item.recorded, analysis.realizations),
+            # A method may die of one recording alone.
+            methods={f"{analysis.name} on {item.recorded.label}": self._methods[analysis.name]},
+            reason=item.failure,
+        )
+
+    def begin(self, store: Store) -> None:
+        """Forget what was identified from other data, and write what became of the recordings."""
+        changed = store.forget_unless("digest", lambda place: self._ready[place[0]].digest)
+        labels = list(dict.fromkeys(self._ready[place[0]].recorded.label for place in changed))
+        if labels:
+            warnings.warn(
+                f"not the data that were identified before: {', '.join(labels)}; identified again",
+                DataQualityWarning,
+                stacklevel=3,
+            )
+        with whole_file(store.path / RECORDINGS) as file:
+            self._known.to_netcdf(file, engine="h5netcdf")
+
+    def completed(self, results: xr.Dataset) -> xr.Dataset:
+        """Results with what is known of the recordings."""
+        return with_recordings(results, self._known)
+
+
+def source_of(study: Study | Experiment, prepared: Sequence[Prepared] | None) -> Source:
+    """Source of a study of either kind."""
+    return Simulations(study) if isinstance(study, Study) else Recordings(study, prepared)
+
+
+def recordings_in(path: Path) -> xr.Dataset:
+    """What became of the recordings of an experiment, from its store.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read.
+    """
+    import xarray as xr  # noqa: PLC0415  # heavy
+
+    try:
+        with xr.open_dataset(path / RECORDINGS, engine="h5netcdf") as file:
+            known: xr.Dataset = file.load()
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"{path}: {RECORDINGS} in it cannot be read ({error}); give the command that ran the study again"
+        ) from error
+    return known
+
+
+def with_recordings(results: xr.Dataset, known: xr.Dataset) -> xr.Dataset:
+    """Results with what is known of the recordings, and all settings."""
+    names: dict[Any, Any] = {name: each for name, each in known.data_vars.items() if name != "digest"}
+    return results.assign({name: (each.dims, each.values, each.attrs) for name, each in names.items()}).assign_attrs(
+        experiment=known.attrs["experiment"],
+        data=json.dumps(dict(zip(known.recording.values.tolist(), known.digest.values.tolist(), strict=True))),
+    )

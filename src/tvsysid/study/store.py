@@ -1,0 +1,459 @@
+"""Where a study's results are kept: xarray on Zarr, a chunk of each variable for each task, whole or absent.
+
+A task's chunks are written first and its ``checksums`` last: the length and CRC-32 of every chunk's file. A task is
+done if its files are as its checksums say. A file that is missing or cut short is what a kill or a loss of power
+leaves, and the task is done again. A whole file with other content is damage, and is refused.
+
+The metadata depends on the study alone. So a store is known to be that of a study by holding what a new one would
+hold, and metadata that was cut short can be written again.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import shutil
+import warnings
+import zlib
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from tvsysid.errors import InputError
+from tvsysid.study.task import Outcome, differences
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Place = tuple[int, int]
+"""Numbers of a task along the two dimensions of its store."""
+FAILURE = "failure"
+"""The variable that says why a method gave no result; every layout has it."""
+CHECKSUMS = "checksums"
+WHOLE, TORN, ABSENT = "whole", "torn", "absent"
+
+
+class Variable(NamedTuple):
+    """What is measured in each task.
+
+    Parameters
+    ----------
+    dims
+        Dimensions within a task.
+    meaning
+        In words.
+    unit
+        Empty for texts.
+    """
+
+    dims: tuple[str, ...]
+    meaning: str
+    unit: str = ""
+
+    @property
+    def is_text(self) -> bool:
+        """Whether it holds texts; else numbers, with NaN where there is none."""
+        return not self.unit
+
+
+class Fixed(NamedTuple):
+    """What is known before any task is done: the values along a dimension, or what the study itself says."""
+
+    name: str
+    dims: tuple[str, ...]
+    values: Any
+    attributes: Mapping[str, str] = {}
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What the store of a study holds.
+
+    Parameters
+    ----------
+    title
+        What it is; tells the stores of one kind of study from those of another.
+    number
+        Version of the layout of this kind.
+    places
+        The two dimensions along which tasks lie.
+    fixed
+        Among them, for each dimension, its values, under its name.
+    measured
+        By name, in the order in which they are written.
+    coordinates
+        Names of the fixed that are coordinates, beside those named as a dimension.
+    identity
+        Attributes that tell one study from another, as mappings, and how to name the difference.
+    """
+
+    title: str
+    number: int
+    places: tuple[str, str]
+    fixed: tuple[Fixed, ...]
+    measured: Mapping[str, Variable]
+    coordinates: tuple[str, ...]
+    identity: Mapping[str, tuple[Mapping[str, Any], str]] = field(default_factory=dict)
+
+    @cached_property
+    def lengths(self) -> dict[str, int]:
+        """Of each dimension."""
+        known = {item.name: len(item.values) for item in self.fixed if item.dims == (item.name,)}
+        return known | {"variable": len(self.measured)}
+
+    @property
+    def bytes_of_numbers(self) -> int:
+        """About what it takes on a disk."""
+        sizes = [
+            8 * int(np.prod([self.lengths[dim] for dim in variable.dims]))
+            for variable in self.measured.values()
+            if not variable.is_text
+        ]
+        tasks = self.lengths[self.places[0]] * self.lengths[self.places[1]]
+        return tasks * (sum(sizes) + 8 * len(self.measured))
+
+
+class Store:
+    """An open store; made by :func:`open_store`."""
+
+    def __init__(self, path: Path, group: Any) -> None:
+        self.path = path
+        self._measured = [str(name) for name in group["variable"][...]]
+        self._arrays: dict[str, Any] = {name: group[name] for name in (*self._measured, CHECKSUMS)}
+
+    @property
+    def places(self) -> list[Place]:
+        """Of all tasks, done or not."""
+        first, second = self._arrays[CHECKSUMS].shape[:2]
+        return [(row, column) for row in range(first) for column in range(second)]
+
+    def missing(self) -> list[Place]:
+        """Places whose tasks are to be done: those not there, cut short or with a failure.
+
+        Raises
+        ------
+        InputError
+            If a chunk is whole but not what was written.
+        """
+        return [place for place in self.places if self._state(place) != WHOLE or self._failures(place)]
+
+    def torn(self) -> int:
+        """Number of tasks whose files are missing in part or cut short.
+
+        Raises
+        ------
+        InputError
+            If a chunk is whole but not what was written.
+        """
+        return sum(self._is_torn(place) for place in self.places)
+
+    def write(self, place: Place, outcome: Outcome) -> None:
+        """Write what a task measured; it is there when this returns, and absent until then."""
+        if _content(self._file(CHECKSUMS, place)):
+            outcome = self._kept_where_failed(place, outcome)
+        self._file(CHECKSUMS, place).unlink(missing_ok=True)
+        for name in self._measured:
+            self._arrays[name][place] = outcome[name]
+        self._arrays[CHECKSUMS][place] = np.array([_checksum(self._file(name, place)) for name in self._measured])
+
+    def forget_unless(self, name: str, expected: Callable[[Place], str]) -> list[Place]:
+        """Forget what tasks measured where a text among it is not the expected one; the places forgotten."""
+        forgotten = []
+        for place in self.places:
+            if self._state(place) == WHOLE and str(self._arrays[name][place]) != expected(place):
+                self._file(CHECKSUMS, place).unlink()
+                forgotten.append(place)
+        return forgotten
+
+    def results(self) -> xr.Dataset:
+        """What is there, read from the disk when it is used; the files are not looked through again."""
+        return _in_order(_opened(self.path))
+
+    def _failures(self, place: Place) -> bool:
+        """Whether a chunk with reasons of failure is there; without any, none is written."""
+        return bool(_content(self._file(FAILURE, place)))
+
+    def _state(self, place: Place) -> str:
+        """Whether a task's files are as its checksums say, missing or cut short, or it has no checksums.
+
+        Raises
+        ------
+        InputError
+            If a file is of full length but holds something else.
+        """
+        recorded = _content(self._file(CHECKSUMS, place))
+        if len(recorded) != 8 * len(self._measured):
+            return TORN if recorded else ABSENT
+        state = WHOLE
+        for name, expected in zip(self._measured, np.frombuffer(recorded, dtype="<u8").tolist(), strict=True):
+            file = self._file(name, place)
+            content = _content(file)
+            if len(content) < expected >> 32:
+                state = TORN
+            elif _sum(content) != expected:
+                raise InputError(
+                    f"{file}: this file does not hold what was written there; to have it made again, remove the "
+                    "file; to start afresh, remove the store"
+                )
+        return state
+
+    def _is_torn(self, place: Place) -> bool:
+        state = self._state(place)
+        if state != ABSENT:
+            return state == TORN
+        # Never finished; what there is of it must be readable all the same.
+        numbers = [name for name in self._measured if self._arrays[name].dtype.kind == "f"]
+        sizes = {name: len(_content(self._file(name, place))) for name in numbers}
+        return any(size not in (0, 8 * int(np.prod(self._arrays[name].chunks))) for name, size in sizes.items())
+
+    def _kept_where_failed(self, place: Place, outcome: Outcome) -> Outcome:
+        """Outcome of a task that is done again, with what is there already of methods that failed this time only."""
+        if self._state(place) != WHOLE:
+            return outcome
+        failed, before = (np.asarray(values != "") for values in (outcome[FAILURE], self._arrays[FAILURE][place]))
+        merged = {name: np.array(values) for name, values in outcome.items()}
+        by_method = self._dims(FAILURE)
+        for name in self._measured:
+            if self._dims(name)[: len(by_method)] == by_method:
+                merged[name][failed & ~before] = self._arrays[name][place][failed & ~before]
+        return merged
+
+    def _dims(self, name: str) -> tuple[str, ...]:
+        return tuple(self._arrays[name].metadata.dimension_names)
+
+    def _file(self, name: str, place: Place) -> Path:
+        array = self._arrays[name]
+        key = array.metadata.encode_chunk_key(place + (0,) * (array.ndim - 2))
+        return self.path / name / str(key)
+
+
+@contextmanager
+def open_store(path: Path, layout: Layout) -> Iterator[Store]:
+    """Open the store of a study, or make it, and keep other processes from writing to it meanwhile.
+
+    Parameters
+    ----------
+    path
+        Folder of the store.
+    layout
+        That it must have.
+
+    Raises
+    ------
+    InputError
+        If the folder holds something else, the results of another study, of other versions of the software, or damaged
+        ones; or if another process writes to it.
+    """
+    import zarr  # noqa: PLC0415  # heavy
+    from filelock import FileLock, Timeout  # noqa: PLC0415  # with the store only
+
+    path = path.resolve()  # one lock, by whatever name it is opened
+    path.parent.mkdir(parents=True, exist_ok=True)
+    fresh = path.parent / f".{path.name}.new"
+    try:
+        with FileLock(path.parent / f".{path.name}.lock", timeout=0):
+            shutil.rmtree(fresh, ignore_errors=True)  # of a process that was killed
+            try:
+                _prepare(path, layout, fresh)
+            finally:
+                shutil.rmtree(fresh, ignore_errors=True)
+            yield Store(path, zarr.open_group(path, mode="r+", zarr_format=3, use_consolidated=False))
+    except Timeout as error:
+        raise InputError(f"{path}: another process is writing to this store; wait for it, or give another") from error
+
+
+def read_store(path: str | Path, numbers: Mapping[str, int]) -> xr.Dataset:
+    """Results of a study from its store, finished or not.
+
+    Parameters
+    ----------
+    path
+        Folder of the store.
+    numbers
+        Version of the layout that it must have, by its title.
+
+    Raises
+    ------
+    InputError
+        If the folder is not such a store, or files of it are cut short or damaged.
+    """
+    import zarr  # noqa: PLC0415  # heavy
+
+    if not Path(path).is_dir():
+        raise InputError(f"{path}: there is no such folder; expected a store of results written by tvsysid")
+    try:
+        results = _opened(path)
+    except Exception as error:
+        raise InputError(f"{path}: this is no store of results: {error}") from error
+    _check_kind(path, results.attrs, numbers)
+    group: Any = zarr.open_group(path, mode="r", zarr_format=3, use_consolidated=False)
+    if torn := Store(Path(path), group).torn():
+        raise InputError(
+            f"{path}: {torn} results are cut short, as a loss of power leaves them; give the command that ran the "
+            "study again, and they are made again"
+        )
+    return _in_order(results)
+
+
+def _check_kind(path: str | Path, attributes: Mapping[str, Any], numbers: Mapping[str, int]) -> None:
+    title, number = attributes.get("title", "something else"), attributes.get("layout", "none")
+    if numbers.get(title) != number:
+        possible = {title: numbers[title]} if title in numbers else numbers
+        expected = " or ".join(f"{known!r} in tvsysid's layout {layout}" for known, layout in possible.items())
+        raise InputError(f"{path}: expected {expected}, found {title!r}, layout {number}; give another folder")
+
+
+def _opened(path: str | Path) -> xr.Dataset:
+    import xarray as xr  # noqa: PLC0415  # heavy
+
+    # Chunks of the size of a task, read as they are needed: no need for Dask.
+    results: xr.Dataset = xr.open_zarr(path, chunks=None)
+    return results
+
+
+def _in_order(results: xr.Dataset) -> xr.Dataset:
+    """Variables in the order of the layout, and names as plain text."""
+    texts = {
+        name: (values.dims, values.values.astype(object).astype(str))
+        for name, values in results.coords.items()
+        if values.dtype.kind == "T"
+    }
+    labelled = results.assign_coords(texts)
+    names = dict.fromkeys([*labelled.variable.values, *results.data_vars])
+    names.pop(CHECKSUMS)
+    chosen: xr.Dataset = labelled[[*names, CHECKSUMS]]
+    return chosen
+
+
+def _prepare(path: Path, layout: Layout, fresh: Path) -> None:
+    """Make the store, or see that it is the study's and whole in its metadata."""
+    root = path / "zarr.json"
+    if path.exists() and not root.is_file():
+        raise InputError(f"{path}: something else is in the way; expected a store of results, or nothing")
+    kept = _attributes(root)
+    _create(fresh, layout, (kept or {}).get("machine") or machine())
+    if not path.exists():
+        for file in fresh.rglob("*"):
+            _to_disk(file)
+        fresh.rename(path)
+        return
+    _compare(path, kept, layout)
+    for file in sorted(item for item in fresh.rglob("*") if item.is_file()):
+        place = path / file.relative_to(fresh)
+        content, expected = _content(place), file.read_bytes()
+        if content == expected:
+            continue
+        if not expected.startswith(content):
+            raise InputError(
+                f"{place}: this file is damaged: it does not hold what such a study has there; remove the store to "
+                "start afresh, or give another"
+            )
+        place.parent.mkdir(parents=True, exist_ok=True)
+        file.replace(place)
+    for leftover in path.rglob("*.partial"):
+        leftover.unlink(missing_ok=True)
+
+
+def _compare(path: Path, kept: dict[str, Any] | None, layout: Layout) -> None:
+    """Raise if the store says that it is another's."""
+    if kept is None:
+        return  # cut short, or damaged; the comparison of the files tells
+    _check_kind(path, kept, {layout.title: layout.number})
+    for name, (ours, what) in layout.identity.items():
+        try:
+            theirs = json.loads(kept.get(name, ""))
+        except (TypeError, json.JSONDecodeError):
+            theirs = {}
+        here = json.loads(json.dumps(ours))
+        if theirs != here:
+            raise InputError(
+                f"{path}: the store is of {what}: {differences(theirs, here)}; "
+                "give another folder, or remove this one to start afresh"
+            )
+
+
+def _create(path: Path, layout: Layout, of_machine: str) -> None:
+    """Write a store without results."""
+    import zarr  # noqa: PLC0415  # heavy
+
+    attributes: dict[str, Any] = {"title": layout.title, "layout": layout.number}
+    attributes |= {name: json.dumps(ours) for name, (ours, _) in layout.identity.items()}
+    group: Any = zarr.create_group(path, zarr_format=3, attributes=attributes | {"machine": of_machine})
+    for item in (*layout.fixed, Fixed("variable", ("variable",), list(layout.measured))):
+        array = np.asarray(item.values)
+        if array.dtype.kind == "U":
+            array = array.astype(np.dtypes.StringDType())
+        kind: Any = "string" if array.dtype.kind == "T" else array.dtype
+        created = group.create_array(
+            item.name, shape=array.shape, chunks=array.shape, dtype=kind, dimension_names=item.dims, compressors=None,
+            attributes=dict(item.attributes),
+        )  # fmt: skip
+        created[...] = array
+
+    def add(name: str, variable: Variable, kind: str, fill: Any) -> None:
+        shape = tuple(layout.lengths[dim] for dim in variable.dims)
+        group.create_array(
+            name,
+            shape=(*(layout.lengths[dim] for dim in layout.places), *shape),
+            chunks=(1, 1, *shape),
+            dtype=kind,
+            fill_value=fill,
+            dimension_names=(*layout.places, *variable.dims),
+            compressors=None,
+            attributes={"long_name": variable.meaning} | ({"units": variable.unit} if variable.unit else {}),
+        )
+
+    for name, variable in layout.measured.items():
+        add(name, variable, *(("string", "") if variable.is_text else ("<f8", np.nan)))
+    meaning = "length times 2**32 plus CRC-32 of each chunk's file; 0 where there is none"
+    add(CHECKSUMS, Variable(("variable",), meaning), "<u8", 0)
+    group.update_attributes({"coordinates": " ".join(layout.coordinates)})
+    with warnings.catch_warnings():
+        # That consolidated metadata is no part of Zarr's specification; xarray warns where there is none.
+        warnings.simplefilter("ignore")
+        zarr.consolidate_metadata(path, zarr_format=3)
+
+
+def machine() -> str:
+    """What a study runs on, for its report."""
+    return f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores"
+
+
+def _attributes(root: Path) -> dict[str, Any] | None:
+    """Attributes in a group's metadata; None if it cannot be read."""
+    try:
+        found = json.loads(_content(root))
+    except (UnicodeDecodeError, json.JSONDecodeError):
+        return None
+    attributes = found.get("attributes") if isinstance(found, dict) else None
+    return attributes if isinstance(attributes, dict) else {}
+
+
+def _content(file: Path) -> bytes:
+    try:
+        return file.read_bytes()
+    except FileNotFoundError:
+        return b""
+
+
+def _checksum(file: Path) -> int:
+    return _sum(_content(file))
+
+
+def _sum(content: bytes) -> int:
+    return len(content) << 32 | zlib.crc32(content)
+
+
+def _to_disk(path: Path) -> None:
+    """See a file or folder through to the disk, for a store without metadata is none."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

@@ -1,0 +1,191 @@
+"""Tables of a study: metrics, stiffness over time, and what became of each realization."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from tvsysid.simulate import PROFILES, SquareWave
+from tvsysid.study.prepared import Prepared
+from tvsysid.study.scores import OF_SWITCHES
+from tvsysid.study.scores import UNITS as OF_SCORES
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Array = NDArray[np.float64]
+
+COLUMNS = (
+    *("stiffness", "perturbation", "duration_s", "snr_db", "method", "trials"),
+    *("metric", "value", "unit", "standard_error", "viscosity", "scenario"),
+)
+"""Of the summary of a simulation study."""
+UNITS = {
+    "mean_stiffness": "N·m/rad",
+    "random_error": "N·m/rad",
+    "vaf": "%",
+    "bandpassed_vaf": "%",
+    "lowest_time_varying_vaf": "%",
+    "bias_error": "N·m/rad",
+    "mean_bias": "N·m/rad",
+    "seconds": "s",
+    "failed": "draws",
+}
+"""Of every metric of an experiment."""
+OF_TRUTH = ("bias_error", "mean_bias")
+"""Known of virtual participants only."""
+
+
+def summarize(found: xr.Dataset) -> pd.DataFrame:
+    r"""Metrics of a study as a table.
+
+    Parameters
+    ----------
+    found
+        Of a simulation study its scores, as of :func:`score`; of an experiment its results, as of
+        :func:`tvsysid.study.run`, finished or not.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Of a simulation study a row for each scenario, method and metric, with columns ``COLUMNS``: stiffness is the
+        name of the profile, trials the number that count, standard_error that of the Monte-Carlo estimate (NaN for
+        counts, for the worst trial, and for a single one). Rows of metrics that do not apply are left out.
+
+        Of an experiment columns participant, perturbation, method, realizations, metric, value, unit.
+        ``mean_stiffness``: over time and bootstraps. ``random_error``: :math:`\sqrt{\overline{s^2(t)}}`, with s the
+        standard deviation over bootstraps. ``vaf``, ``bandpassed_vaf``: means over bootstraps.
+        ``lowest_time_varying_vaf``: that of the worst time after averaging over bootstraps. ``bias_error``,
+        ``mean_bias`` (virtual participants): root mean square over time, and mean, of the mean estimate minus the
+        survivors' mean true stiffness. ``seconds``: that all draws took. ``failed``: draws without a result.
+    """
+    if "scenario" not in found.dims:
+        return _of_experiment(found)
+    rows = [row for scenario in found.scenario.values for row in _rows(found.sel(scenario=scenario))]
+    return pd.DataFrame(rows, columns=list(COLUMNS))
+
+
+def _rows(cell: Any) -> Iterator[tuple[Any, ...]]:
+    labels = (str(cell.profile.values), str(cell.perturbation.values), float(cell.duration_s), float(cell.snr_db))
+    others = (str(cell.viscosity.values), str(cell.scenario.values))
+    absent = () if isinstance(PROFILES[labels[0]], SquareWave) else OF_SWITCHES
+    for method in cell.method_key.values:
+        own = cell.sel(method_key=method)
+        for name, value, error in zip(own.metric.values, own.value.values, own.standard_error.values, strict=True):
+            if name not in absent:
+                unit = OF_SCORES[str(name)]
+                yield (*labels, str(method), int(own.trials), str(name), float(value), unit, float(error), *others)
+
+
+def _of_experiment(results: xr.Dataset) -> pd.DataFrame:
+    values = measured(results)
+    rows = []
+    for place in np.ndindex(results.sizes["recording"], results.sizes["analysis"]):
+        recording, analysis = place
+        if not results.checksums.values[place].any():
+            continue
+        for metric, unit in UNITS.items():
+            if metric in OF_TRUTH and np.isnan(results.true_stiffness.values[recording]).all():
+                continue
+            rows.append(
+                (
+                    str(results.participant.values[recording]),
+                    str(results.perturbation.values[recording]),
+                    str(results.method_key.values[analysis]),
+                    int(results.realizations.values[analysis]),
+                    metric,
+                    float(values[metric][place]),
+                    unit,
+                )
+            )
+    return pd.DataFrame(
+        rows, columns=["participant", "perturbation", "method", "realizations", "metric", "value", "unit"]
+    )
+
+
+def measured(results: xr.Dataset) -> dict[str, Any]:
+    """Every figure as an array over (recording, analysis); NaN where there is none."""
+    with warnings.catch_warnings():
+        # Of means over nothing: a method that failed.
+        warnings.simplefilter("ignore", RuntimeWarning)
+        stiffness = results.stiffness.values
+        mean = mean_over_draws(stiffness)
+        error = mean - results.true_stiffness.values[:, None]
+        return {
+            "mean_stiffness": np.nanmean(mean, axis=-1),
+            "random_error": np.sqrt(np.nanmean(np.nanvar(stiffness, axis=2, ddof=1), axis=-1)),
+            "vaf": np.nanmean(results.vaf.values, axis=-1),
+            "bandpassed_vaf": np.nanmean(results.bandpassed_vaf.values, axis=-1),
+            "lowest_time_varying_vaf": np.nanmin(mean_over_draws(results.time_varying_vaf.values), axis=-1),
+            "bias_error": np.sqrt(np.nanmean(error**2, axis=-1)),
+            "mean_bias": np.nanmean(error, axis=-1),
+            "seconds": results.seconds.values,
+            "failed": np.isnan(results.vaf.values).sum(axis=-1),
+        }
+
+
+def mean_over_draws(values: Array) -> Array:
+    """Mean over the draws that did not fail, from (recording, analysis, bootstrap, time) to one axis less."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # where all failed
+        return np.asarray(np.nanmean(values, axis=2))
+
+
+def stiffness_over_time(results: xr.Dataset) -> pd.DataFrame:
+    """Stiffness over time: mean and standard deviation over bootstraps.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns participant, perturbation, method, realizations, time_s, stiffness, standard_deviation (N·m/rad) and
+        time_varying_vaf (%).
+    """
+    chosen = results[["stiffness", "time_varying_vaf"]]
+    means = chosen.mean("bootstrap")
+    means["standard_deviation"] = chosen.stiffness.std("bootstrap", ddof=1)
+    table = means.to_dataframe().reset_index()
+    table = table.rename(columns={"method_key": "method", "time": "time_s"})
+    return table[
+        [
+            *("participant", "perturbation", "method", "realizations", "time_s"),
+            *("stiffness", "standard_deviation", "time_varying_vaf"),
+        ]
+    ]
+
+
+def exclusions(prepared: Sequence[Prepared]) -> pd.DataFrame:
+    """What became of every realization that was recorded.
+
+    Parameters
+    ----------
+    prepared
+        As of :func:`tvsysid.study.prepared_recordings`.
+
+    Returns
+    -------
+    pandas.DataFrame
+        A row for each: recording, participant, perturbation, realization, trial, onset_s, shift_s, excluded_by (empty
+        for one that was kept), reached, limit, unit.
+    """
+    tables = []
+    for item in prepared:
+        if item.account is None:
+            continue
+        table = item.account.table.reset_index()
+        of_recording = {
+            "recording": item.recorded.label,
+            "participant": item.recorded.participant,
+            "perturbation": item.recorded.perturbation,
+        }
+        for place, (name, value) in enumerate(of_recording.items()):
+            table.insert(place, name, value)
+        tables.append(table)
+    columns = ("realization", "trial", "onset_s", "shift_s", "excluded_by", "reached", "limit", "unit")
+    if not tables:
+        return pd.DataFrame(columns=["recording", "participant", "perturbation", *columns])
+    return pd.concat(tables, ignore_index=True)

@@ -1,0 +1,44 @@
+import dataclasses
+import os
+import sys
+
+import numpy as np
+import pytest
+
+from tvsysid.study import Study, run
+
+SMALL = {"duration_s": [60.0], "trials": 3, "methods": ["sds", "kbr"]}
+TIMES = ["seconds", "stage_seconds", "checksums"]
+"""Variables that are not the same twice."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Model:
+    stiffness: np.ndarray
+
+    def predict(self, ensemble):
+        return ensemble.angle[:, ensemble.core] * self.stiffness
+
+
+@dataclasses.dataclass(frozen=True)
+class Mine:
+    """A researcher's own method: a constant joint's stiffness by regression on the angle alone; or it goes wrong."""
+
+    fault: str = ""
+
+    def identify(self, ensemble):
+        if self.fault == "raises" and len(ensemble) == 40:
+            raise ZeroDivisionError("no such luck")
+        if self.fault == "exits":
+            sys.exit(3)
+        if self.fault == "dies":
+            os._exit(9)
+        angle, torque = ensemble.angle[:, ensemble.core], ensemble.torque[:, ensemble.core]
+        count = ensemble.samples - (self.fault == "short")
+        gain = np.nan if self.fault == "nothing" else np.sum(angle * torque) / np.sum(angle * angle)
+        return Model(np.full(count, gain))
+
+
+@pytest.fixture(scope="session")
+def results():
+    return run(Study(**SMALL), workers=1)

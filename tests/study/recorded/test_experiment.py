@@ -1,0 +1,151 @@
+"""What may be studied, and what is said of what may not."""
+
+import json
+
+import pytest
+
+import tvsysid as tv
+from tvsysid.study import Experiment
+
+READING = {"angle": "pos", "torque": "tq", "sampling_rate": 1000}
+
+
+def test_by_default_it_is_the_papers_on_six_virtual_participants():
+    experiment = Experiment()
+    assert [item.label for item in experiment.recordings][:3] == ["P1-noise", "P1-prbs", "P2-noise"]
+    assert len(experiment.recordings) == 12
+    assert [item.label for item in experiment.analyses] == [
+        *("eirf-75", "eirf-150", "sds-75", "sds-150", "birf-75", "birf-150", "esm-75", "esm-150", "kbr-20", "kbr-40")
+    ]
+    assert experiment.bootstraps == 100
+    methods = experiment.named_methods
+    samples = {name: round(128 * methods[name].max_lag, 9) for name in ("eirf", "sds", "birf")}
+    assert samples == {"eirf": 15, "sds": 15, "birf": 15}
+    assert (128 * methods["sds"].window, 128 * methods["esm"].window) == (12, 30)
+    assert methods["kbr"] == tv.KernelRegression.preset("experiment")
+    assert [item.contiguous for item in experiment.analyses] == 8 * [False] + 2 * [True]
+
+
+def test_files_take_the_place_of_virtual_participants(tmp_path):
+    experiment = Experiment(participants={"anna": {"walking": "anna*.mat"}}, reading=READING)
+    assert [item.label for item in experiment.recordings] == ["anna-walking"]
+    both = Experiment(participants={"anna": {"noise": "anna*.mat"}}, reading=READING, virtual=2, perturbation="noise")
+    assert [item.label for item in both.recordings] == ["anna-noise", "P2-noise"]
+
+
+def test_methods_have_settings_names_and_numbers_of_realizations_of_their_own():
+    mine = {"name": "wide", "method": "sds:window=0.2", "realizations": 30, "contiguous": True}
+    experiment = Experiment(methods=["kbr", mine, tv.BasisIRF(), "sds:window=0.1"], realizations=[40])
+    assert [item.label for item in experiment.analyses] == [
+        *("kbr-40", "wide-30", f"{tv.BasisIRF()!r}-40", "sds:window=0.1-40")
+    ]
+    assert experiment.named_methods["wide"].window == 0.2
+    assert experiment.analyses[1].contiguous
+
+
+def test_settings_that_are_told_make_the_same_experiment_again(tmp_path):
+    experiment = Experiment(
+        participants={"a": {"noise": ["x.mat", "y.mat"]}}, reading=READING, folder=tmp_path, virtual=3,
+        preparation={"reference": None, "period": 1.5}, methods=["sds", "kbr"],
+    )  # fmt: skip
+    again = Experiment(**json.loads(experiment.to_json()))
+    assert again.to_json() == experiment.to_json()
+    assert again.preparation.reference is None
+    assert again.analyses == experiment.analyses
+    assert again.recordings == experiment.recordings
+
+
+def test_a_toml_file_says_the_same(tmp_path):
+    (tmp_path / "study.toml").write_text(
+        "perturbation = 'noise'\nbootstraps = 7\nrealizations = [30]\n"
+        "methods = ['sds', {name = 'wide', method = 'sds:window=0.2'}]\n"
+        "[participants.P1]\nnoise = 'P1/*.mat'\n"
+        "[reading]\nangle = 'pos'\ntorque = 'tq'\nsampling_rate = 1000\ntorque_sign = -1\n"
+        "[preparation]\nreference = false\nends = 0\nperiod = 1.5\n"
+    )
+    experiment = Experiment.from_toml(tmp_path / "study.toml", bootstraps=9)
+    assert experiment.folder == tmp_path
+    assert (experiment.bootstraps, experiment.preparation.reference) == (9, None)
+    assert [item.label for item in experiment.analyses] == ["sds-30", "wide-30"]
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"bootstrap": 5}, r"bootstrap: unknown key; did you mean bootstraps\? \(known: participants, virtual"),
+        ({"bootstraps": 1}, r"bootstraps: Input should be greater than or equal to 2; got 1"),
+        ({"methods": "nosuch"}, r"unknown method 'nosuch'"),
+        ({"methods": ["sds", "sds"]}, r"methods: sds-75 is there twice; give each method a name of its own"),
+        ({"perturbation": ["noise", "pbrs"]}, r"perturbation: pbrs was not recorded; there are noise, prbs"),
+        ({"participants": {"a": {"noise": "a.mat"}}}, r"reading: files need it: which channels are angle and torque"),
+        ({"reading": {"angle": "pos", "torque": "tq"}}, r"reading.sampling_rate: this is missing; give it"),
+        ({"preparation": {"ratee": 1}}, r"preparation.ratee: unknown key; did you mean rate\?"),
+        ({"virtual": [1, 1]}, r"participants: P1-noise is there twice; give each a name of its own"),
+        (
+            {"participants": {"P1": {"walk": "a"}}, "reading": READING, "virtual": 1},
+            r"participants: P1 is a virtual one",
+        ),
+        ({"participants": {"A": {}}, "reading": READING}, r"perturbations with files for each participant; A has none"),
+        (
+            {"participants": {"a/b": {"noise": "a"}}, "reading": READING},
+            r"names that files may have.*got the name 'a/b'",
+        ),
+        ({"participants": {"a\0": {"noise": "a"}}, "reading": READING}, r"names that files may have"),
+        ({"reading": READING | {"start": 1}}, r"reading.start: unknown key"),
+        ({"virtual": -1}, r"virtual.0: Input should be greater than or equal to 0; got -1"),
+        ({"realizations": 1}, r"realizations.0: Input should be greater than or equal to 2; got 1"),
+        ({"methods": [3]}, r"expected the key of a method, or an object with identify\(ensemble\); got 3"),
+    ],
+)
+def test_what_is_wrong_is_told_by_key(settings, message):
+    with pytest.raises(tv.InputError, match=message):
+        Experiment(**settings)
+
+
+def test_a_wrong_file_is_named(tmp_path):
+    with pytest.raises(tv.InputError, match=r"none.toml: No such file or directory; give a TOML file"):
+        Experiment.from_toml(tmp_path / "none.toml")
+    (tmp_path / "bad.toml").write_text("bootstraps =")
+    with pytest.raises(tv.InputError, match=r"bad.toml: not a TOML file"):
+        Experiment.from_toml(tmp_path / "bad.toml")
+    (tmp_path / "wrong.toml").write_text("bootstraps = 'many'")
+    with pytest.raises(tv.InputError, match=r"wrong.toml: experiment: bootstraps: .*; got 'many'"):
+        Experiment.from_toml(tmp_path / "wrong.toml")
+
+
+def test_draws_depend_on_the_recording_and_the_number_of_realizations_alone():
+    one, two = Experiment(methods="sds"), Experiment(methods=["kbr", "birf"], virtual=[2], bootstraps=5)
+    recorded = next(item for item in one.recordings if item.label == "P2-noise")
+    assert one.seed_of(recorded, 75) == two.seed_of(two.recordings[0], 75)
+    seeds = {one.seed_of(item, count) for item in one.recordings for count in (75, 150)}
+    assert len(seeds) == 24
+    assert one.seed_of(recorded, 75) != Experiment(seed=1).seed_of(recorded, 75)
+
+
+def test_what_stands_in_a_table_is_taken_as_it_is():
+    methods = [
+        {"name": "kbr"}, {"name": "plain", "method": "kbr"}, {"name": "pieces", "method": "eirf", "contiguous": True},
+        {"name": "scattered", "method": "kbr", "contiguous": False}, "kbr:gamma=9", {"name": "sds", "realizations": 30},
+    ]  # fmt: skip
+    experiment = Experiment(methods=methods)
+    told = {item.name: (item.realizations, item.contiguous) for item in experiment.analyses}
+    assert told == {
+        "kbr": (40, True), "plain": (40, True), "pieces": (40, True), "scattered": (150, False),
+        "kbr:gamma=9": (40, True), "sds": (30, False),
+    }  # fmt: skip
+    assert experiment.named_methods["kbr"] == tv.KernelRegression.preset("experiment")
+    assert experiment.named_methods["plain"] == tv.KernelRegression()
+    assert experiment.named_methods["sds"].window == 12 / 128
+
+
+class Nameless:
+    """A method whose repr tells no more than where it is."""
+
+    def identify(self, ensemble):
+        return tv.BasisIRF().identify(ensemble)
+
+
+def test_an_object_without_a_name_has_that_of_its_class():
+    one, two = (Experiment(methods=[Nameless()], virtual=1) for _ in range(2))
+    assert one.identity == two.identity
+    assert one.analyses[0].label == "Nameless-75"

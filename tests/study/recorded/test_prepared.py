@@ -1,0 +1,250 @@
+"""Preparing recordings, of which some cannot be used."""
+
+import dataclasses
+import io
+import os
+import re
+import warnings
+
+import h5py
+import numpy as np
+import pytest
+from scipy.io import savemat
+from tests.study.recorded.conftest import READING, SHORT, trial, write_trials
+from tests.virtual import simulated
+
+import tvsysid as tv
+from tvsysid.study import Experiment, exclusions, prepared_recordings, shown
+
+
+def experiment_on(folder, files, **changes):
+    settings = {"preparation": SHORT, "reading": READING, "methods": "birf", "realizations": 10, "bootstraps": 2}
+    return Experiment(participants={"P1": {"noise": files}}, folder=folder, **settings | changes)
+
+
+def test_a_virtual_participant_is_prepared_as_by_hand(small):
+    simulation = simulated(1)
+    parts = {**simulation.recording.channels, "voluntary": simulation.pathways["voluntary"]}
+    by_hand = tv.preprocess.prepare(dataclasses.replace(simulation.recording, channels=parts))
+    prepared = small.prepared[0]
+    np.testing.assert_array_equal(prepared.ensemble.torque, by_hand.ensemble.torque)
+    np.testing.assert_array_equal(prepared.account.excluded_by, by_hand.account.excluded_by)
+    truth = simulation.truth_of(by_hand.ensemble)["stiffness"].mean(axis=0)
+    np.testing.assert_allclose(prepared.true_stiffness, truth)
+    # What the survivors' torque was before its mean was taken off: the voluntary torque, but for the answers' mean.
+    voluntary = by_hand.ensemble.channels["voluntary"][:, by_hand.ensemble.core].mean(axis=0)
+    assert np.sqrt(np.mean((prepared.mean_torque - voluntary) ** 2)) < 0.05 * np.ptp(voluntary)
+    assert np.ptp(prepared.target_torque) == pytest.approx(0.45 * tv.simulate.Traits.of(1).maximal_torque, rel=0.01)
+    assert (prepared.trials, prepared.refused, prepared.remarks) == (10, {}, ())
+
+
+def test_files_are_prepared_in_the_order_of_their_names(tmp_path):
+    write_trials(tmp_path)
+    experiment = experiment_on(tmp_path, "trial*.mat")
+    (prepared,) = prepared_recordings(experiment)
+    recording = tv.read_trials([tmp_path / f"trial{number}.mat" for number in range(3)], **READING)
+    by_hand = tv.preprocess.prepare(recording, **SHORT)
+    np.testing.assert_array_equal(prepared.ensemble.torque, by_hand.ensemble.torque)
+    assert prepared.trials == 3
+    assert np.isnan(prepared.true_stiffness).all()
+    excerpt, preparation = shown(experiment, experiment.recordings[0])
+    assert excerpt.duration == pytest.approx(10.0)
+    np.testing.assert_array_equal(preparation.ensemble.torque, by_hand.ensemble.torque)
+
+
+def spoil_truncated(file):
+    os.truncate(file, file.stat().st_size // 2)
+
+
+def spoil_renamed(file):
+    file.write_bytes(b"PK\x03\x04 this is no MAT file")
+
+
+def spoil_missing_channel(file):
+    savemat(file, {"angle": trial()["angle"]})
+
+
+def spoil_lengths(file):
+    savemat(file, {"angle": trial()["angle"], "torque": trial()["torque"][:-5]})
+
+
+def spoil_dropout(file):
+    signals = trial()
+    signals["torque"][500:600] = np.nan
+    savemat(file, signals)
+
+
+def spoil_constant(file):
+    savemat(file, trial() | {"angle": np.full(3072, 0.1)})
+
+
+def spoil_short(file):
+    savemat(file, trial(seconds=3.0))
+
+
+def spoil_enormous(file):
+    # Half a terabyte of angle, none of it on the disk.
+    file.unlink()
+    with h5py.File(file, "w", userblock_size=512) as made:
+        for name in ("angle", "torque"):
+            made.create_dataset(name, shape=(2**36,), dtype="f8", chunks=(2**20,))
+    header = b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM"
+    with file.open("r+b") as raw:
+        raw.write(header)
+
+
+def spoil_gone(file):
+    file.unlink()
+
+
+SPOILT = {
+    spoil_truncated: r"trial1\.mat is left out: not a MAT file that can be read .* is it whole\?",
+    spoil_renamed: r"trial1\.mat is left out: .*ZIP archive",
+    spoil_missing_channel: r"trial1\.mat is left out: no channel 'torque'; it holds angle",
+    spoil_lengths: r"trial1\.mat is left out: the channels have different lengths: angle 3072 x 1, torque 3067 x 1",
+    spoil_dropout: r"trial1\.mat is left out: torque: .*(NaN|finite)",
+    spoil_constant: r"trial1\.mat is left out: angle: all 3072 values are 0\.1 rad; a joint that is not moved",
+    spoil_short: r"left out: it lasts 3 s, and a realization with the ends that are cut off takes 4 s",
+    spoil_enormous: r"trial1\.mat is left out: .*reading it takes .* GB",
+    spoil_gone: r"trial1\.mat is left out: no such file",
+}
+
+
+@pytest.mark.parametrize("spoil", SPOILT)
+def test_a_trial_that_cannot_be_used_is_told_and_the_others_go_on(tmp_path, spoil):
+    write_trials(tmp_path)
+    spoil(tmp_path / "trial1.mat")
+    files = [f"trial{number}.mat" for number in range(3)]
+    (prepared,) = prepared_recordings(experiment_on(tmp_path, files))
+    assert (prepared.trials, len(prepared.refused), prepared.failure) == (2, 1, "")
+    assert re.search(SPOILT[spoil], "\n".join(prepared.remarks))
+    others = tv.preprocess.prepare(
+        tv.read_trials([tmp_path / "trial0.mat", tmp_path / "trial2.mat"], **READING), **SHORT
+    )
+    np.testing.assert_array_equal(prepared.ensemble.torque, others.ensemble.torque)
+
+
+def test_a_locked_file_is_told_and_the_others_go_on(tmp_path, monkeypatch):
+    write_trials(tmp_path)
+    opened = io.open
+
+    def locked(file, *arguments, **settings):  # chmod locks nothing for the superuser
+        if "trial1" in str(file):
+            raise PermissionError(13, "Permission denied", str(file))
+        return opened(file, *arguments, **settings)
+
+    monkeypatch.setattr("builtins.open", locked)
+    monkeypatch.setattr(io, "open", locked)
+    (prepared,) = prepared_recordings(experiment_on(tmp_path, "trial*.mat"))
+    assert prepared.trials == 2
+    assert "ermission" in prepared.remarks[0]
+
+
+def test_a_column_that_cannot_be_used_is_told_and_the_others_go_on(tmp_path):
+    columns = [trial(number) for number in range(3)]
+    matrices = {name: np.stack([column[name] for column in columns], axis=1) for name in ("angle", "torque")}
+    matrices["angle"][40:60, 1] = np.inf
+    savemat(tmp_path / "all.mat", matrices)
+    reading = READING | {"columns": "trials"}
+    (prepared,) = prepared_recordings(experiment_on(tmp_path, "all.mat", reading=reading))
+    assert prepared.trials == 2
+    assert list(prepared.refused) == ["all.mat, trial 2"]
+
+
+def test_doubts_are_told_and_nothing_is_left_out(tmp_path):
+    signals = trial()
+    signals["angle"] = np.rad2deg(1.25 * signals["angle"])  # 0.0087 rad RMS, as the paper's
+    signals["torque"][1000:1100] = 0.0
+    savemat(tmp_path / "trial0.mat", signals)
+    savemat(tmp_path / "trial1.mat", trial(1) | {"sampling_rate": 100.0})
+    (prepared,) = prepared_recordings(experiment_on(tmp_path, "trial*.mat"))
+    told = "\n".join(prepared.remarks)
+    assert prepared.trials == 2
+    assert "trial0.mat: angle has an RMS of 0.4" in told
+    assert "if it is in degrees, say so" in told
+    assert "torque stays at 0 for" in told
+    assert "the file states 100 Hz" in told
+
+
+def test_a_recording_without_any_usable_trial_fails_alone(tmp_path, small):
+    write_trials(tmp_path)
+    experiment = Experiment(
+        participants={"P7": {"noise": "nothing*.mat"}, "P8": {"noise": "trial*.mat"}}, reading=READING,
+        folder=tmp_path, preparation=SHORT, methods="birf", realizations=10, bootstraps=3,
+    )  # fmt: skip
+    lost, fine = prepared_recordings(experiment)
+    assert lost.ensemble is None
+    assert lost.failure.startswith("no trial can be used: nothing*.mat: no file has such a name")
+    assert fine.failure == ""
+    results = tv.study.run(experiment, prepared=(lost, fine), workers=1)
+    assert results.survivors.values.tolist() == [0, len(fine.ensemble)]
+    assert results.failure.values[0, 0] == lost.failure
+    assert np.isnan(results.stiffness[0]).all()
+    assert np.isfinite(results.stiffness[1]).all()
+    table = exclusions((lost, fine))
+    assert set(table.recording) == {"P8-noise"}
+
+
+def test_preparation_that_leaves_nothing_fails_alone(tmp_path):
+    write_trials(tmp_path)
+    (prepared,) = prepared_recordings(experiment_on(tmp_path, "trial*.mat", preparation=SHORT | {"period": 30.0}))
+    assert prepared.ensemble is None
+    assert "lasts 24 s" in prepared.failure
+
+
+def test_the_account_of_every_realization_is_one_table(small):
+    table = exclusions(small.prepared)
+    assert len(table) == 600
+    assert table.groupby("recording").size().to_dict() == {"P1-noise": 300, "P1-prbs": 300}
+    for item, (_, rows) in zip(small.prepared, table.groupby("recording"), strict=True):
+        kept = rows[rows.excluded_by == ""]
+        assert len(kept) == len(item.ensemble)
+        np.testing.assert_allclose(kept.onset_s + kept.shift_s, item.ensemble.onsets)
+        gone = rows[rows.excluded_by != ""]
+        assert (gone.reached > gone.limit).all()
+
+
+def test_data_are_told_apart_by_their_digest(tmp_path):
+    write_trials(tmp_path)
+    first = prepared_recordings(experiment_on(tmp_path, "trial*.mat"))[0].digest
+    assert prepared_recordings(experiment_on(tmp_path, "trial*.mat"))[0].digest == first
+    savemat(tmp_path / "trial1.mat", trial(9))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert prepared_recordings(experiment_on(tmp_path, "trial*.mat"))[0].digest != first
+
+
+def test_the_same_file_counts_once_and_brackets_are_no_pattern_where_a_file_has_them(tmp_path):
+    folder = tmp_path / "study [2026]"
+    folder.mkdir()
+    write_trials(folder)
+    savemat(folder / "more[1].mat", trial(5))
+    (prepared,) = prepared_recordings(experiment_on(folder, ["trial*.mat", "./trial0.mat", "more[1].mat"]))
+    assert (prepared.trials, prepared.refused) == (4, {})
+
+
+def test_files_of_one_name_in_two_folders_are_told_apart(tmp_path):
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "t.mat").write_bytes(b"")
+    write_trials(tmp_path)
+    (prepared,) = prepared_recordings(experiment_on(tmp_path, ["*/t.mat", "trial*.mat"]))
+    assert list(prepared.refused) == ["a/t.mat", "b/t.mat"]
+
+
+def test_a_trial_in_another_unit_than_the_others_is_a_doubt(tmp_path):
+    write_trials(tmp_path, count=4)
+    signals = trial(2)
+    savemat(tmp_path / "trial2.mat", signals | {"torque": 1000 * signals["torque"]})
+    (prepared,) = prepared_recordings(experiment_on(tmp_path, "trial*.mat"))
+    (remark,) = prepared.remarks
+    assert re.fullmatch(r"trial2\.mat: the torque is \S+ times as large as in most trials; .* another unit\?", remark)
+
+
+def test_an_excerpt_shows_the_torque_to_be_followed_whatever_it_is_called(tmp_path):
+    for number in range(2):
+        savemat(tmp_path / f"trial{number}.mat", trial(number) | {"goal": np.sin(np.arange(3072) * np.pi / 128)})
+    preparing = {"reference": "goal", "task_limit": None, "residual_limit": None, "ends": 1.0, "context": 0.25}
+    experiment = experiment_on(tmp_path, "trial*.mat", preparation=preparing)
+    excerpt, _ = shown(experiment, experiment.recordings[0])
+    assert list(excerpt.channels) == ["target"]

@@ -1,0 +1,266 @@
+"""Running experiments: the same numbers whoever works, nothing lost, nothing done twice."""
+
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from textwrap import dedent
+
+import numpy as np
+import pytest
+import xarray as xr
+from scipy.io import savemat
+from tests.study.recorded.conftest import READING, SHORT, SMALL, trial, write_trials
+
+import tvsysid as tv
+from tvsysid.preprocess import block_weights, bootstrap_weights
+from tvsysid.study import Experiment, prepared_recordings, read_results, run, summarize
+
+TIMES = ["seconds", "checksums"]
+
+
+def same(one, other):
+    xr.testing.assert_identical(one.load().drop_vars(TIMES), other.load().drop_vars(TIMES))
+
+
+def test_results_lie_over_recording_analysis_bootstrap_and_time(small):
+    results = small.results
+    assert results.stiffness.dims == ("recording", "analysis", "bootstrap", "time")
+    assert results.stiffness.shape == (2, 6, 4, 256)
+    assert results.analysis.values.tolist() == ["birf-10", "birf-20", "esm-10", "esm-20", "kbr-10", "kbr-20"]
+    assert np.isfinite(results.stiffness).all()
+    assert (results.failure == "").all()
+    assert results.stiffness.attrs["units"] == "N m/rad"
+    assert results.realizations.values.tolist() == [10, 20, 10, 20, 10, 20]
+
+
+def test_a_draw_is_what_its_weights_say_and_all_methods_see_the_same(small):
+    experiment, item = small.experiment, small.prepared[1]
+    seed = experiment.seed_of(item.recorded, 20)
+    for place, method in ((1, tv.BasisIRF(max_lag=15 / 128)), (3, tv.EnsembleSpectral(window=30 / 128))):
+        weights = bootstrap_weights(len(item.ensemble), 20, 4, seed)
+        drawn = item.ensemble.select(np.repeat(np.arange(len(item.ensemble)), weights[2]))
+        model = method.identify(drawn)
+        at = small.results.isel(recording=1, analysis=place, bootstrap=2)
+        np.testing.assert_allclose(at.stiffness, model.stiffness, rtol=1e-9)
+        torque, predicted = drawn.torque[:, drawn.core], model.predict(drawn)
+        assert float(at.vaf) == pytest.approx(tv.metrics.vaf(torque, predicted).mean())
+        assert float(at.bandpassed_vaf) == pytest.approx(tv.metrics.bandpassed_vaf(torque, predicted, 128.0).mean())
+        np.testing.assert_allclose(at.time_varying_vaf, tv.metrics.time_varying_vaf(torque, predicted))
+
+
+def test_a_method_that_needs_one_piece_gets_realizations_that_follow_each_other(small):
+    experiment, item = small.experiment, small.prepared[0]
+    weights = block_weights(len(item.ensemble), 20, 4, experiment.seed_of(item.recorded, 20))
+    model = tv.KernelRegression.preset("experiment").identify(item.ensemble.select(weights[3] > 0))
+    found = small.results.stiffness.sel(recording="P1-noise", analysis="kbr-20").values[3]
+    np.testing.assert_allclose(found, model.stiffness, rtol=1e-9)
+
+
+@dataclass(frozen=True)
+class Counting:
+    """Counts how often it is asked, in a file."""
+
+    file: str
+
+    def identify(self, ensemble):
+        with open(self.file, "a") as log:
+            log.write("x")
+        return tv.BasisIRF().identify(ensemble)
+
+
+def test_the_same_draw_is_identified_once(tmp_path):
+    write_trials(tmp_path)
+    log = tmp_path / "asked.txt"
+    method = {"name": "counting", "method": Counting(str(log)), "contiguous": True}
+    experiment = Experiment(
+        participants={"P1": {"noise": "trial*.mat"}}, folder=tmp_path, reading=READING, preparation=SHORT,
+        methods=[method], realizations=5, bootstraps=200,
+    )  # fmt: skip
+    results = run(experiment, workers=1)
+    # No more blocks than realizations to begin at.
+    assert len(log.read_text()) <= int(results.survivors[0]) < 40
+    assert np.isfinite(results.stiffness).all()
+
+
+def test_workers_and_stores_do_not_change_the_numbers(small, tmp_path):
+    seen = []
+    path = tmp_path / "results.zarr"
+    results = run(small.experiment, store=path, workers=2, progress=lambda done, total: seen.append((done, total)))
+    same(results, small.results)
+    assert seen[0] == (0, 12)
+    assert seen[-1] == (12, 12)
+    same(read_results(path), small.results)
+
+
+def test_an_experiment_is_gone_on_with(small, tmp_path):
+    path = tmp_path / "results.zarr"
+    run(small.experiment, prepared=small.prepared, store=path, workers=1)
+    for name in ("checksums", "vaf"):
+        shutil.rmtree(path / name / "c" / "1")
+    seen = []
+    results = run(small.experiment, store=path, workers=1, progress=lambda done, total: seen.append(done))
+    assert seen == list(range(6, 13))
+    same(results, small.results)
+
+
+def test_other_settings_are_refused_and_other_data_identified_again(tmp_path):
+    write_trials(tmp_path)
+    settings = {
+        "participants": {"P1": {"noise": "trial*.mat"}}, "folder": tmp_path, "reading": READING,
+        "preparation": SHORT, "methods": "birf", "realizations": 10, "bootstraps": 2,
+    }  # fmt: skip
+    path = tmp_path / "results.zarr"
+    run(Experiment(**settings), store=path, workers=1)
+    with pytest.raises(tv.InputError, match="the store is of another experiment: bootstraps: 2 there, 3 here"):
+        run(Experiment(**settings | {"bootstraps": 3}), store=path, workers=1)
+    savemat(tmp_path / "trial0.mat", trial(7))
+    # Other data are identified again; the others are not.
+    with pytest.warns(
+        tv.DataQualityWarning, match="not the data that were identified before: P1-noise; identified again"
+    ):
+        changed = run(Experiment(**settings), store=path, workers=1)
+    xr.testing.assert_allclose(changed.stiffness, run(Experiment(**settings), workers=1).stiffness)
+
+
+def test_stores_of_another_kind_are_refused(small, tmp_path):
+    path = tmp_path / "results.zarr"
+    run(small.experiment, prepared=small.prepared, store=path, workers=1)
+    with pytest.raises(tv.InputError, match=r"expected 'Simulation study .* found 'Experimental study"):
+        run(tv.study.Study(duration_s=40, trials=1, methods="sds"), store=path, workers=1)
+    xr.testing.assert_identical(read_results(path).stiffness.load(), small.results.stiffness)
+
+
+@dataclass(frozen=True)
+class Sometimes:
+    """Fails where the first realization drawn begins early in its trial."""
+
+    def identify(self, ensemble):
+        if ensemble.onsets[0] < 6:
+            raise RuntimeError("too early")
+        return tv.BasisIRF().identify(ensemble)
+
+
+def test_draws_that_fail_are_told_and_the_others_count(tmp_path, small):
+    method = {"name": "sometimes", "method": Sometimes(), "contiguous": True}
+    experiment = Experiment(**SMALL | {"methods": [method, "birf"], "bootstraps": 30, "perturbation": "noise"})
+    results = run(experiment, prepared=small.prepared[:1], workers=1)
+    failed = np.isnan(results.vaf.sel(analysis="sometimes-10").values[0])
+    assert 0 < failed.sum() < 30
+    text = str(results.doubts.sel(analysis="sometimes-10").values[0])
+    assert (results.failure == "").all()
+    assert text.startswith(f"{failed.sum()} of 30 draws failed, the first: ")
+    assert "RuntimeError: too early" in text
+    table = summarize(results).set_index(["method", "realizations", "metric"]).value
+    assert table["sometimes", 10, "failed"] == failed.sum()
+    assert np.isfinite(table["sometimes", 10, "vaf"])
+    assert table["birf", 10, "failed"] == 0
+
+
+def test_more_realizations_in_one_piece_than_there_are_is_told(tmp_path):
+    write_trials(tmp_path)
+    experiment = Experiment(
+        participants={"P1": {"noise": "trial*.mat"}}, folder=tmp_path, reading=READING, preparation=SHORT,
+        methods=["kbr", "birf"], realizations=50, bootstraps=2,
+    )  # fmt: skip
+    results = run(experiment, workers=1)
+    assert "a block of 50 realizations cannot be drawn from" in str(results.failure.values[0, 0])
+    assert np.isfinite(results.stiffness.values[0, 1]).all()
+
+
+def test_a_doubt_is_told_once_with_how_often_it_was_met(small):
+    experiment = Experiment(**SMALL | {"methods": "eirf", "perturbation": "noise", "realizations": 20})
+    results = run(experiment, prepared=small.prepared[:1], workers=1)
+    text = str(results.doubts.values[0, 0])
+    assert text.count("20 realizations are fewer than the 31 lags") == 1
+    assert "(4 of 4 draws)" in text
+
+
+def test_killed_at_any_moment_it_goes_on_with_the_same_results(small, tmp_path):
+    path = tmp_path / "results.zarr"
+    script = tmp_path / "script.py"
+    script.write_text(
+        dedent(f"""
+        from tvsysid.study import Experiment, run
+        def told(done, total):
+            print(done, flush=True)
+        if __name__ == "__main__":
+            run(Experiment(**{SMALL!r}), store={str(path)!r}, workers=2, progress=told)
+        """)
+    )
+    random = np.random.default_rng(0)
+    for _ in range(3):
+        process = subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, text=True)
+        assert process.stdout is not None
+        for line in process.stdout:  # it is under way when the first task is done
+            if int(line) >= 1:
+                break
+        time.sleep(random.uniform(0, 0.3))
+        process.send_signal(signal.SIGKILL)
+        process.stdout.close()
+        process.wait()
+    same(run(small.experiment, store=path, workers=1), small.results)
+
+
+def test_the_recordings_are_prepared_if_they_are_not_given(small):
+    experiment = Experiment(**SMALL | {"methods": "birf", "perturbation": "prbs"})
+    results = run(experiment, workers=1)
+    np.testing.assert_array_equal(results.stiffness[0, 0], small.results.stiffness[1, 0])
+    assert len(prepared_recordings(experiment)) == 1
+
+
+def moved(tmp_path):
+    """An experiment on two participants in a folder, of whom one has no files yet."""
+    folder = tmp_path / "first"
+    (folder / "a").mkdir(parents=True)
+    write_trials(folder / "a")
+    return folder, {
+        "participants": {"A": {"noise": "a/trial*.mat"}, "B": {"noise": "b/trial*.mat"}}, "reading": READING,
+        "preparation": SHORT, "methods": "birf", "realizations": 10, "bootstraps": 3,
+    }  # fmt: skip
+
+
+def test_a_recording_that_is_mended_is_done_and_the_others_are_kept(tmp_path):
+    folder, settings = moved(tmp_path)
+    first = run(Experiment(**settings, folder=folder), store=folder / "r.zarr", workers=1).load()
+    assert np.isnan(first.stiffness[1]).all()
+    (folder / "b").mkdir()
+    write_trials(folder / "b", stiffness=50.0)
+    seen = []
+    with pytest.warns(tv.DataQualityWarning, match="before: B-noise; identified again"):
+        second = run(
+            Experiment(**settings, folder=folder), store=folder / "r.zarr", workers=1,
+            progress=lambda done, total: seen.append(done),
+        )  # fmt: skip
+    assert seen == [1, 2]
+    np.testing.assert_array_equal(second.stiffness[0], first.stiffness[0])
+    assert float(second.stiffness[1].mean()) == pytest.approx(50, rel=0.1)
+
+
+def test_a_study_that_is_moved_with_its_files_is_gone_on_with(tmp_path):
+    folder, settings = moved(tmp_path)
+    run(Experiment(**settings, folder=folder), store=folder / "r.zarr", workers=1)
+    other = shutil.move(folder, tmp_path / "second [2026]")
+    # What is said of the recordings may differ from time to time: here a trial more cannot be read.
+    (other / "a" / "trial9.mat").write_bytes(b"nothing")
+    seen = []
+    results = run(
+        Experiment(**settings, folder=other), store=other / "r.zarr", workers=1,
+        progress=lambda done, total: seen.append(done),
+    )  # fmt: skip
+    assert seen[0] == 1
+    assert "trial9.mat is left out" in str(read_results(other / "r.zarr").remarks.values[0])
+    assert np.isfinite(results.stiffness[0]).all()
+
+
+def test_recordings_prepared_of_another_experiment_are_refused(small):
+    with pytest.raises(tv.InputError, match="prepared are not the experiment's: P1-prbs, P1-noise; give what"):
+        run(small.experiment, prepared=small.prepared[::-1], workers=1)
+
+
+def test_more_realizations_than_there_are_is_a_doubt(small):
+    experiment = Experiment(**SMALL | {"methods": "birf", "perturbation": "noise", "realizations": 400})
+    results = run(experiment, prepared=small.prepared[:1], workers=1)
+    assert "400 realizations are drawn from 268: they vary less" in str(results.doubts.values[0, 0])

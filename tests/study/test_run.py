@@ -1,0 +1,230 @@
+import os
+import re
+import threading
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+
+import numpy as np
+import pytest
+import xarray as xr
+from tests.study.conftest import SMALL, TIMES, Mine
+
+import tvsysid as tv
+from tvsysid.study import Study, plan, run, score, summarize
+from tvsysid.study.task import carry_out, pickled
+from tvsysid.study.trial import NUMBERS, Trial
+from tvsysid.study.workers import cores
+
+
+def same(one, other):
+    xr.testing.assert_identical(one.drop_vars(TIMES), other.drop_vars(TIMES))
+
+
+def test_results_are_labelled_and_whole(results):
+    assert results.stiffness.dims == ("scenario", "trial", "method_key", "time")
+    assert results.vaf.dims == ("scenario", "trial", "method_key", "statistic")
+    assert results.sizes["time"] == 200
+    assert results.stiffness.attrs["units"] == "N m/rad"
+    for name, values in results.data_vars.items():
+        texts = name in ("doubts", "failure")
+        assert all(text == "" for text in values.values.ravel()) if texts else np.isfinite(values).all()
+    cell = results.sel(scenario="square-prbs-60s-10dB")
+    np.testing.assert_array_equal(cell.true_stiffness, tv.simulate.SquareWave()(results.time.values))
+    assert (cell.perturbation, cell.duration_s) == ("prbs", 60)
+    assert (results.vaf.sel(statistic="lowest") < results.vaf.sel(statistic="mean")).all()
+
+
+def test_a_trial_is_what_its_parts_give(results):
+    scenario = Study(**SMALL).scenarios[1]
+    joint = tv.simulate.Joint(stiffness=tv.simulate.SquareWave())
+    simulation = joint.simulate(
+        60.0, perturbation=tv.simulate.PRBS(), snr_db=10.0, seed=Study(**SMALL).seed_of(scenario, 2)
+    )
+    ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100.0), 2.0)
+    noiseless = tv.preprocess.segment(tv.preprocess.decimate(simulation.noiseless, 100.0), 2.0)
+    torque = noiseless.torque[:, noiseless.core]
+    model = tv.ShortDataSegments().identify(ensemble)
+    found = results.sel(scenario=scenario.label, trial=2, method_key="sds")
+    np.testing.assert_array_equal(found.stiffness, model.stiffness)
+    np.testing.assert_array_equal(found.time_varying_vaf, tv.metrics.time_varying_vaf(torque, model.predict(ensemble)))
+    lower, upper = model.estimates["stiffness"].band(0.95)
+    np.testing.assert_array_equal(found.covered, (lower <= found.true_stiffness) & (found.true_stiffness <= upper))
+    vaf = tv.metrics.vaf(torque, model.predict(ensemble))
+    np.testing.assert_allclose(found.vaf, [vaf.mean(), vaf.std(), vaf.min()], rtol=1e-12)
+    assert found.parameters == model.diagnostics.parameters
+
+
+def test_the_number_of_workers_changes_no_number(results):
+    same(run(Study(**SMALL), workers=2), results)
+
+
+def test_any_executor_serves_and_changes_no_number(results):
+    with ThreadPoolExecutor(2) as executor:
+        same(run(Study(**SMALL), executor=executor), results)
+
+
+def test_more_methods_trials_and_scenarios_change_no_number(results):
+    more = run(
+        Study(duration_s=[60.0, 40.0], trials=4, methods=["esm", "kbr", "sds"], perturbation=["prbs", "noise"]),
+        workers=1,
+    )
+    part = more.sel(scenario=results.scenario.values, trial=[0, 1, 2], method_key=["sds", "kbr"])
+    xr.testing.assert_equal(part.drop_vars(TIMES), results.drop_vars(TIMES))
+    other = run(Study(**SMALL | {"seed": 1}), workers=1)
+    assert not np.array_equal(other.stiffness, results.stiffness)
+
+
+def test_progress_is_reported():
+    seen = []
+    run(Study(**SMALL | {"perturbation": ["prbs"]}), workers=1, progress=lambda done, total: seen.append((done, total)))
+    assert seen == [(0, 3), (1, 3), (2, 3), (3, 3)]
+
+
+def test_few_trials_are_under_way_at_a_time():
+    class Counting(Executor):
+        most, under_way = 0, 0
+
+        def submit(self, function, /, *arguments):
+            self.under_way += 1
+            self.most = max(self.most, self.under_way)
+            future = Future()
+
+            def work():
+                self.under_way -= 1
+                future.set_result(function(*arguments))
+
+            threading.Timer(0.01, work).start()
+            return future
+
+    executor = Counting()
+    run(Study(duration_s=40, perturbation="prbs", trials=20, methods="sds"), executor=executor, workers=2)
+    assert 2 <= executor.most <= 6
+
+
+def test_own_method_enters(results):
+    both = run(Study(**SMALL | {"methods": ["sds", Mine()]}), workers=2)
+    assert list(both.method_key.values) == ["sds", "Mine(fault='')"]
+    xr.testing.assert_equal(both.stiffness.sel(method_key="sds"), results.stiffness.sel(method_key="sds"))
+    table = summarize(score(both))
+    assert len(table[table.method == "Mine(fault='')"]) == len(table[table.method == "sds"])
+
+
+@pytest.mark.parametrize(
+    ("fault", "reason"),
+    [
+        ("raises", r"ZeroDivisionError: no such luck \(conftest.py, line \d+\)"),
+        ("exits", r"SystemExit: 3 \(conftest.py, line \d+\)"),
+        ("short", r"InputError: Mine: the model's stiffness must be of shape \(200,\), it is \(199,\)"),
+    ],
+)
+def test_a_method_that_fails_is_marked_and_spoils_no_other(fault, reason):
+    study = Study(duration_s=[40.0, 80.0], perturbation="prbs", trials=2, methods=["sds", Mine(fault)])
+    found = run(study, workers=1)
+    label = f"Mine(fault='{fault}')"
+    at = found.sel(scenario="square-prbs-80s-10dB")
+    for text in at.failure.sel(method_key=label).values:
+        assert re.fullmatch(reason, text), text
+    assert np.isnan(at.stiffness.sel(method_key=label)).all()
+    assert np.isfinite(found.stiffness.sel(method_key="sds")).all()
+    table = summarize(score(found)).set_index(["scenario", "method", "metric"]).sort_index()
+    assert table.loc[("square-prbs-80s-10dB", label, "failed"), "value"] == 2
+    assert np.isfinite(table.loc[("square-prbs-80s-10dB", "sds", "bias_error"), "value"])
+    if fault == "raises":
+        assert np.isfinite(found.stiffness.sel(method_key=label, scenario="square-prbs-40s-10dB")).all()
+
+
+def test_a_method_that_kills_its_worker_is_found_and_spoils_no_other():
+    study = Study(duration_s=40, trials=3, perturbation="prbs", methods=["sds", Mine("dies"), "birf"])
+    found = run(study, workers=2)
+    own = found.sel(method_key="Mine(fault='dies')")
+    assert all("worker process died in trial" in text for text in own.failure.values.ravel())
+    others = found.sel(method_key=["sds", "birf"])
+    same(others, run(Study(**study.model_dump() | {"methods": ["sds", "birf"]}), workers=1).assign_attrs(found.attrs))
+
+
+def test_a_method_that_kills_its_worker_does_not_kill_this_process_with_one_trial_left():
+    found = run(Study(duration_s=40, trials=1, perturbation="prbs", methods=["sds", Mine("dies")]), workers=2)
+    assert [bool(text) for text in found.failure.values.ravel()] == [False, True]
+
+
+def test_a_trial_gives_the_same_numbers_whenever_and_however_often_it_is_run():
+    study = Study(duration_s=40, trials=1, perturbation="prbs", methods=["eirf"])
+    trial = Trial(study.scenarios[0], 0, study.seed_of(study.scenarios[0], 0), pickled(study.named_methods))
+    first, second = carry_out(trial), carry_out(trial)
+    np.testing.assert_array_equal(first["stiffness"], second["stiffness"])
+
+
+def test_threads_keep_each_trial_s_doubts():
+    study = Study(duration_s=[40, 80], trials=4, methods=["eirf", "sds"])
+    with ThreadPoolExecutor(4) as executor:
+        same(run(study, executor=executor), run(study, workers=1))
+
+
+def test_an_executor_that_was_shut_down_gives_up_plainly():
+    executor = ThreadPoolExecutor(1)
+    executor.shutdown()
+    with pytest.raises(tv.InputError, match=r"the executor gave up .*the same call goes on from there"):
+        run(Study(duration_s=40, trials=1, methods="sds"), executor=executor)
+
+
+def test_a_method_that_finds_nothing_has_failed():
+    found = run(Study(duration_s=40, trials=1, perturbation="prbs", methods=["sds", Mine("nothing")]), workers=1)
+    assert found.failure.values.ravel()[1] == "InputError: it found no stiffness at any time"
+
+
+def test_a_plain_object_is_named_by_its_class():
+    class Plain:
+        identify = Mine().identify
+
+    assert list(Study(methods=[Plain()]).named_methods) == ["Plain"]
+    with pytest.raises(tv.InputError, match="two methods have the same name"):
+        Study(methods=[Plain(), Plain()])
+
+
+def test_a_method_that_a_worker_cannot_unpickle_spoils_no_other():
+    study = Study(duration_s=40, trials=1, perturbation="prbs", methods=["sds", "birf"])
+    scenario = study.scenarios[0]
+    sent = pickled(study.named_methods) | {"birf": b"no pickle"}
+    outcome = carry_out(Trial(scenario, 0, study.seed_of(scenario, 0), sent))
+    assert "UnpicklingError" in outcome["failure"][1]
+    assert np.isfinite(outcome["stiffness"][0]).all()
+
+
+def test_a_method_that_cannot_be_pickled_is_refused():
+    method = Mine()
+    object.__setattr__(method, "fault", threading.Lock())
+    with pytest.raises(tv.InputError, match="cannot be sent to a worker: TypeError"):
+        run(Study(**SMALL | {"methods": [method]}), workers=1)
+
+
+def test_a_worker_with_other_software_is_refused():
+    study = Study(duration_s=40, trials=1, methods="sds")
+    scenario = study.scenarios[0]
+    sent = Trial(scenario, 0, study.seed_of(scenario, 0), {}, {"numpy": "1.0"})
+    with pytest.raises(tv.InputError, match=r"a worker has other software: numpy: 1.0 there, \d.* here"):
+        carry_out(sent)
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="this system does not bind processes to cores")
+def test_cores_are_those_that_may_be_used():
+    all_of_them = os.sched_getaffinity(0)
+    try:
+        os.sched_setaffinity(0, {min(all_of_them)})
+        assert cores() == 1
+    finally:
+        os.sched_setaffinity(0, all_of_them)
+    assert cores() == len(all_of_them)
+
+
+def test_wrong_workers_are_refused():
+    with pytest.raises(tv.InputError, match="workers must be at least 1"):
+        run(Study(**SMALL), workers=0)
+
+
+def test_a_plan_tells_time_and_size():
+    study = Study(duration_s=[40, 80], trials=5, methods="sds")
+    told = plan(study)
+    assert (told.trials, told.simulated_s) == (20, 1200)
+    assert 0 < told.work_s < 60
+    over_time = sum(shape == (200,) for shape in NUMBERS.values())
+    assert over_time == 3
+    assert 20 * over_time * 200 * 8 < told.size_bytes < 20 * (over_time + 1) * 200 * 8

@@ -1,0 +1,214 @@
+import numpy as np
+import pytest
+import xarray as xr
+from tests.study.conftest import SMALL
+
+import tvsysid as tv
+from tvsysid.study import Study, run, score, summarize
+from tvsysid.study.scores import UNITS
+from tvsysid.study.summary import COLUMNS
+
+
+def made_up(estimates, over_time=None, profile="square", covered=None):
+    """Results of one scenario and one method from stiffness of shape (trial, time), bands of ± 5 N·m/rad about it."""
+    trials = len(estimates)
+    time = np.arange(200) / 100
+    truth = np.asarray(tv.simulate.PROFILES[profile](time))
+    cell = ("scenario", "trial", "method_key")
+    covered = np.where(np.isfinite(estimates), np.abs(estimates - truth) <= 5, np.nan) if covered is None else covered
+    over_time = np.full((trials, 200), 90.0) if over_time is None else over_time
+    return xr.Dataset(
+        {
+            "stiffness": ((*cell, "time"), estimates[None, :, None]),
+            "time_varying_vaf": ((*cell, "time"), over_time[None, :, None]),
+            "covered": ((*cell, "time"), covered[None, :, None]),
+            "vaf": ((*cell, "statistic"), np.linspace(90, 99, 3 * trials).reshape(1, trials, 1, 3)),
+            "bandpassed_vaf": ((*cell, "statistic"), np.linspace(80, 89, 3 * trials).reshape(1, trials, 1, 3)),
+            "seconds": (cell, np.ones((1, trials, 1))),
+            "failure": (cell, np.full((1, trials, 1), "")),
+            "true_stiffness": (("scenario", "time"), truth[None]),
+            "checksums": (("scenario", "trial", "variable"), np.ones((1, trials, 1), dtype=np.uint64)),
+        },
+        coords={
+            "scenario": ["cell"], "method_key": ["mine"], "trial": np.arange(trials),
+            "time": time,
+            "profile": ("scenario", [profile]), "perturbation": ("scenario", ["prbs"]),
+            "duration_s": ("scenario", [150.0]), "snr_db": ("scenario", [10.0]),
+            "viscosity": ("scenario", ["constant"]),
+        },
+    )  # fmt: skip
+
+
+def noisy(random, trials, spread=3.0, bias=2.0):
+    truth = tv.simulate.SquareWave()(np.arange(200) / 100)
+    return truth + bias + spread * random.normal(size=(trials, 200))
+
+
+def test_summary_holds_every_metric(results):
+    table = summarize(score(results))
+    assert tuple(table.columns) == COLUMNS
+    assert set(table.metric) == set(UNITS)
+    cell = table[(table.method == "sds") & (table.perturbation == "prbs")].set_index("metric").value
+    found = results.sel(scenario="square-prbs-60s-10dB", method_key="sds")
+    estimates, truth = found.stiffness.values, found.true_stiffness.values
+    assert cell["bias_error"] == tv.metrics.bias_error(estimates, truth)
+    assert cell["total_error"] ** 2 == pytest.approx(cell["bias_error"] ** 2 + cell["random_error"] ** 2)
+    assert cell["rise_time"] == tv.metrics.rise_time(results.time.values, estimates)
+    share = found.covered.values.mean()
+    assert cell["coverage"] == pytest.approx(100 * share)
+    assert 0.5 < share < 1
+    assert cell["vaf"] == pytest.approx(float(found.vaf.sel(statistic="mean").mean()))
+    assert cell["lowest_vaf"] == found.vaf.sel(statistic="mean").min()
+    assert cell["left_out"] == cell["failed"] == 0
+    assert set(table.trials) == {3}
+    sine = summarize(score(run(Study(**SMALL | {"stiffness": ["sine"]}), workers=1)))
+    assert not {"rise_time", "switch_dip", "coverage_at_switch", "coverage_away"} & set(sine.metric)
+    assert "coverage" in set(sine.metric)
+
+
+def test_replicates_of_equal_weights_are_the_metrics_themselves(monkeypatch, random):
+    results = made_up(noisy(random, 8), 90 + random.normal(size=(8, 200)))
+
+    class Even:
+        def multinomial(self, count, shares, size):
+            return np.ones((size, count), dtype=int)
+
+    monkeypatch.setattr(np.random, "default_rng", lambda seed: Even())
+    scores = score(results)
+    for name in set(UNITS) - {"lowest_vaf", "left_out", "failed", "debiased_bias_error"}:
+        at = scores.sel(metric=name)
+        # What is drawn varies less than what it is drawn from, which replicates of spreads make up for.
+        factor = np.sqrt(8 / 7) if name == "random_error" or "_sd" in name else 1
+        np.testing.assert_allclose(at.replicates, factor * at.value.item(), rtol=1e-9, err_msg=name)
+
+
+def test_standard_errors_are_the_spread_of_repeated_studies(random):
+    repeated = [score(made_up(noisy(random, 40))).sel(scenario="cell", method_key="mine") for _ in range(100)]
+    told = {name: np.mean([float(one.standard_error.sel(metric=name)) for one in repeated]) for name in UNITS}
+    for name in ("bias_error", "debiased_bias_error", "random_error", "total_error", "coverage", "coverage_at_switch"):
+        spread = np.std([float(one.value.sel(metric=name)) for one in repeated])
+        assert told[name] == pytest.approx(spread, rel=0.3), name
+
+
+def test_replicates_of_the_debiased_bias_are_centred_on_it(random):
+    at = score(made_up(noisy(random, 30, spread=10.0, bias=3.0))).sel(metric="debiased_bias_error")
+    assert float(at.replicates.mean()) == pytest.approx(at.value.item(), abs=0.25 * at.standard_error.item() + 0.05)
+    plain = score(made_up(noisy(random, 30, spread=10.0, bias=3.0))).sel(metric="bias_error")
+    assert float(plain.replicates.mean()) > plain.value.item() + 0.1
+
+
+def test_replicates_are_centred_on_the_estimates(random):
+    results = made_up(noisy(random, 5, spread=10.0, bias=12.0), 90 + random.normal(size=(5, 200)))
+    scores = score(results)
+    for name in ("random_error", "total_error", "vaf", "debiased_bias_error"):
+        squares = (scores.replicates.sel(metric=name) ** 2).mean().item()
+        assert squares == pytest.approx(scores.value.sel(metric=name).item() ** 2, rel=0.06), name
+
+
+def test_one_trial_has_no_spread_and_no_standard_error(random):
+    scores = score(made_up(noisy(random, 1)))
+    assert np.isnan(scores.standard_error).all()
+    assert np.isfinite(scores.value.sel(metric="bias_error")).all()
+    assert np.isnan(scores.value.sel(metric=["random_error", "debiased_bias_error"])).all()
+
+
+def test_draws_of_methods_are_paired_also_where_trials_failed(random):
+    results = made_up(noisy(random, 10))
+    both = xr.concat([results, results.assign_coords(method_key=["other"])], "method_key", data_vars="all")
+    both = both.assign(true_stiffness=results.true_stiffness, checksums=results.checksums)
+    failed = both.failure.values.astype(object)
+    failed[0, 2:, 1] = "x"
+    both["failure"] = (both.failure.dims, failed)
+    scores = score(both.transpose("scenario", "trial", "method_key", ...))
+    drawn = np.random.default_rng(0).multinomial(10, np.full(10, 0.1), size=scores.sizes["draw"])[:, :2].any(axis=1)
+    known = np.isfinite(scores.replicates.sel(method_key="other", metric="total_error").values[0])
+    np.testing.assert_array_equal(known, drawn)
+
+
+def test_a_method_without_numbers_has_no_metrics(random):
+    values = score(made_up(np.full((4, 200), np.nan), np.full((4, 200), np.nan))).value
+    for name in (
+        "bias_error", "debiased_bias_error", "random_error", "lowest_time_varying_vaf", "switch_dip", "coverage",
+        "coverage_at_switch", "coverage_away",
+    ):  # fmt: skip
+        assert np.isnan(values.sel(metric=name)).all(), name
+
+
+def test_a_dip_at_the_switches_is_measured(random):
+    over_time = np.full((4, 200), 95.0)
+    over_time[:, 45:56] = over_time[:, 145:156] = 75.0
+    at = score(made_up(noisy(random, 4), over_time)).sel(metric="switch_dip")
+    assert at.value.item() == 20
+    assert at.standard_error.item() < 1e-9
+
+
+def test_spreads_where_the_joint_is_soft_and_stiff(random):
+    soft = tv.simulate.SquareWave()(np.arange(200) / 100) < 100
+    over_time = 90 + np.where(soft, 2.0, 1.0) * np.array([[-1.0], [1.0]])
+    values = score(made_up(noisy(random, 2), over_time)).value
+    assert values.sel(metric="time_varying_vaf_sd_soft").item() == 2
+    assert values.sel(metric="time_varying_vaf_sd_stiff").item() == 1
+    assert values.sel(metric="time_varying_vaf_sd").item() == 1.5
+
+
+def test_failed_trials_are_left_out_and_counted(random):
+    estimates = noisy(random, 5)
+    results = made_up(estimates)
+    results.stiffness[0, 2] = np.nan
+    results.failure[0, 2] = "x"
+    scores = score(results)
+    assert scores.trials.item() == 4
+    assert scores.value.sel(metric="failed").item() == 1
+    kept = np.delete(estimates, 2, axis=0)
+    assert scores.value.sel(metric="random_error").item() == tv.metrics.random_error(kept)
+    assert np.isfinite(scores.replicates.sel(metric="total_error")).all()
+    results.failure[:] = "x"
+    assert np.isnan(score(results).value.sel(metric="bias_error")).all()
+
+
+def test_times_without_an_estimate_are_left_out(random):
+    estimates = noisy(random, 6)
+    estimates[:, :5] = np.nan
+    estimates[3, 100] = np.nan
+    scores = score(made_up(estimates))
+    assert scores.value.sel(metric="left_out").item() == 6
+    assert np.isfinite(scores.replicates.sel(metric="total_error")).all()
+
+
+def test_coverage_everywhere_about_the_switches_and_away(random):
+    covered = np.ones((4, 200))
+    covered[:, 45:56] = covered[:, 145:156] = 0.0
+    covered[0, 95:106] = 0.0
+    scores = score(made_up(noisy(random, 4), covered=covered)).value
+    assert scores.sel(metric="coverage").item() == pytest.approx(100 * (1 - (4 * 22 + 11) / 800))
+    assert scores.sel(metric="coverage_at_switch").item() == 0
+    distance = np.abs((np.arange(200) / 100) % 1 - 0.5)
+    share = covered[:, distance >= 0.3].mean()
+    assert scores.sel(metric="coverage_away").item() == pytest.approx(100 * share)
+    assert share < 1
+    other = score(made_up(noisy(random, 4), profile="sine", covered=covered)).value
+    assert other.sel(metric="coverage").item() == scores.sel(metric="coverage").item()
+    assert np.isnan(other.sel(metric=["coverage_at_switch", "coverage_away"])).all()
+
+
+def test_coverage_counts_every_band_there_is_and_tells_how_many_there_are_not(random):
+    covered = np.ones((4, 200))
+    covered[1, :100] = np.nan
+    covered[2, 100:150] = 0.0
+    scores = score(made_up(noisy(random, 4), covered=covered))
+    edges = np.where(np.isnan(covered), np.nan, covered - 1)
+    expected = tv.metrics.coverage(edges, edges, np.zeros(200))
+    assert expected == pytest.approx(100 * (1 - 50 / 700))
+    assert scores.value.sel(metric="coverage").item() == pytest.approx(expected)
+    assert scores.value.sel(metric="without_band").item() == pytest.approx(100 * 100 / 800)
+    covered[1] = np.nan
+    scores = score(made_up(noisy(random, 4), covered=covered))
+    assert scores.value.sel(metric="coverage").item() == pytest.approx(100 * (1 - 50 / 600))
+    assert scores.value.sel(metric="without_band").item() == 25
+    draws = scores.replicates.sel(metric="coverage").values.ravel()
+    # A draw of the trial without a band alone, one of 256, tells nothing.
+    assert np.isnan(draws).mean() == pytest.approx(1 / 256, abs=0.01)
+    covered[:] = np.nan
+    value = score(made_up(noisy(random, 4), covered=covered)).value
+    assert np.isnan(value.sel(metric="coverage"))
+    assert value.sel(metric="without_band").item() == 100

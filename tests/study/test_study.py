@@ -1,0 +1,128 @@
+import json
+
+import pytest
+
+import tvsysid as tv
+from tvsysid.studies.van_de_ruit_2021 import PRESETS, preset
+from tvsysid.study import Study
+
+
+def test_the_default_is_the_quick_study():
+    assert Study() == preset("quick")
+    assert [scenario.label for scenario in Study().scenarios] == ["square-noise-150s-10dB", "square-prbs-150s-10dB"]
+    assert list(Study().named_methods) == ["eirf", "sds", "birf", "esm", "kbr"]
+
+
+def test_the_paper_s_study():
+    study = preset("paper")
+    square = {(s.perturbation, s.duration_s) for s in study.scenarios if s.stiffness == "square"}
+    assert square == {(p, d) for p in ("noise", "prbs") for d in (40.0, 80.0, 150.0, 300.0, 600.0)}
+    sine = [(s.perturbation, s.duration_s) for s in study.scenarios if s.stiffness == "sine"]
+    assert sine == [("noise", 150.0), ("prbs", 150.0)]
+    assert {(s.snr_db, s.viscosity) for s in study.scenarios} == {(10.0, "constant")}
+    assert study.trials == 100
+    assert sum(s.duration_s for s in study.scenarios if s.stiffness == "square") * study.trials == 234_000
+
+
+def test_snr_and_viscosity_presets():
+    assert preset("snr").snr_db[0] == 0
+    assert preset("snr").snr_db[-1] == 30
+    assert preset("viscosity").viscosity == ("constant", "covarying")
+    assert preset("viscosity").scenarios[1].label == "square-noise-150s-10dB-covarying"
+
+
+def test_covarying_viscosity_lies_between_1_and_3():
+    scenario = Study(viscosity="covarying").scenarios[0]
+    joint = tv.simulate.Joint(stiffness=scenario.profile, viscosity=scenario.viscosity_profile)
+    simulation = joint.simulate(4.0, perturbation=tv.simulate.PRBS(), snr_db=10, seed=0)
+    truth = simulation.truth
+    assert set(truth["viscosity"][truth["stiffness"] == 50]) == {1.0}
+    assert set(truth["viscosity"][truth["stiffness"] == 150]) == {3.0}
+
+
+def test_settings_take_the_place_of_a_preset_s_everywhere():
+    study = preset("paper", duration_s=[40.0], trials=3)
+    assert {s.duration_s for s in study.scenarios} == {40.0}
+    assert {s.stiffness for s in study.scenarios} == {"square", "sine"}
+    assert study.trials == 3
+    assert {s.stiffness for s in preset("paper", stiffness="sine").scenarios} == {"sine"}
+
+
+def test_a_study_from_toml(tmp_path):
+    path = tmp_path / "study.toml"
+    path.write_text(
+        'duration_s = [40, 80]\nperturbation = "prbs"\nsnr_db = [10, inf]\nmethods = ["sds:window=0.2", "kbr"]\n'
+        'trials = 7\n[[also]]\nstiffness = ["sine"]\nsnr_db = 0\n'
+    )
+    study = Study.from_toml(path)
+    assert [s.label for s in study.scenarios] == [
+        "square-prbs-40s-10dB", "square-prbs-40s-infdB", "square-prbs-80s-10dB", "square-prbs-80s-infdB",
+        "sine-prbs-40s-0dB", "sine-prbs-80s-0dB",
+    ]  # fmt: skip
+    assert list(study.named_methods) == ["sds:window=0.2", "kbr"]
+    assert Study.from_toml(path, trials=2).trials == 2
+    assert json.loads(study.to_json())["also"] == [{"stiffness": ["sine"], "snr_db": [0.0]}]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "trails = 3",
+            r"study.toml: study: trails: unknown key; did you mean trials\? \(settings of a study: stiffness",
+        ),
+        ("duration_ms = [40000]", r"duration_ms: unknown key; did you mean duration_s\?"),
+        ('duration_s = ["150 s"]', r"duration_s.0: .*valid number.*got '150 s' \(expected numbers of seconds\)"),
+        ("duration_s = 0.04", "duration_s: expected whole realizations of 2 s, two at least: multiples of 2 s; got "),
+        ("[[also]]\ntrials = 5", r"also.0.trials: unknown key.*settings of a study: stiffness, .* viscosity\)"),
+        ("trials = ", "study.toml: not a TOML file: "),
+        ('also = "sine"', "also"),
+        ("also = [3]", "also"),
+    ],
+)
+def test_a_wrong_file_is_refused_and_the_key_named(tmp_path, text, message):
+    path = tmp_path / "study.toml"
+    path.write_text(text)
+    with pytest.raises(tv.InputError, match=message):
+        Study.from_toml(path)
+
+
+def test_a_missing_file_and_an_unknown_preset_are_refused(tmp_path):
+    with pytest.raises(tv.InputError, match=r"nothing.toml: No such file or directory; give a TOML file"):
+        Study.from_toml(tmp_path / "nothing.toml")
+    with pytest.raises(tv.InputError, match=f"the presets are {', '.join(PRESETS)}"):
+        preset("journal")
+
+
+def test_seeds_differ_by_scenario_and_trial_and_pair_viscosities():
+    study = Study(viscosity=["constant", "covarying"], perturbation=["noise", "prbs"])
+    states = [study.seed_of(s, trial).generate_state(4).tobytes() for s in study.scenarios for trial in range(3)]
+    assert len(set(states)) == 6
+    constant, covarying = study.scenarios[:2]
+    assert study.seed_of(constant, 1).spawn_key == study.seed_of(covarying, 1).spawn_key
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"stiffness": ["step"]}, "unknown name 'step'; expected one of square, sine, constant"),
+        ({"perturbation": ["white"]}, "unknown name 'white'; expected one of noise, prbs"),
+        ({"methods": ["arx"]}, "unknown method 'arx'"),
+        ({"methods": [3]}, r"object with identify\(ensemble\)"),
+        ({"methods": []}, "methods: .*at least 1"),
+        ({"methods": ["sds", "sds"]}, "the same value is given twice"),
+        ({"viscosity": ["high"]}, "unknown name 'high'; expected one of constant, covarying"),
+        ({"trials": 0}, "trials: .*greater than or equal to 1"),
+        ({"trials": True}, "trials: expected a whole number; got True"),
+        ({"trials": "many"}, "trials: .*valid integer"),
+        ({"seed": -1}, "seed: "),
+        ({"duration_s": [3.0]}, "whole realizations of 2 s"),
+        ({"duration_s": [-2.0]}, "whole realizations of 2 s"),
+        ({"duration_s": [float("nan")]}, "whole realizations of 2 s"),
+        ({"snr_db": [float("nan")]}, "expected decibels"),
+        ({"trails": 3}, "unknown key; did you mean trials"),
+    ],
+)
+def test_a_wrong_study_is_refused(settings, message):
+    with pytest.raises(tv.InputError, match=message):
+        Study(**settings)

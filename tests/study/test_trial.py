@@ -1,0 +1,130 @@
+"""What a trial says of bands: of methods of other people, whose bands are known to hold the truth always or never."""
+
+import dataclasses
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import tvsysid as tv
+from tvsysid.study import Study, run, score, summarize, trial
+from tvsysid.study.trial import STAGES
+
+TIMES = 200
+
+
+@dataclasses.dataclass(frozen=True)
+class Model:
+    low: float
+    high: float
+    told: int
+
+    @property
+    def estimates(self):
+        width = np.where(np.arange(TIMES) < self.told, (self.high - self.low) / 2, np.nan)
+        middle = np.full(TIMES, (self.low + self.high) / 2)
+        error = tv.StandardError(width / stats.norm.ppf(0.975), np.inf)
+        return {"stiffness": tv.Estimate(middle, "N m/rad", error=error)}
+
+    def predict(self, ensemble):
+        return 100.0 * ensemble.angle[:, ensemble.core]
+
+
+@dataclasses.dataclass(frozen=True)
+class Banded:
+    """Says that stiffness, which is 50 and 150 N·m/rad in turn, lies between two values; so at the first times only."""
+
+    low: float
+    high: float
+    told: int = TIMES
+
+    def identify(self, ensemble):
+        return Model(self.low, self.high, self.told)
+
+
+class Bandless(Banded):
+    def identify(self, ensemble):
+        whole = Model(self.low, self.high, self.told)
+        return type("Plain", (), {"stiffness": np.full(TIMES, 100.0), "predict": lambda _, each: whole.predict(each)})()
+
+
+class Misshapen(Banded):
+    def identify(self, ensemble):
+        wrong = tv.StandardError(np.zeros(3), np.inf)
+        return type("Wrong", (), {"estimates": {"stiffness": tv.Estimate(np.ones(TIMES), "N m/rad", error=wrong)}})()
+
+
+class Endless(Banded):
+    def identify(self, ensemble):
+        error = tv.StandardError(np.full(TIMES, np.inf), np.inf)
+        estimates = {"stiffness": tv.Estimate(np.full(TIMES, 100.0), "N m/rad", error=error)}
+        return type("Endless", (), {"estimates": estimates, "predict": Model(self.low, self.high, 0).predict})()
+
+
+METHODS = {
+    "always": (Banded(0.0, 200.0), 100.0),
+    "never": (Banded(200.0, 300.0), 0.0),
+    "where soft": (Banded(0.0, 100.0), 50.0),
+    "at first": (Banded(0.0, 200.0, told=20), 100.0),
+    "no band": (Bandless(0.0, 200.0), np.nan),
+    "two without end": (Endless(0.0, 200.0), np.nan),
+}
+
+
+@pytest.fixture(scope="module")
+def results():
+    methods = [method for method, _ in METHODS.values()]
+    study = Study(duration_s=20.0, trials=2, perturbation="prbs", methods=[*methods, Misshapen(0.0, 1.0)])
+    return run(study, workers=1)
+
+
+def of(results, name):
+    return results.isel(scenario=0, method_key=list(METHODS).index(name))
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_the_share_of_known_bands(results, name):
+    table = summarize(score(results))
+    label = str(of(results, name).method_key.values)
+    told = table[table.method == label].set_index("metric").value
+    assert told["failed"] == 0
+    np.testing.assert_equal(told["coverage"], METHODS[name][1])
+
+
+def test_it_is_told_of_each_time_and_is_nan_where_there_is_no_band(results):
+    truth = results.true_stiffness.values[0]
+    assert (of(results, "always").covered == 1).all()
+    np.testing.assert_array_equal(of(results, "where soft").covered, np.tile(truth <= 100, (2, 1)))
+    at_first = of(results, "at first").covered.values
+    np.testing.assert_array_equal(at_first, np.tile(np.where(np.arange(TIMES) < 20, 1.0, np.nan), (2, 1)))
+    assert np.isnan(of(results, "no band").covered).all()
+
+
+def test_a_band_of_the_wrong_shape_is_a_failure_that_is_told(results):
+    misshapen = results.isel(scenario=0, method_key=-1)
+    assert all(
+        "expected standard errors of the values' shape (200,), got (3,)" in text for text in misshapen.failure.values
+    )
+    assert np.isnan(misshapen.covered).all()
+
+
+def test_no_band_is_no_doubt_of_the_method(results):
+    assert all(text == "" for text in of(results, "no band").doubts.values)
+
+
+def test_the_time_that_bands_take_is_not_that_of_identification(monkeypatch):
+    """The clock stands still, but goes on a second with each band."""
+    now = [0.0]
+    monkeypatch.setattr(trial, "time", SimpleNamespace(perf_counter=lambda: now[0]))
+    band = tv.Estimate.band
+
+    def slow(self, level=0.95):
+        now[0] += 1.0
+        return band(self, level)
+
+    monkeypatch.setattr(tv.Estimate, "band", slow)
+    results = run(Study(duration_s=20.0, trials=1, perturbation="prbs", methods="sds"), workers=1)
+    spent = dict(zip(STAGES, results.stage_seconds.values[0, 0], strict=True))
+    assert spent["bands"] == 1
+    assert spent["simulation"] == spent["scoring"] == results.seconds.item() == 0

@@ -1,0 +1,221 @@
+"""Runs that are killed, lose a worker, or run out of disk, as a user would meet them: through the command line."""
+
+import contextlib
+import json
+import os
+import random
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.study.conftest import TIMES
+
+from tvsysid.study import Study, read_results, run
+
+TRIALS = 80
+TOTAL = 2 * TRIALS
+STUDY = {"duration_s": 40, "methods": ["sds", "birf"], "trials": TRIALS}
+COMMAND = [sys.executable, "-m", "tvsysid.cli", "benchmark", "--duration", "40", "--method", "sds", "--method", "birf"]
+COMMAND += ["--trials", str(TRIALS), "--out", "out"]
+
+
+@pytest.fixture(scope="module")
+def uninterrupted():
+    return run(Study(**STUDY), workers=2)
+
+
+SCRIPT = f"""
+from tvsysid.study import Study, run
+if __name__ == "__main__":
+    run(Study(**{STUDY}), store="out/results.zarr", workers=2)
+"""
+
+
+def start(folder, *words, command=COMMAND, **options):
+    return subprocess.Popen(
+        [*command, *words], cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options
+    )
+
+
+def start_script(folder):
+    (folder / "study.py").write_text(SCRIPT)
+    return start(folder, command=[sys.executable, "study.py"])
+
+
+def trials_in(folder):
+    return sum(
+        1 for file in Path(folder, "out/results.zarr/checksums/c").rglob("*") if file.name == "0" and file.is_file()
+    )
+
+
+def wait_for(condition, seconds=300.0):
+    ends = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < ends, "waited in vain"
+        time.sleep(0.01)
+
+
+def children_of(pid):
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):
+            if int(stat.read_text().rpartition(")")[2].split()[1]) == pid:
+                found.append(int(stat.parent.name))
+    return found
+
+
+def finished(process, code=0):
+    _, errors = process.communicate(timeout=300)
+    assert process.returncode == code, errors
+    return errors
+
+
+def same_to_the_last_bit(folder, expected):
+    found = read_results(folder / "out/results.zarr").load()
+    for name in set(expected.data_vars) - set(TIMES):
+        np.testing.assert_array_equal(found[name].values, expected[name].values)
+    assert found.checksums.values.any(axis=-1).all()
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
+def test_killed_at_six_random_moments_and_gone_on_with(tmp_path, uninterrupted):
+    chance = random.Random(20)
+    before = 0
+    for _ in range(6):  # each starts Python three times
+        process = start_script(tmp_path)
+        target = min(before + chance.randrange(0, TOTAL // 8), TOTAL - 10)
+        wait_for(lambda: trials_in(tmp_path) >= target or process.poll() is not None)  # noqa: B023
+        time.sleep(chance.uniform(0, 0.1))
+        workers = children_of(process.pid)
+        assert process.poll() is None
+        process.kill()
+        process.communicate()
+        wait_for(lambda: not any(Path(f"/proc/{pid}").exists() for pid in workers))  # noqa: B023
+        assert trials_in(tmp_path) >= before
+        before = trials_in(tmp_path)
+    assert before < TOTAL
+    finished(start_script(tmp_path))
+    same_to_the_last_bit(tmp_path, uninterrupted)
+    assert not list(tmp_path.rglob("*.partial"))
+
+
+def test_interrupted_with_a_key_and_gone_on_with(tmp_path, uninterrupted):
+    for number in (signal.SIGINT, signal.SIGTERM):
+        process = start(tmp_path, start_new_session=True)
+        already = trials_in(tmp_path)
+        wait_for(lambda: trials_in(tmp_path) > already + 10)  # noqa: B023
+        os.killpg(process.pid, number) if number == signal.SIGINT else process.send_signal(number)
+        errors = finished(process, 130)
+        before, _, last = errors.rstrip("\n").rpartition("\n")
+        assert before == ("" if not already else f"resuming: {already} of {TOTAL} trials are done already")
+        told = re.fullmatch(
+            rf"tvsysid: interrupted; (\d+) of {TOTAL} trials are in out/results.zarr; the same command resumes", last
+        )
+        assert told, errors
+        # It may have been interrupted between writing a trial and counting it.
+        assert trials_in(tmp_path) - int(told[1]) in (0, 1)
+    finished(start(tmp_path))
+    same_to_the_last_bit(tmp_path, uninterrupted)
+
+
+def test_a_method_that_hangs_can_be_interrupted(tmp_path):
+    (tmp_path / "hanging.py").write_text(
+        "import pathlib, time\n"
+        "class Mine:\n"
+        "    def identify(self, ensemble):\n"
+        "        pathlib.Path('begun').touch()\n"
+        "        time.sleep(3600)\n"
+    )
+    process = start(tmp_path, "--method", "hanging:Mine", start_new_session=True)
+    wait_for((tmp_path / "begun").exists)
+    workers = children_of(process.pid)
+    began = time.monotonic()
+    os.killpg(process.pid, signal.SIGINT)
+    assert "interrupted; 0 of" in finished(process, 130)
+    assert time.monotonic() - began < 60
+    wait_for(lambda: not any(Path(f"/proc/{pid}").exists() for pid in workers))
+
+
+def test_a_second_process_on_one_store_is_refused(tmp_path, uninterrupted):
+    first = start_script(tmp_path)
+    wait_for(lambda: trials_in(tmp_path) > 0)
+    assert "another process is writing to this store" in finished(start(tmp_path), 2)
+    finished(first)
+    same_to_the_last_bit(tmp_path, uninterrupted)
+
+
+def test_a_dask_worker_killed_in_mid_run(tmp_path, uninterrupted):
+    pytest.importorskip("distributed")
+    dask = [sys.executable, "-m", "dask"]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": tmp_path}
+    place = tmp_path / "scheduler.json"
+    servers = [
+        subprocess.Popen([*dask, "scheduler", "--port", "0", "--no-dashboard", "--scheduler-file", place], **quiet)
+    ]
+    try:
+        wait_for(place.exists)
+        worker = [*dask, "worker", "--scheduler-file", place, "--no-nanny", "--nthreads", "1", "--no-dashboard"]
+        servers += [subprocess.Popen(worker, **quiet) for _ in range(2)]
+        address = json.loads(place.read_text())["address"]
+        from distributed import Client
+
+        with Client(address) as client:
+            client.wait_for_workers(2, timeout=60)
+        process = start(tmp_path, "--scheduler", address)
+        wait_for(lambda: trials_in(tmp_path) > 20 or process.poll() is not None)
+        assert process.poll() is None
+        servers[1].kill()
+        finished(process)
+        assert servers[2].poll() is None
+    finally:
+        for server in servers:
+            server.kill()
+            server.wait()
+    same_to_the_last_bit(tmp_path, uninterrupted)
+
+
+def test_no_cluster_there(tmp_path):
+    errors = finished(start(tmp_path, "--scheduler", "tcp://127.0.0.1:9"), 2)
+    assert "--scheduler tcp://127.0.0.1:9: no Dask scheduler answers there" in errors
+
+
+def test_a_full_disk_loses_nothing_that_was_finished(tmp_path, uninterrupted):
+    small = tmp_path / "small"
+    small.mkdir()
+    mounted = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=700k", "tmpfs", small], capture_output=True, check=False
+    )
+    if mounted.returncode:
+        pytest.skip(f"cannot mount a small file system here: {mounted.stderr.decode().strip()}")
+    try:
+        errors = finished(start(small), 2)
+        assert re.search(
+            rf"No space left on device; \d+ of {TOTAL} trials are kept; .* the same command resumes", errors
+        )
+        assert "Traceback" not in errors
+        kept = trials_in(small)
+        assert kept > 3
+        subprocess.run(["mount", "-o", "remount,size=100m", small], check=True)
+        finished(start_script(small))  # draws no figures
+        same_to_the_last_bit(small, uninterrupted)
+    finally:
+        subprocess.run(["umount", small], check=True)
+
+
+def test_a_folder_that_cannot_be_written_to(tmp_path):
+    shut = tmp_path / "shut"
+    shut.mkdir()
+    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "ro", "tmpfs", shut], capture_output=True, check=False)
+    if mounted.returncode:
+        pytest.skip(f"cannot mount a read-only file system here: {mounted.stderr.decode().strip()}")
+    try:
+        errors = finished(start(shut), 2)
+        assert "Read-only file system" in errors
+        assert "Traceback" not in errors
+    finally:
+        subprocess.run(["umount", shut], check=True)

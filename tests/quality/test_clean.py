@@ -9,8 +9,8 @@ from tests.faults import changed, cut, simulated
 from tests.virtual import prepared
 
 import tvsysid as tv
-from tvsysid.quality.evidence import Evidence
-from tvsysid.quality.repetition import _lines
+from tvsysid.quality.behaviour import lines
+from tvsysid.quality.fitted import FittedEnsemble
 
 # 40 to 300 s, 5 to 20 dB.
 SCENARIOS = [
@@ -100,11 +100,11 @@ def test_the_clock_of_a_prbs_is_no_period():
 
 
 def test_lines_are_those_of_a_slow_sum():
-    evidence = Evidence.of(cut(simulated(40.0)))
-    frequency, coherent, power = _lines(evidence.white_residual, evidence)
-    within = np.arange(evidence.white_residual.shape[1]) / evidence.rate
-    time = evidence.ensemble.onsets[:, None] + within
-    own = np.einsum("rt,frt->fr", evidence.white_residual, np.exp(-2j * np.pi * frequency[:, None, None] * time))
+    data = FittedEnsemble.of(cut(simulated(40.0)))
+    frequency, coherent, power = lines(data.white_residual, data)
+    within = np.arange(data.white_residual.shape[1]) / data.rate
+    time = data.ensemble.onsets[:, None] + within
+    own = np.einsum("rt,frt->fr", data.white_residual, np.exp(-2j * np.pi * frequency[:, None, None] * time))
     np.testing.assert_allclose(power, np.abs(own.sum(axis=1)) ** 2, rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(coherent, power / np.sum(np.abs(own) ** 2, axis=1), rtol=1e-6, atol=1e-9)
 

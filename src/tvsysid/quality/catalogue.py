@@ -1,4 +1,4 @@
-"""What is looked for, in the order in which it is told: its limit, what it does to the result, what to do."""
+"""The catalogue of faults: what can be wrong with data, its one limit, what it does to the result, what to do."""
 
 from __future__ import annotations
 
@@ -6,313 +6,295 @@ from typing import Literal, NamedTuple
 
 
 class Fault(NamedTuple):
-    """One thing that can be wrong.
+    """One thing that can be wrong, and the limit that readers, methods and the diagnosis hold it against.
 
     Parameters
     ----------
     title
         In a few words.
     measure
-        What its number is.
-    unit
-        Of the number.
+        What its value is.
     limit
         Value that is still in order.
-    wrong
-        On which side of the limit it is not.
+    unit
+        Of the value.
     effect
         What it does to the result.
     remedy
         What to do.
+    wrong
+        On which side of the limit it is wrong; above, the sign does not count.
     """
 
     title: str
     measure: str
-    unit: str
     limit: float
-    wrong: Literal["above", "below"]
+    unit: str
     effect: str
     remedy: str
+    wrong: Literal["above", "below"] = "above"
+
+    def beyond(self, value: float) -> bool:
+        """Whether a value is on the wrong side of the limit."""
+        return abs(value) > self.limit if self.wrong == "above" else value < self.limit
 
 
 FAULTS: dict[str, Fault] = {
     "few-realizations": Fault(
         "Few realizations",
         "realizations",
-        "realizations",
         15,
-        "below",
+        "realizations",
         "the random error falls with the square root of their number; methods that look at each time by itself need "
         "more of them than they have lags",
         "record more, or cut shorter realizations if the behaviour repeats more often",
+        "below",
     ),
     "weak-answer": Fault(
         "The torque hardly answers the angle",
         "share of the torque that stiffness, viscosity and inertia explain",
-        "%",
         30,
-        "below",
-        "stiffness drowns in noise: its random error is large",
+        "%",
+        "the random error of the stiffness is large",
         "perturb more strongly, record more realizations, and see whether these are the right two channels, and "
         "whether every realization was perturbed anew",
+        "below",
     ),
     "narrow-excitation": Fault(
         "The perturbation leaves impedance undetermined",
         "standard error of the mean stiffness or inertia, whichever is worse, over its value",
-        "%",
         20,
-        "above",
-        "stiffness, viscosity and inertia stand in for each other, and none of them can be believed",
+        "%",
+        "stiffness, viscosity and inertia are not separately identifiable, and none of them can be trusted",
         "use a perturbation with power from below 2 Hz to above the joint's natural frequency, some 10 Hz at the ankle",
     ),
     "same-perturbation": Fault(
         "The same perturbation in every realization",
         "share of the angle's variance that is common to all realizations, or white as sensor noise is",
-        "%",
         30,
-        "above",
-        "nothing tells what the torque answers from what repeats anyway; less the mean, only noise is left",
-        "draw a new random perturbation for every realization; data recorded so cannot be mended",
+        "%",
+        "an answer to the angle cannot be told from what repeats anyway; once the mean is subtracted, only noise is "
+        "left",
+        "draw a new random perturbation for every realization; data recorded like this cannot be repaired",
     ),
     "repeated-realizations": Fault(
-        "Realizations come more than once",
-        "realizations whose angle and torque are those of another one",
-        "realizations",
+        "Realizations are repeated",
+        "realizations whose angle and torque are copies of another one",
         0,
-        "above",
-        "the same noise counts as if it were measured anew: bands and random errors come out too small",
-        "keep one of each (ensemble.select), and see whether a file was read twice",
+        "realizations",
+        "the same noise counts as if it were measured again: bands and random errors come out too small",
+        "keep one of each (ensemble.select), and check whether a file was read twice",
     ),
     "mean-torque": Fault(
         "A mean torque is left",
         "RMS of the torque's mean over realizations against what chance leaves",
-        "times",
         2.5,
-        "above",
-        "the voluntary or passive torque that all realizations share is taken for an answer, and biases the stiffness",
+        "times",
+        "the voluntary or passive torque that all realizations share is taken for an answer to the angle, and biases "
+        "the stiffness",
         "ensemble = tv.preprocess.subtract_mean(ensemble)",
     ),
     "mean-angle": Fault(
         "A mean angle is left",
         "RMS of the angle's mean over realizations against what chance leaves",
-        "times",
         2.5,
-        "above",
+        "times",
         "an offset or an imposed movement counts as perturbation, and biases the stiffness",
         "ensemble = tv.preprocess.subtract_mean(ensemble)",
     ),
     "same-channel": Fault(
         "Angle and torque are one signal",
-        "correlation of angle and torque, whichever its sign",
-        "%",
+        "correlation of angle and torque, without its sign",
         99.99,
-        "above",
-        "what comes out is the factor between the two, and no impedance",
-        "see which channels were named as angle and as torque (--angle, --torque)",
+        "%",
+        "the result is the factor between the two signals, and no impedance",
+        "check which channels were named as angle and as torque (--angle, --torque)",
     ),
     "reversed-torque": Fault(
-        "The torque counts the other way",
+        "The torque has the opposite sign",
         "mean stiffness",
-        "N·m/rad",
         0,
-        "below",
+        "N·m/rad",
         "stiffness, viscosity and inertia all come out negative",
         "read the file with torque_sign=-1 (--torque-sign -1)",
+        "below",
     ),
     "angle-unit": Fault(
         "The angle is too large for radians",
         "RMS of the angle about its mean over realizations",
-        "rad",
         0.2,
-        "above",
+        "rad",
         "degrees taken for radians make stiffness, viscosity and inertia 57 times too small; if they are radians, no "
-        "joint is linear over so wide a movement",
-        "if the file is in degrees, read it with angle_unit='deg' (--angle-unit deg); if this is the torque, name the "
-        "channels the other way round",
+        "joint is linear over such a wide movement",
+        "if the file is in degrees, read it with angle_unit='deg' (--angle-unit deg); if this is the torque, name the"
+        " channels the other way round",
     ),
     "torque-unit": Fault(
         "Stiffer than any joint",
-        "mean stiffness, whichever its sign",
-        "N·m/rad",
+        "mean stiffness, without its sign",
         1500,
-        "above",
+        "N·m/rad",
         "stiffness, viscosity and inertia are too large by the same factor",
         "convert the torque to N·m if it is in mN·m or N·cm, do not read radians as degrees, and do not swap the "
         "channels",
     ),
     "sampling-rate": Fault(
         "Too slow or too fast for a joint",
-        "natural frequency, in octaves from the middle of what joints have (1 to 40 Hz; inertia up to 1 kg·m²)",
-        "octaves",
+        "natural frequency, in octaves from the middle of the range of joints (1 to 40 Hz; inertia up to 1 kg·m²)",
         2.66,
-        "above",
-        "a rate that is stated too high by a factor makes viscosity too small by it, and inertia by its square",
-        "see at what rate the file was sampled; the inertia of foot and footplate is 0.01 to 0.04 kg·m²",
+        "octaves",
+        "a rate that is stated too high by a factor makes viscosity too small by that factor, and inertia by its "
+        "square",
+        "check at what rate the file was sampled; the inertia of foot and footplate is 0.01 to 0.04 kg·m²",
     ),
     "delay": Fault(
         "Angle and torque are not recorded at the same time",
-        "by how much the torque is late",
-        "ms",
+        "delay of the torque",
         5,
-        "above",
-        "a torque that is late by d lowers the viscosity by stiffness times d, even below zero, and bends the rest",
+        "ms",
+        "a torque that is late by d lowers the viscosity by stiffness times d, even below zero, and distorts the rest",
         "shift one channel against the other by this much before cutting, and find what delays it (a filter, a clock)",
     ),
     "clock-skew": Fault(
         "The channels' clocks run apart",
-        "by how much more the torque is late in the second half of the experiment than in the first",
-        "ms",
+        "delay of the torque in the second half of the experiment, less that in the first",
         8,
-        "above",
-        "a delay that grows: viscosity is wrong by another amount at each time of the experiment, and the rest is bent",
+        "ms",
+        "a delay that grows: viscosity is wrong by another amount at each time of the experiment, and the rest is "
+        "distorted",
         "record both channels by one clock, or stretch one of them before cutting",
     ),
     "drift": Fault(
-        "Behaviour drifts over the experiment",
-        "stiffness of the second half against the first",
-        "%",
+        "The behaviour drifts over the experiment",
+        "stiffness of the second half less that of the first, over the first",
         10,
-        "above",
-        "what is identified is a mean of different behaviours, and belongs to none of them",
-        "identify the parts of the experiment by themselves; let people rest or warm up before",
+        "%",
+        "the result is a mean of different behaviours, and describes none of them",
+        "identify the parts of the experiment separately; let people rest or warm up before",
     ),
     "angle-offset": Fault(
         "The angle's offset drifts",
         "change of the realizations' mean from start to end, over the standard deviation about it",
-        "%",
         100,
-        "above",
-        "what drifts counts as a movement, which the torque does not answer: stiffness comes out too low",
-        "take a line, or what is slower than a realization, from the recording before cutting; see to the sensor",
+        "%",
+        "the drift counts as a movement, which the torque does not answer: stiffness comes out too low",
+        "subtract a line, or what is slower than a realization, from the recording before cutting; check the sensor",
     ),
     "torque-offset": Fault(
         "The torque's offset drifts",
         "change of the realizations' mean from start to end, over the standard deviation about it",
-        "%",
         100,
-        "above",
-        "what drifts counts as torque that the angle does not explain: noise of which the fits have much more",
-        "take a line, or what is slower than a realization, from the recording before cutting; see to the sensor",
+        "%",
+        "the drift counts as torque that the angle does not explain: much more noise for the fits",
+        "subtract a line, or what is slower than a realization, from the recording before cutting; check the sensor",
     ),
     "unlike-realizations": Fault(
-        "Some realizations are unlike the others",
-        "realizations whose stiffness or noise lies far out of what the others scatter",
-        "realizations",
+        "Some realizations are outliers",
+        "realizations whose stiffness or noise lies far outside the scatter of the others",
         0,
-        "above",
+        "realizations",
         "they count as much as the others and pull the result towards theirs",
         "look at them and exclude them (ensemble.select; tv.preprocess.prepare does it for a task with a target)",
     ),
     "scattered-realizations": Fault(
         "Realizations are of different behaviours",
         "standard deviation over realizations of the stiffness, beyond noise and drift, over the stiffness' RMS",
-        "%",
         10,
-        "above",
-        "what is identified is a mean of different behaviours, and belongs to none of them; bands do not tell of it",
-        "sort the realizations by what may differ (task, muscle activity, instruction), and identify each kind by "
-        "itself",
+        "%",
+        "the result is a mean of different behaviours, and describes none of them; bands do not show it",
+        "sort the realizations by what may differ (task, muscle activity, instruction), and identify each kind "
+        "separately",
     ),
     "misaligned-realizations": Fault(
         "Some realizations come early or late",
         "share of the realizations that fit clearly better when they are shifted",
-        "%",
         2,
-        "above",
+        "%",
         "changes of stiffness are smeared over time, and peaks come out too low",
         "align them before the mean is subtracted (tv.preprocess.align), or exclude them",
     ),
     "wrong-period": Fault(
         "The behaviour does not repeat with this period",
-        "stiffness that comes and goes with another period, as a share of the mean",
-        "%",
+        "variation of the stiffness with another period, as a share of the mean",
         10,
-        "above",
+        "%",
         "each realization holds another part of the behaviour, so that the time variation averages out",
         "cut with the period that is named here, if the behaviour has one, or sort it by what it depends on",
     ),
     "clipped-angle": Fault(
         "The angle is clipped",
         "times at which the highest or lowest values of several realizations are the same",
-        "%",
         2,
-        "above",
+        "%",
         "where the sensor is at its limit the torque goes on without the angle: stiffness comes out too high",
         "widen the sensor's range; exclude the realizations concerned",
     ),
     "clipped-torque": Fault(
         "The torque is clipped",
         "times at which the highest or lowest values of several realizations are the same",
-        "%",
         2,
-        "above",
+        "%",
         "where the sensor is at its limit the torque does not answer: stiffness comes out too low where it is high",
         "widen the sensor's range; exclude the realizations concerned",
     ),
     "lost-angle": Fault(
         "The angle is lost for a while",
         "time during which the torque moves and the angle does not",
-        "s",
         0.25,
-        "above",
+        "s",
         "the torque seems to move by itself there, which adds noise and mostly lowers the stiffness",
         "exclude the realizations concerned",
     ),
     "lost-torque": Fault(
         "The torque is lost for a while",
         "time during which the angle moves and the torque does not",
-        "s",
         0.25,
-        "above",
+        "s",
         "where the torque is held or zero the joint seems to have no stiffness",
         "exclude the realizations concerned",
     ),
     "angle-spikes": Fault(
         "Spikes in the angle",
-        "highest sample that the angle's past does not foretell, over the 99th percentile of all",
-        "times",
+        "highest sample that the angle's past does not predict, over the 99th percentile of all",
         2.5,
-        "above",
+        "times",
         "a spike of one sample has a large acceleration that no torque answers: inertia comes out too low",
-        "interpolate the samples or exclude the realizations; see the cables",
+        "interpolate the samples or exclude the realizations; check the cables",
     ),
     "torque-spikes": Fault(
         "Spikes in the torque",
-        "highest sample that neither the joint's model nor the past foretells, over the 90th percentile of all",
-        "times",
+        "highest sample that neither the joint's model nor the past predicts, over the 90th percentile of all",
         8,
-        "above",
+        "times",
         "single samples of large error weigh much in a least-squares fit",
-        "interpolate the samples or exclude the realizations; see the cables",
+        "interpolate the samples or exclude the realizations; check the cables",
     ),
     "feedback": Fault(
-        "The angle gives way to the torque",
-        "share of the angle's unforeseen movement that earlier noise in the torque foretells",
-        "%",
+        "Closed loop: torque noise moves the angle",
+        "share of the angle's unpredicted movement that earlier noise in the torque predicts",
         10,
-        "above",
-        "the methods here take the angle as imposed; if noise in the torque moves it, stiffness, viscosity and inertia "
-        "come out too low",
-        "see that both channels pass the same filters; use a stiffer actuator, or a closed-loop method with the "
+        "%",
+        "the methods here take the angle as imposed; if noise in the torque moves it, stiffness, viscosity and "
+        "inertia come out too low",
+        "check that both channels pass the same filters; use a stiffer actuator, or a closed-loop method with the "
         "actuator's command as the instrument",
     ),
     "reflex": Fault(
         "A reflex answers stretch",
-        "share of the torque left over that the speed of 40 to 300 ms before foretells, whichever its direction",
-        "%",
+        "share of the residual torque that the speed 40 to 300 ms before predicts, whichever its direction",
         2,
-        "above",
+        "%",
         "intrinsic and reflex torque are identified as one: viscosity comes out too low and stiffness too high, both "
         "vary with the perturbation, and VAF is low",
-        "take the result as that of joint and reflex together, or use a method with a reflex path in parallel",
+        "take the result as that of joint and reflex together, or use a method with a reflex pathway",
     ),
     "slow-answer": Fault(
         "More than stiffness, viscosity and inertia",
-        "share of the torque left over that angles of 40 to 300 ms before foretell",
-        "%",
+        "share of the residual torque that angles 40 to 300 ms before predict",
         10,
-        "above",
+        "%",
         "a model of second order (birf, kbr) misses this part; impulse responses hold it as far as their lags reach",
         "use eirf, sds or esm with longer lags; look for a reflex, a soft coupling, or a filter in one channel",
     ),
 }
+"""By name, in the order in which they are reported."""

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid.numerics.spectra import hann, short_time_spectra
-from tvsysid.quality.evidence import Evidence, innovations
 from tvsysid.quality.fit import fit_motion
-from tvsysid.quality.repetition import relative_noise, relative_stiffness
+from tvsysid.quality.fitted import FittedEnsemble
+from tvsysid.quality.statistics import innovations
 
 Array = NDArray[np.float64]
 
@@ -72,18 +72,15 @@ class Curves:
             getattr(self, field.name).flags.writeable = False
 
 
-def curves(evidence: Evidence) -> Curves:
+def curves(data: FittedEnsemble) -> Curves:
     """All that the pictures show."""
-    rate, fit = evidence.rate, evidence.fit
+    rate, fit = data.rate, data.fit
     length = min(fit.torque.shape[1], round(WELCH * rate))
-    angle, torque, residual = (
-        _power(values, length, rate) for values in (fit.motion[0], fit.torque, evidence.residual)
-    )
-    coherence, coherence_time, coherence_frequency = _coherence(evidence)
-    lag, correlation, chance = _correlation(evidence)
-    order = evidence.order
+    angle, torque, residual = (_power(values, length, rate) for values in (fit.motion[0], fit.torque, data.residual))
+    coherence, coherence_time, coherence_frequency = _coherence(data)
+    lag, correlation, chance = _correlation(data)
     halves = []
-    for half in (order[: len(order) // 2], order[len(order) // 2 :]):
+    for half in data.half_orders:
         own = fit_motion(fit.motion[:, half], fit.torque[half], rate, fit.first)
         halves.append(own.stiffness[own.bins])
     return Curves(
@@ -94,10 +91,10 @@ def curves(evidence: Evidence) -> Curves:
         coherence,
         coherence_time,
         coherence_frequency,
-        (fit.first - evidence.ensemble.context + np.arange(fit.torque.shape[1])) / rate,
+        (fit.first - data.ensemble.context + np.arange(fit.torque.shape[1])) / rate,
         np.stack(halves),
-        relative_stiffness(evidence)[order],
-        relative_noise(evidence)[order],
+        data.relative_stiffness[data.order],
+        data.relative_noise[data.order],
         lag,
         correlation,
         np.asarray(chance),
@@ -111,27 +108,27 @@ def _power(values: Array, length: int, rate: float) -> Array:
     return np.asarray(2 * power / (rate * np.sum(window**2)))
 
 
-def _coherence(evidence: Evidence) -> tuple[Array, Array, Array]:
-    length = min(2 * (round(SEGMENT * evidence.rate) // 2), evidence.angle.shape[1] // 2 * 2)
-    spectra = short_time_spectra(evidence.angle, evidence.torque, length)
+def _coherence(data: FittedEnsemble) -> tuple[Array, Array, Array]:
+    length = min(2 * (round(SEGMENT * data.rate) // 2), data.angle.shape[1] // 2 * 2)
+    spectra = short_time_spectra(data.angle, data.torque, length)
     power = spectra.uu * spectra.yy
     coherence = np.abs(spectra.yu) ** 2 / np.where(power > 0, power, np.inf)
-    centres = np.arange(len(coherence)) + length // 2 - evidence.ensemble.context
-    inside = (centres >= 0) & (centres < evidence.ensemble.samples)
-    frequency = np.asarray(np.fft.rfftfreq(length, 1 / evidence.rate), dtype=np.float64)
-    return coherence[inside], centres[inside] / evidence.rate, frequency
+    centres = np.arange(len(coherence)) + length // 2 - data.ensemble.context
+    inside = (centres >= 0) & (centres < data.ensemble.samples)
+    frequency = np.asarray(np.fft.rfftfreq(length, 1 / data.rate), dtype=np.float64)
+    return coherence[inside], centres[inside] / data.rate, frequency
 
 
-def _correlation(evidence: Evidence) -> tuple[Array, Array, float]:
+def _correlation(data: FittedEnsemble) -> tuple[Array, Array, float]:
     """Correlation of what is left of the torque with angle and speed, all whitened, each lag over the same samples."""
-    residual, first = evidence.white_residual, evidence.fit.first + evidence.whitening
-    speed = np.abs(np.gradient(evidence.angle, axis=1))
+    residual, first = data.white_residual, data.first_white
+    speed = np.abs(np.gradient(data.angle, axis=1))
     causes = []
-    for signal in (evidence.angle, speed - speed.mean(axis=0)):
-        order = min(max(2, round(WHITENING * evidence.rate)), first)
+    for signal in (data.angle, speed - speed.mean(axis=0)):
+        order = min(max(2, round(WHITENING * data.rate)), first)
         values = innovations(signal, order)[:, first - order :]
         causes.append(values[:, : residual.shape[1]])
-    reach = min(round(FARTHEST * evidence.rate), residual.shape[1] // 3)
+    reach = min(round(FARTHEST * data.rate), residual.shape[1] // 3)
     lags = np.arange(-reach, reach + 1)
     inner = slice(reach, residual.shape[1] - reach)
     correlation = np.zeros((2, len(lags)))
@@ -139,4 +136,4 @@ def _correlation(evidence: Evidence) -> tuple[Array, Array, float]:
         scale = np.sqrt(np.mean(cause**2) * np.mean(residual**2))
         if scale > 0:
             row[:] = [np.mean(cause[:, inner] * residual[:, reach + lag : inner.stop + lag]) / scale for lag in lags]
-    return lags / evidence.rate, correlation, 1.96 / np.sqrt(residual[:, inner].size)
+    return lags / data.rate, correlation, 1.96 / np.sqrt(residual[:, inner].size)

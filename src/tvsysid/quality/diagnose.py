@@ -1,9 +1,10 @@
-"""One verb: what is doubtful about an ensemble, before or after it is identified."""
+"""One verb: what is wrong with an ensemble, before or after it is identified."""
 
 from __future__ import annotations
 
 import html
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -12,11 +13,12 @@ import numpy as np
 from tvsysid.errors import InputError
 from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.numerics.moments import window_moments
-from tvsysid.quality import excitation, losses, repetition, scales, structure
+from tvsysid.quality import amount, behaviour, losses, realizations, scales, structure
 from tvsysid.quality.catalogue import FAULTS
 from tvsysid.quality.curves import Curves, curves
-from tvsysid.quality.evidence import SHORTEST, Evidence, known_samples
-from tvsysid.quality.finding import Finding, unjudged
+from tvsysid.quality.finding import Finding, Seen, finding_of
+from tvsysid.quality.fitted import FittedEnsemble
+from tvsysid.quality.resampling import SHORTEST, known_samples
 from tvsysid.signals import Ensemble
 
 if TYPE_CHECKING:
@@ -41,7 +43,7 @@ class Diagnosis:
     checks
         Everything that was looked at, in the order of the catalogue.
     measures
-        Figures about the ensemble by name, with their unit: ``{"bandwidth": (8.9, "Hz"), ...}``.
+        Values about the ensemble by name, with their unit: ``{"bandwidth": (8.9, "Hz"), ...}``.
     curves
         What the pictures show.
     ensemble
@@ -124,9 +126,9 @@ def diagnose(ensemble: Ensemble) -> Diagnosis:
     A joint of second order, :math:`y = k(t)\,\theta + b(t)\,\dot\theta + I\,\ddot\theta`, with stiffness and viscosity
     free in bins of 50 ms, is fitted to the deviations from the mean over realizations. What it explains tells of units,
     signs and rates, what it leaves of reflexes, feedback and lost signals, and how both vary over realizations of drift
-    and misalignment. A finding must be beyond its threshold. Where noise can reach that, it must also be no chance
-    (1 in 100 000), by the scatter over realizations, so that noise may have any colour; the rest counts what noise does
-    not do, or states a size. Which check is of which kind is told in docs/diagnosis.md.
+    and misalignment. A finding must be beyond its limit. Where noise can reach that, it must also be significant
+    (p < 0.00001), by the scatter over realizations, so that noise may have any colour; the rest counts what noise does
+    not do, or states a size. docs/diagnosis.md says which check is of which kind.
 
     Parameters
     ----------
@@ -136,7 +138,7 @@ def diagnose(ensemble: Ensemble) -> Diagnosis:
     Returns
     -------
     Diagnosis
-        Findings, everything that was looked at, figures, and what the pictures show.
+        Findings, everything that was looked at, values, and what the pictures show.
 
     Raises
     ------
@@ -168,81 +170,90 @@ def diagnose(ensemble: Ensemble) -> Diagnosis:
         raise InputError(
             f"diagnose: expected angles in rad and torques in N·m, got values up to {largest:.2g}; is the file damaged?"
         )
-    evidence = Evidence.of(ensemble)
-    known = known_samples(evidence.ensemble.samples, evidence.ensemble.context)
+    data = FittedEnsemble.of(ensemble)
+    known = known_samples(data.ensemble.samples, data.ensemble.context)
     if known < SHORTEST:
         raise InputError(
-            f"diagnose: derivatives are known at {known} samples of a realization at {evidence.rate:g} Hz, it "
-            f"takes {SHORTEST}; give longer realizations, or {HALF_WIDTH / evidence.rate:g} s of context"
+            f"diagnose: derivatives are known at {known} samples of a realization at {data.rate:g} Hz, it "
+            f"takes {SHORTEST}; give longer realizations, or {HALF_WIDTH / data.rate:g} s of context"
         )
-    same = scales.same_channel(evidence)
-    # Drifting offsets and a delay would look like much else: the rest is judged without them.
-    (angle_offset, angle_line), (torque_offset, torque_line) = (
-        repetition.offset(evidence, which) for which in ("angle", "torque")
-    )
-    level = evidence.levelled(angle_line, torque_line)
-    late, samples = scales.delay(level)
-    timely = level.synchronised(samples)
-    misaligned, moved = repetition.misaligned(timely)
-    unlike, others = repetition.unlike(timely, moved)
-    drift = repetition.drift(timely)
-    period = repetition.wrong_period(timely, drift.found)
-    found = [
-        late,
-        scales.clock_skew(timely),
-        misaligned,
-        excitation.few_realizations(timely),
-        excitation.weak_answer(timely),
-        excitation.narrow_excitation(timely),
-        excitation.same_perturbation(timely),
-        repetition.repeated(timely),
-        *(repetition.mean_left(evidence, which) for which in ("torque", "angle")),
-        same,
-        scales.reversed_torque(timely),
-        scales.angle_unit(timely),
-        scales.torque_unit(timely),
-        scales.sampling_rate(timely),
-        drift,
-        angle_offset,
-        torque_offset,
-        unlike,
-        # With another period each realization holds another part of the behaviour.
-        unjudged("scattered-realizations", "the period is wrong")
-        if period.found
-        else repetition.scattered(timely, others | (moved if misaligned.found else False)),
-        period,
-        *(losses.clipped(timely, which) for which in ("angle", "torque")),
-        *(losses.lost(timely, which) for which in ("angle", "torque")),
-        losses.angle_spikes(timely),
-        losses.torque_spikes(timely),
-        structure.feedback(timely),
-        structure.reflex(timely),
-        structure.slow_answer(timely),
-    ]
-    checks = {check.name: check for check in found}
-    if same.found:
+    timely, found = _looked_at(data)
+    if found["same-channel"].found:
         # Nothing else that is seen then is of a joint.
-        checks |= {
-            name: unjudged(name, "angle and torque are one signal") for name in FAULTS if name not in OF_ANY_SIGNAL
-        }
-    seen = curves(evidence)
+        why = "angle and torque are one signal"
+        found |= {name: Finding(name, math.nan, False, why) for name in FAULTS if name not in OF_ANY_SIGNAL}
+    seen = curves(data)
     return Diagnosis(
-        tuple(checks[name] for name in FAULTS),
+        tuple(found[name] for name in FAULTS),
         _measures(timely, seen),
         seen,
         f"{len(ensemble)} realizations of {ensemble.duration:g} s at {ensemble.sampling_rate:g} Hz",
     )
 
 
-def _measures(evidence: Evidence, seen: Curves) -> dict[str, tuple[float, str]]:
-    """Figures that are good to know, whatever was found."""
-    values, _ = evidence.mean_impedance
-    explained = evidence.explained
-    angle = evidence.angle[:, evidence.ensemble.core]
+TIMELY: dict[str, Callable[[FittedEnsemble], Seen]] = {
+    "few-realizations": amount.few_realizations,
+    "weak-answer": amount.weak_answer,
+    "narrow-excitation": amount.narrow_excitation,
+    "same-perturbation": amount.same_perturbation,
+    "repeated-realizations": realizations.repeated,
+    "reversed-torque": scales.reversed_torque,
+    "angle-unit": scales.angle_unit,
+    "torque-unit": scales.torque_unit,
+    "sampling-rate": scales.sampling_rate,
+    "clock-skew": scales.clock_skew,
+    "drift": behaviour.drift,
+    "misaligned-realizations": realizations.misaligned,
+    "feedback": structure.feedback,
+    "reflex": structure.reflex,
+    "slow-answer": structure.slow_answer,
+}
+"""Checks that need no more than the ensemble less drifting offsets and a delay."""
+
+
+def _looked_at(data: FittedEnsemble) -> tuple[FittedEnsemble, dict[str, Finding]]:
+    """Fit less drifting offsets and a delay, and a finding for each fault."""
+    found: dict[str, Finding] = {}
+
+    def look(name: str, check: Callable[..., Seen], *arguments: object) -> Finding:
+        found[name] = finding_of(name, lambda: check(*arguments))
+        return found[name]
+
+    look("same-channel", scales.same_channel, data)
+    # Drifting offsets and a delay would look like much else: the rest is judged without them.
+    lines = []
+    for which in ("angle", "torque"):
+        look(f"mean-{which}", realizations.mean_left, data, which)
+        drifts = look(f"{which}-offset", realizations.offset, data, which).found
+        lines.append(realizations.offset_line(data, which) if drifts else np.zeros(len(data)))
+    level = data.levelled(*lines)
+    late = look("delay", scales.delay, level)
+    # A best shift is a whole number of quarters of a sample.
+    timely = level.synchronised(round(late.value * level.rate / 250) / 4 if late.significant else 0.0)
+    for name, check in TIMELY.items():
+        look(name, check, timely)
+    misplaced = found["misaligned-realizations"]
+    unlike = look("unlike-realizations", realizations.unlike, timely, misplaced.realizations)
+    period = look("wrong-period", behaviour.wrong_period, timely, found["drift"].found)
+    told = unlike.realizations + (misplaced.realizations if misplaced.found else ())
+    look("scattered-realizations", realizations.scattered, timely, told, period.found)
+    heights = losses.spike_heights(timely)
+    for which in ("angle", "torque"):
+        look(f"clipped-{which}", losses.clipped, timely, which)
+        look(f"lost-{which}", losses.lost, timely, which, heights)
+        look(f"{which}-spikes", losses.spikes, timely, which, heights)
+    return timely, found
+
+
+def _measures(data: FittedEnsemble, seen: Curves) -> dict[str, tuple[float, str]]:
+    """Values that are good to know, whatever was found."""
+    values, _ = data.mean_impedance
+    explained = data.explained
+    angle = data.core("angle")
     power = np.mean(np.abs(np.fft.rfft(angle, axis=1)) ** 2, axis=0)[1:]
     within = int(np.searchsorted(np.cumsum(power), MOST_POWER * power.sum()))
     frequency = np.sqrt(values[0] / values[2]) / (2 * np.pi) if values[0] * values[2] > 0 else np.nan
-    bandwidth = (within + 1) / evidence.ensemble.duration
+    bandwidth = (within + 1) / data.ensemble.duration
     inside = seen.coherence[:, (seen.coherence_frequency > 0) & (seen.coherence_frequency <= bandwidth)]
     measures = {
         "mean stiffness": (values[0], "N·m/rad"),
@@ -251,7 +262,7 @@ def _measures(evidence: Evidence, seen: Curves) -> dict[str, tuple[float, str]]:
         "natural frequency": (frequency, "Hz"),
         "angle RMS": (np.sqrt(np.mean(angle**2)), "rad"),
         "bandwidth of the angle": (bandwidth, "Hz"),
-        "condition of lagged angles": (_condition(evidence), "1"),
+        "condition of lagged angles": (_condition(data), "1"),
         "coherence within the bandwidth": (np.median(inside) if inside.size else np.nan, "1"),
         "explained torque": (100 * explained, "%"),
         "signal-to-noise ratio": (10 * np.log10(max(explained, 1e-9) / max(1 - explained, 1e-9)), "dB"),
@@ -259,9 +270,9 @@ def _measures(evidence: Evidence, seen: Curves) -> dict[str, tuple[float, str]]:
     return {name: (float(value), unit) for name, (value, unit) in measures.items()}
 
 
-def _condition(evidence: Evidence) -> float:
+def _condition(data: FittedEnsemble) -> float:
     """Condition number of the mean correlation matrix of lagged angles, which impulse-response methods invert."""
-    lags = min(round(LAGS * evidence.rate), (evidence.angle.shape[1] - 1) // 2)
-    spread = np.linalg.eigvalsh(window_moments(evidence.angle, evidence.angle, lags, lags).mean(axis=0))
+    lags = min(round(LAGS * data.rate), (data.angle.shape[1] - 1) // 2)
+    spread = np.linalg.eigvalsh(window_moments(data.angle, data.angle, lags, lags).mean(axis=0))
     # What rounding leaves of the smallest eigenvalue tells nothing.
     return float(1 / max(spread[0] / spread[-1], np.finfo(float).eps)) if spread[-1] > 0 else math.inf

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from tvsysid.quality.catalogue import FAULTS, Fault
 
@@ -19,11 +21,11 @@ class Finding:
     value
         How strong it is, in the unit of its fault; NaN where it could not be judged.
     significant
-        Whether noise does not explain the value.
+        Whether the value is more than noise explains.
     what
         What was seen, in words; why it could not be judged where it was not.
     realizations
-        Indices of the realizations concerned, where single ones are.
+        Indices of the realizations concerned, of faults that single ones have.
     """
 
     name: str
@@ -45,8 +47,7 @@ class Finding:
     @property
     def beyond(self) -> bool:
         """Whether the value is on the wrong side of its limit, significant or not."""
-        fault = self.fault
-        return abs(self.value) > fault.limit if fault.wrong == "above" else self.value < fault.limit
+        return self.fault.beyond(self.value)
 
     @property
     def found(self) -> bool:
@@ -82,13 +83,23 @@ class Finding:
         return f"Finding({self.name}: {self.state}; {self.what})"
 
 
-def judged(
-    name: str, value: float, what: str, *, significant: bool = True, realizations: tuple[int, ...] = ()
-) -> Finding:
-    """Return a finding whose value is held against its limit; see :class:`Finding`."""
-    return Finding(name, float(value), bool(significant), what, realizations)
+class Seen(NamedTuple):
+    """What a check returns: the value that is held against the limit, and the rest as of :class:`Finding`."""
+
+    value: float
+    what: str
+    significant: bool = True
+    realizations: tuple[int, ...] = ()
 
 
-def unjudged(name: str, why: str) -> Finding:
-    """Return a finding that these data do not allow to judge."""
-    return Finding(name, math.nan, False, why)
+class NotJudged(Exception):  # noqa: N818  # no error: these data do not allow a check; its text says why
+    """Raised by a check that these data do not allow, with the reason."""
+
+
+def finding_of(name: str, check: Callable[[], Seen]) -> Finding:
+    """Finding of a check, which may raise NotJudged."""
+    try:
+        seen = check()
+    except NotJudged as reason:
+        return Finding(name, math.nan, False, str(reason))
+    return Finding(name, float(seen.value), bool(seen.significant), seen.what, seen.realizations)

@@ -72,7 +72,7 @@ def time_bins(samples: int, realizations: int, sampling_rate: float) -> NDArray[
     return np.minimum(np.arange(samples) // length, count - 1)
 
 
-def fit_second_order(angle: Array, torque: Array, sampling_rate: float, context: int, shift: int = 0) -> SecondOrder:
+def fit_second_order(angle: Array, torque: Array, sampling_rate: float, context: int) -> SecondOrder:
     r"""Fit the model to deviations from the mean over realizations.
 
     Stiffness and viscosity are free in each bin of time and the inertia is common to all, which is a partitioned
@@ -86,8 +86,6 @@ def fit_second_order(angle: Array, torque: Array, sampling_rate: float, context:
         In Hz.
     context
         Samples on either side.
-    shift
-        Samples by which the torque is taken later than the angle.
 
     Returns
     -------
@@ -97,8 +95,7 @@ def fit_second_order(angle: Array, torque: Array, sampling_rate: float, context:
     width = angle.shape[1]
     region = moving_region(context, width - 2 * context, width)
     motion = differentiate(angle, sampling_rate)[:, :, region.start - HALF_WIDTH : region.stop - HALF_WIDTH]
-    late = np.clip(np.arange(region.start, region.stop) + shift, 0, width - 1)
-    return fit_motion(motion, torque[:, late], sampling_rate, region.start)
+    return fit_motion(motion, torque[:, region], sampling_rate, region.start)
 
 
 def fit_motion(motion: Array, torque: Array, sampling_rate: float, first: int) -> SecondOrder:

@@ -8,17 +8,19 @@ from scipy.stats import kstest, ttest_1samp
 from tests.faults import cut, late, simulated
 
 import tvsysid as tv
-from tvsysid.quality.evidence import FOLDS, Evidence, between, chance, gained, innovations, lowered, without
+from tvsysid.quality.fitted import FittedEnsemble
+from tvsysid.quality.resampling import between, lowered
+from tvsysid.quality.statistics import FOLDS, gained, innovations, p_value_of, without
 
 
 @given(st.integers(0, 1000), st.integers(8, 50), st.floats(-3, 3))
-def test_chance_is_that_of_students_t(seed, count, mean):
+def test_a_p_value_is_that_of_students_t(seed, count, mean):
     scores = np.random.default_rng(seed).normal(mean, size=count)
-    assert chance(scores) == pytest.approx(ttest_1samp(scores, 0).pvalue, rel=1e-6)
+    assert p_value_of(scores) == pytest.approx(ttest_1samp(scores, 0).pvalue, rel=1e-6)
 
 
 def test_too_few_realizations_prove_nothing():
-    assert chance(np.full(7, 1.0) + 1e-9 * np.arange(7)) == 1.0
+    assert p_value_of(np.full(7, 1.0) + 1e-9 * np.arange(7)) == 1.0
 
 
 def slow_gain(target, regressors):
@@ -41,7 +43,7 @@ def test_gain_is_that_of_cross_validation(seed, realizations):
     assert share == pytest.approx(slow_gain(target, regressors), abs=1e-6)
 
 
-def test_noise_foretells_nothing_and_its_chance_is_fair():
+def test_noise_predicts_nothing_and_its_p_value_is_fair():
     random = np.random.default_rng(1)
     found = [gained(random.normal(size=(40, 50)), random.normal(size=(5, 40, 50))) for _ in range(200)]
     shares = np.array([share for share, _ in found])
@@ -50,12 +52,12 @@ def test_noise_foretells_nothing_and_its_chance_is_fair():
     assert certain < 0.05
 
 
-def test_chance_is_fair_for_slow_noise():
+def test_the_p_value_is_fair_for_slow_noise():
     """The sum over a realization of slow noise times an independent input; Student's t holds, whatever the colour."""
     random = np.random.default_rng(2)
     noise = np.cumsum(random.normal(size=(300, 20, 100)), axis=2)
     scores = np.einsum("nrt,nrt->nr", noise, random.normal(size=noise.shape))
-    assert kstest([chance(each) for each in scores], "uniform").pvalue > 0.01
+    assert kstest([p_value_of(each) for each in scores], "uniform").pvalue > 0.01
 
 
 def test_without_leaves_nothing_that_the_regressors_explain(random):
@@ -106,7 +108,7 @@ def test_realizations_too_short_for_a_lower_rate_keep_theirs():
     ensemble = tv.Ensemble(*np.random.default_rng(0).normal(size=(2, 10, 61)), 1000.0)
     assert lowered(ensemble) is ensemble
     # No more of the past whitens them than leaves something to see.
-    assert Evidence.of(ensemble).whitening == (61 - 24) // 3
+    assert FittedEnsemble.of(ensemble).whitening == (61 - 24) // 3
 
 
 @pytest.mark.parametrize("later", [-0.5, 0.25, 0.5])
@@ -118,9 +120,9 @@ def test_values_between_samples(later):
     )
 
 
-def test_synchronised_evidence_is_that_of_the_record_without_delay():
+def test_a_synchronised_fit_is_that_of_the_record_without_delay():
     recording = simulated(40.0)
-    plain, delayed = Evidence.of(cut(recording)), Evidence.of(cut(late(recording, 0.03)))
+    plain, delayed = FittedEnsemble.of(cut(recording)), FittedEnsemble.of(cut(late(recording, 0.03)))
     mended = delayed.synchronised(3)
     assert mended.ensemble.context == plain.ensemble.context - 3
     core = plain.ensemble.core
@@ -130,7 +132,9 @@ def test_synchronised_evidence_is_that_of_the_record_without_delay():
 
 def test_the_mean_impedance_and_its_error_are_right():
     """Over 40 simulations the errors are as large as the values scatter."""
-    found = [Evidence.of(cut(simulated(40.0, "prbs", "constant", seed=seed))).mean_impedance for seed in range(40)]
+    found = [
+        FittedEnsemble.of(cut(simulated(40.0, "prbs", "constant", seed=seed))).mean_impedance for seed in range(40)
+    ]
     values, errors = (np.array(each) for each in zip(*found, strict=True))
     np.testing.assert_allclose(values.mean(axis=0)[:2], [100, 2.2], rtol=0.03)
     np.testing.assert_allclose(errors.mean(axis=0), values.std(axis=0, ddof=1), rtol=0.3)
@@ -138,10 +142,10 @@ def test_the_mean_impedance_and_its_error_are_right():
 
 def test_the_order_is_that_of_recording(clean):
     shuffled = clean.select(np.random.default_rng(0).permutation(len(clean)))
-    evidence = Evidence.of(shuffled)
-    assert (np.diff(evidence.ensemble.onsets[evidence.order]) > 0).all()
+    data = FittedEnsemble.of(shuffled)
+    assert (np.diff(data.ensemble.onsets[data.order]) > 0).all()
 
 
-def test_evidence_is_of_deviations(clean):
+def test_the_fit_is_of_deviations(clean):
     offset = dataclasses.replace(clean, torque=clean.torque + 3.0, angle=clean.angle - 1.0)
-    np.testing.assert_allclose(Evidence.of(offset).residual, Evidence.of(clean).residual, atol=1e-9)
+    np.testing.assert_allclose(FittedEnsemble.of(offset).residual, FittedEnsemble.of(clean).residual, atol=1e-9)

@@ -1,0 +1,143 @@
+"""Whether the behaviour is the same from beginning to end, and repeats with the period that was given."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import irfft, next_fast_len, rfft
+from scipy.ndimage import uniform_filter1d
+
+from tvsysid.quality.finding import NotJudged, Seen
+from tvsysid.quality.fitted import ANSWERED, NO_ANSWER, FittedEnsemble
+from tvsysid.quality.statistics import LEAST_REALIZATIONS, SIGNIFICANT, p_value
+
+Array = NDArray[np.float64]
+
+SLOWEST, FASTEST = 0.3, 3.3
+"""Cycles in a realization that are looked for as another period: the clock of a PRBS is faster."""
+BEAT = 1.25
+"""Times as coherent in the inertia as in the stiffness that a line is no behaviour."""
+BESIDE, BESIDE_DRIFT = 0.2, 4.0
+"""Distance from a harmonic, in one over the record's length, where no line is another period; so if all drifts."""
+NEAR_HARMONIC = 0.1
+"""Share of a harmonic's number by which a line may be off it."""
+RESOLUTION = 0.25
+"""Step in frequency, as a share of one over the record's length."""
+
+
+def drift(data: FittedEnsemble) -> Seen:
+    """Stiffness of the second half against that of the first, in the order of recording."""
+    data.require(2 * LEAST_REALIZATIONS, answer=False)
+    if data.explained < ANSWERED:
+        return _contradiction(data)
+    grams, moments = data.own_fits
+    halves = []
+    for half in data.half_orders:
+        influence = moments[half] @ np.linalg.pinv(grams[half].sum(axis=0), hermitian=True)[:, 0]
+        halves.append((1 + influence.sum(), len(half) * influence.var(ddof=1)))
+    (first, first_variance), (second, second_variance) = halves
+    change, error = second - first, math.sqrt(first_variance + second_variance)
+    value = 100 * change / max(abs(first), 0.01)
+    what = (
+        f"the stiffness of the second half is {abs(value):.2g} % {'higher' if change > 0 else 'lower'} than that of "
+        f"the first, ± {100 * error:.2g} %"
+    )
+    return Seen(value, what, p_value(change, error, len(data)) < SIGNIFICANT)
+
+
+def _contradiction(data: FittedEnsemble) -> Seen:
+    """Whether the halves answer and contradict each other, as when a sign was turned in between."""
+    if min(half.explained for half in data.halves) < ANSWERED:
+        raise NotJudged(NO_ANSWER)
+    (before, first_error), (after, second_error) = (
+        (float(values[0]), float(errors[0])) for values, errors in (half.mean_impedance for half in data.halves)
+    )
+    if not math.isfinite(after - before):
+        raise NotJudged("stiffness, viscosity and inertia are not separately identifiable")
+    error = math.hypot(first_error, second_error)
+    value = 100 * (after - before) / max(abs(before), np.finfo(float).tiny)
+    what = f"the stiffness is {before:.3g} N·m/rad in the first half and {after:.3g} in the second, ± {error:.2g}"
+    return Seen(value, what, p_value(after - before, error, len(data)) < SIGNIFICANT)
+
+
+def wrong_period(data: FittedEnsemble, drifts: bool) -> Seen:
+    """Stiffness that varies with a frequency of which no whole number fits into a realization.
+
+    What the fit left is projected on the torque of stiffness at each sample; a line in that series between the
+    harmonics of the period is a behaviour of another period. The series has no part at the harmonics only if it is of
+    the signals that were fitted: as they are whitened, stiffness and viscosity are fitted again, for the first fit's
+    error, which slow noise makes large, is the same in all realizations. The test compares the power of a line with
+    that of realizations of random phase.
+
+    Parameters
+    ----------
+    drifts
+        Whether the behaviour was found to drift, which shows beside the harmonics: no line is looked for there then.
+    """
+    ensemble, trials = data.ensemble, _trials(data)
+    if len(trials) == len(data):
+        raise NotJudged("each realization is a trial of its own")
+    data.require(LEAST_REALIZATIONS)
+    left = data.white_residual - data.white_fit.parts.sum(axis=0)
+    frequencies, coherent, power = lines(left * data.white_parts[0], data)
+    # An inertia is constant: a line that shows in it even more is the beat of a PRBS' clock with the sampling.
+    _, beating, _ = lines(left * data.white_parts[2], data)
+    width = 2 * round(1 / RESOLUTION) + 1
+    beat = uniform_filter1d(beating, width) > BEAT * uniform_filter1d(coherent, width)
+    cycles = frequencies * ensemble.duration
+    beside = np.abs(cycles - np.round(cycles)) * _longest(data, trials) / ensemble.duration
+    coherent = np.where(beat | (beside < (BESIDE_DRIFT if drifts else BESIDE)), 0.0, coherent)
+    amplitude = 200 * np.sqrt(power) / float(np.sum(data.white_parts[0] ** 2))
+    best = int(np.argmax(np.where(coherent > 1, amplitude, 0.0)))
+    independent = max(1.0, len(frequencies) * RESOLUTION)
+    probability = independent * max(0.0, 1 - float(coherent[best]) / len(data)) ** (len(data) - 1)
+    # A line near a harmonic is that harmonic of a period near the one that was given.
+    number = max(1, round(float(cycles[best])))
+    number = number if abs(float(cycles[best]) - number) < NEAR_HARMONIC * number else 1
+    period, given = number / float(frequencies[best]), ensemble.duration
+    digits = next((n for n in range(3, 6) if f"{period:.{n}g}" != f"{given:.{n}g}"), 6)
+    what = (
+        f"stiffness varies by {amplitude[best]:.2g} % of its mean with {period:.{digits}g} s, beside what "
+        f"repeats every {given:g} s"
+    )
+    return Seen(float(amplitude[best]), what, probability < SIGNIFICANT)
+
+
+def _trials(data: FittedEnsemble) -> list[NDArray[np.intp]]:
+    """Realizations of each trial."""
+    trials = np.asarray(data.ensemble.trials)
+    return [np.flatnonzero(trials == number) for number in np.unique(trials)]
+
+
+def _longest(data: FittedEnsemble, trials: list[NDArray[np.intp]]) -> float:
+    """Seconds from the first realization of a trial to the end of its last, of the longest."""
+    onsets = np.asarray(data.ensemble.onsets)
+    return max(float(np.ptp(onsets[trial])) for trial in trials) + data.ensemble.duration
+
+
+def lines(scores: Array, data: FittedEnsemble) -> tuple[Array, Array, Array]:
+    """Frequencies in Hz; power of trials over that of realizations of random phase; and power of trials.
+
+    Trials are put together and transformed at once; the power of single realizations follows from the sum of their
+    autocorrelations, so that memory and time grow with the record's length and no faster.
+    """
+    duration, rate, trials, samples = data.ensemble.duration, data.rate, _trials(data), scores.shape[1]
+    onsets = np.asarray(data.ensemble.onsets)
+    length = next_fast_len(math.ceil(_longest(data, trials) * rate / RESOLUTION) + 2 * samples, real=True)
+    frequencies = np.arange(length // 2 + 1) * rate / length
+    looked = (frequencies >= SLOWEST / duration) & (frequencies < min(FASTEST / duration, 0.25 * rate))
+    together = np.zeros(int(looked.sum()))
+    for trial in trials:
+        series = np.zeros(length)
+        first = np.round((onsets[trial] - onsets[trial].min()) * rate).astype(np.int64)
+        np.add.at(series, first[:, None] + np.arange(samples), scores[trial])
+        together += np.abs(rfft(series)[looked]) ** 2
+    own = np.sum(np.abs(rfft(scores, 2 * samples, axis=1)) ** 2, axis=0)
+    correlation = irfft(own, 2 * samples)
+    apart = np.zeros(length)
+    apart[:samples] = correlation[:samples]
+    apart[length - samples + 1 :] = correlation[samples + 1 :]
+    alone = np.maximum(rfft(apart)[looked].real, np.finfo(float).tiny)
+    return frequencies[looked], together / alone, together

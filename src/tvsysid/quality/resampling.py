@@ -1,0 +1,90 @@
+"""An ensemble at some 100 Hz, and values between samples."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import make_interp_spline
+from scipy.ndimage import correlate1d
+from scipy.signal import firwin, oaconvolve
+
+from tvsysid.numerics.differentiation import HALF_WIDTH
+from tvsysid.preprocess import decimate
+from tvsysid.signals import Ensemble, Recording
+
+Array = NDArray[np.float64]
+
+LOWEST_RATE = 100.0
+"""Rate in Hz that the checks need; what is above is taken down to it or little more."""
+SHORTEST = 30
+"""Samples of a realization whose derivatives must be known."""
+TAPS = 3
+"""Samples of the lower rate that the low-pass of a rate which does not divide is long, as that to a tenth is."""
+SINC = 12
+"""Samples to either side that a value between samples is made from."""
+
+
+def known_samples(samples: int, context: int) -> int:
+    """Samples of a realization at which derivatives are known."""
+    return max(0, min(samples, samples + 2 * (context - HALF_WIDTH)))
+
+
+def lowered(ensemble: Ensemble) -> Ensemble:
+    """Ensemble at some 100 Hz, at which a realization is a whole number of samples.
+
+    Where the samples of realization and context share a factor, that is the decimation of
+    :func:`tvsysid.preprocess.decimate`; where they do not, its low-pass, and samples between the old ones.
+    """
+    samples, context, rate = ensemble.samples, ensemble.context, ensemble.sampling_rate
+    factors = [
+        factor
+        for factor in range(2, int(rate / LOWEST_RATE) + 1)
+        if math.gcd(samples, context) % factor == 0 and known_samples(samples // factor, context // factor) >= SHORTEST
+    ]
+    factor = factors[-1] if factors else 1
+    if rate / factor > 2 * LOWEST_RATE and (between_samples := _resampled(ensemble)) is not None:
+        return between_samples
+    if factor == 1:
+        return ensemble
+    # Every realization is filtered by itself, as a trial is.
+    starts = tuple(range(0, ensemble.angle.size, samples + 2 * context))
+    low = decimate(Recording(ensemble.angle.ravel(), ensemble.torque.ravel(), rate, trial_starts=starts), rate / factor)
+    angle, torque = (values.reshape(len(ensemble), -1) for values in (low.angle, low.torque))
+    return replace(
+        ensemble, angle=angle, torque=torque, sampling_rate=rate / factor, context=context // factor, channels={}
+    )
+
+
+def _resampled(ensemble: Ensemble) -> Ensemble | None:
+    """Ensemble at a lower rate that does not divide its own; none if realizations are too short for that."""
+    samples, context, rate = ensemble.samples, ensemble.context, ensemble.sampling_rate
+    for count in range(math.ceil(samples * LOWEST_RATE / rate), samples // 2 + 1):
+        margin = context * count // samples
+        if known_samples(count, margin) >= SHORTEST:
+            break
+    else:
+        return None
+    step = samples / count
+    places = context + step * np.arange(-margin, count + margin)
+    taps = firwin(2 * round(TAPS * step / 2) + 1, 1 / step)
+    half = len(taps) // 2
+
+    def lower(values: Array) -> Array:
+        extended = np.pad(values, ((0, 0), (half, half)), "reflect", reflect_type="odd")
+        smooth = oaconvolve(extended, taps[None], mode="valid", axes=1)
+        return np.asarray(make_interp_spline(np.arange(values.shape[1]), smooth, axis=1)(places))
+
+    angle, torque = lower(ensemble.angle), lower(ensemble.torque)
+    return replace(ensemble, angle=angle, torque=torque, sampling_rate=rate / step, context=margin, channels={})
+
+
+def between(values: Array, later: float) -> Array:
+    """Values a fraction of a sample later, shape (realization, time): a windowed sinc, which smooths hardly at all."""
+    if later == 0:
+        return values
+    lags = np.arange(-SINC, SINC + 1)
+    taps = np.sinc(lags - later) * np.kaiser(2 * SINC + 1, 5.0)
+    return np.asarray(correlate1d(values, taps / taps.sum(), axis=1, mode="nearest"))

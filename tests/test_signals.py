@@ -1,4 +1,5 @@
 import dataclasses
+import pickle
 
 import numpy as np
 import pytest
@@ -165,3 +166,52 @@ def test_select_takes_everything_along(angle):
     np.testing.assert_array_equal(chosen.onsets, [4, 4, 1])
     np.testing.assert_array_equal(chosen.channels["emg"], 3 * matrix[[4, 4, 1]])
     assert len(ensemble.select(np.arange(10) > 6)) == 3
+
+
+def test_signals_go_by_name_and_survive_selection(random):
+    angle, torque, emg = random.normal(size=(3, 6, 60))
+    ensemble = tv.Ensemble(angle, torque, 100.0, context=5, channels={"emg": emg})
+    np.testing.assert_array_equal(ensemble.signal("angle"), angle)
+    np.testing.assert_array_equal(ensemble.select([1, 1]).signal("emg"), emg[[1, 1]])
+    with pytest.raises(tv.InputError, match="there is no 'EMG'; the signals are 'angle', 'torque', 'emg'"):
+        ensemble.signal("EMG")
+
+
+def test_a_reference_loses_its_mean_and_a_scheduling_variable_keeps_it(random):
+    angle, torque, emg, reference = random.normal(size=(4, 6, 60)) + 3.0
+    ensemble = tv.Ensemble(angle, torque, 100.0, channels={"emg": emg, "reference": reference})
+    assert not ensemble.mean_subtracted
+    found = tv.preprocess.subtract_mean(ensemble, ["reference"])
+    assert found.mean_subtracted
+    assert found.select([0, 2]).mean_subtracted
+    assert pickle.loads(pickle.dumps(found)).mean_subtracted
+    np.testing.assert_allclose(found.signal("reference").mean(axis=0), 0.0, atol=1e-12)
+    np.testing.assert_array_equal(found.signal("emg"), emg)
+    with pytest.raises(tv.InputError, match="there is no 'drive'"):
+        tv.preprocess.subtract_mean(ensemble, ["drive"])
+
+
+@pytest.mark.parametrize("context", [0, 5, 12, 20])
+def test_derivatives_of_a_sine_where_they_reach(context):
+    time = np.arange(-context, 100 + context) / 100
+    phase = np.linspace(0, 2, 4)[:, None]
+    omega = 2 * np.pi * 4
+    angle = np.sin(omega * time + phase)
+    found = tv.Ensemble(angle, 80 * angle, 100.0, context=context).derivatives()
+    assert found.shape == (3, 4, 100)
+    missing = max(0, 12 - context)
+    inner = slice(missing, 100 - missing)
+    inside = omega * time[context : context + 100] + phase
+    expected = np.stack([np.sin(inside), omega * np.cos(inside), -(omega**2) * np.sin(inside)])
+    for order in range(3):
+        scale = omega**order
+        np.testing.assert_allclose(found[order][:, inner], expected[order][:, inner], atol=2e-3 * scale)
+        assert np.isnan(found[order][:, :missing]).all()
+        assert np.isnan(found[order][:, 100 - missing :]).all()
+
+
+def test_the_angle_itself_is_known_everywhere(random):
+    angle = random.normal(size=(3, 40))
+    np.testing.assert_array_equal(tv.Ensemble(angle, 2 * angle, 100.0).derivatives(0)[0], angle)
+    with pytest.raises(tv.InputError, match="order must be 0, 1 or 2, got 3"):
+        tv.Ensemble(angle, 2 * angle, 100.0).derivatives(3)

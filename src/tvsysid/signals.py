@@ -18,26 +18,9 @@ Array = NDArray[np.float64]
 
 
 def checked_array(name: str, values: ArrayLike, axes: tuple[str, ...]) -> Array:
-    """Read-only float64 view of numbers that are all finite, or an error that says what is wrong.
+    """Read-only float64 view of numbers that are all finite and have the axes expected, or an error that says why not.
 
-    Parameters
-    ----------
-    name
-        What the values are, for the message.
-    values
-        Anything that NumPy makes an array of; never altered.
-    axes
-        Names of the axes expected.
-
-    Returns
-    -------
-    Array
-        C-ordered and read-only; shares memory only with an array that is read-only itself.
-
-    Raises
-    ------
-    InputError
-        For values that are not real numbers, have other axes, are empty, or hold NaN or infinities.
+    C-ordered; shares memory only with an array that is read-only itself.
     """
     try:
         array = np.asarray(values)
@@ -78,47 +61,82 @@ def checked_rate(sampling_rate: float) -> float:
     return rate
 
 
-def _checked_pair(angle: Array, torque: Array) -> None:
-    if angle.shape != torque.shape:
-        raise InputError(
-            f"angle and torque must have the same shape, got {angle.shape} and {torque.shape}; "
-            "cut them to the samples that both have"
-        )
-    if angle.min() == angle.max():
-        raise InputError(
-            f"angle: all {angle.size} values are {angle.flat[0]:g} rad; a joint that is not moved cannot be "
-            "identified. Is this the right channel?"
-        )
-    if torque.min() == torque.max():
-        raise InputError(
-            f"torque: all {torque.size} values are {torque.flat[0]:g} N·m; a torque that does not answer cannot be "
-            "identified from. Is this the right channel?"
-        )
-
-
-def _checked_channels(channels: Mapping[str, ArrayLike], like: Array, axes: tuple[str, ...]) -> Mapping[str, Array]:
-    checked = {name: checked_array(f"channel {name!r}", values, axes) for name, values in channels.items()}
-    for name, values in checked.items():
-        if values.shape != like.shape:
-            raise InputError(f"channel {name!r}: expected the angle's shape {like.shape}, got {values.shape}")
-    return MappingProxyType(checked)
-
-
-def _signal(signals: Recording | Ensemble, name: str) -> Array:
-    """Angle, torque or a channel, by name."""
-    found = {"angle": signals.angle, "torque": signals.torque, **signals.channels}.get(name)
-    if found is None:
-        there = ", ".join(("angle", "torque", *signals.channels))
-        raise InputError(f"signal: there is no {name!r}; the signals are {there}. Read it as a further channel")
-    return found
-
-
 def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
+class _Signals:
+    """What recordings and ensembles have in common."""
+
+    angle: Array
+    torque: Array
+    sampling_rate: float
+    channels: Mapping[str, Array]
+
+    def _check(self, axes: tuple[str, ...]) -> None:
+        """Replace what was given by what was checked."""
+        object.__setattr__(self, "sampling_rate", checked_rate(self.sampling_rate))
+        for name, unit, fault in (
+            ("angle", "rad", "a joint that is not moved"),
+            ("torque", "N·m", "a torque that does not answer"),
+        ):
+            values = checked_array(name, getattr(self, name), axes)
+            object.__setattr__(self, name, values)
+            if values.shape != np.shape(self.angle):
+                raise InputError(
+                    f"angle and torque must have the same shape, got {self.angle.shape} and {values.shape}; "
+                    "cut them to the samples that both have"
+                )
+            if values.min() == values.max():
+                raise InputError(
+                    f"{name}: all {values.size} values are {values.flat[0]:g} {unit}; {fault} cannot be "
+                    "identified. Is this the right channel?"
+                )
+        channels = {name: checked_array(f"channel {name!r}", each, axes) for name, each in self.channels.items()}
+        for name, values in channels.items():
+            if values.shape != self.angle.shape:
+                raise InputError(f"channel {name!r}: expected the angle's shape {self.angle.shape}, got {values.shape}")
+        object.__setattr__(self, "channels", MappingProxyType(channels))
+
+    def __len__(self) -> int:
+        return len(self.angle)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # A read-only mapping, unlike a dict, cannot be pickled.
+        values = {item.name: getattr(self, item.name) for item in fields(self)}  # type: ignore[arg-type]
+        return _made_anew, (type(self), values | {"channels": dict(self.channels)})
+
+    def signal(self, name: str) -> Array:
+        """Angle, torque or a channel by its name.
+
+        Parameters
+        ----------
+        name
+            ``"angle"``, ``"torque"`` or one of ``channels``.
+
+        Returns
+        -------
+        Array
+            Of the angle's shape: of an ensemble, with its context.
+
+        Raises
+        ------
+        InputError
+            For any other name.
+        """
+        found = {"angle": self.angle, "torque": self.torque, **self.channels}
+        if name not in found:
+            there = ", ".join(map(repr, found))
+            raise InputError(f"signal: there is no {name!r}; the signals are {there}; read it as a further channel")
+        return found[name]
+
+
+def _made_anew(kind: type[Recording | Ensemble], values: dict[str, Any]) -> Recording | Ensemble:
+    return kind(**values)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class Recording:
+class Recording(_Signals):
     """Angle and torque of a joint against time: one continuous record, or several trials one after the other.
 
     Parameters
@@ -158,12 +176,7 @@ class Recording:
     trial_starts: tuple[int, ...] = (0,)
 
     def __post_init__(self) -> None:
-        axes = ("time",)
-        object.__setattr__(self, "angle", checked_array("angle", self.angle, axes))
-        object.__setattr__(self, "torque", checked_array("torque", self.torque, axes))
-        object.__setattr__(self, "sampling_rate", checked_rate(self.sampling_rate))
-        _checked_pair(self.angle, self.torque)
-        object.__setattr__(self, "channels", _checked_channels(self.channels, self.angle, axes))
+        self._check(("time",))
         if not (isinstance(self.start, (int, float, np.number)) and math.isfinite(self.start)):
             raise InputError(f"start: expected the time of the first sample in seconds, got {self.start!r}")
         starts = self.trial_starts
@@ -174,22 +187,12 @@ class Recording:
                 f"trial_starts: expected increasing sample indices from 0 to below {len(self)}, got {starts!r}"
             )
 
-    def __len__(self) -> int:
-        return len(self.angle)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _made_anew, (type(self), _given(self))
-
     def __repr__(self) -> str:
         trials = f" in {len(self.trial_starts)} trials" if len(self.trial_starts) > 1 else ""
         return (
             f"Recording({self.duration:g} s{trials} at {self.sampling_rate:g} Hz; "
             f"angle RMS {_rms(self.angle):.3g} rad, torque RMS {_rms(self.torque):.3g} N·m)"
         )
-
-    def signal(self, name: str) -> Array:
-        """``"angle"``, ``"torque"`` or a channel by its name, shape (time,); InputError for any other name."""
-        return _signal(self, name)
 
     @property
     def duration(self) -> float:
@@ -210,7 +213,7 @@ class Recording:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Ensemble:
+class Ensemble(_Signals):
     """Realizations of one repeated behaviour, aligned in time.
 
     Parameters
@@ -264,11 +267,7 @@ class Ensemble:
 
     def __post_init__(self) -> None:
         axes = ("realization", "time")
-        object.__setattr__(self, "angle", checked_array("angle", self.angle, axes))
-        object.__setattr__(self, "torque", checked_array("torque", self.torque, axes))
-        object.__setattr__(self, "sampling_rate", checked_rate(self.sampling_rate))
-        _checked_pair(self.angle, self.torque)
-        object.__setattr__(self, "channels", _checked_channels(self.channels, self.angle, axes))
+        self._check(axes)
         whole = isinstance(self.context, (int, np.integer)) and not isinstance(self.context, bool)
         if not whole or not 0 <= 2 * self.context < self.angle.shape[1]:
             raise InputError(
@@ -295,12 +294,6 @@ class Ensemble:
         object.__setattr__(self, "onsets", onsets)
         object.__setattr__(self, "trials", trials)
 
-    def __len__(self) -> int:
-        return len(self.angle)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _made_anew, (type(self), _given(self))
-
     def __repr__(self) -> str:
         left_out = f", {self.left_out} left out for want of context" if self.left_out else ""
         return (
@@ -308,10 +301,6 @@ class Ensemble:
             f"context {self.context / self.sampling_rate:g} s{left_out}; angle RMS {_rms(self.angle):.3g} rad, "
             f"torque RMS {_rms(self.torque):.3g} N·m)"
         )
-
-    def signal(self, name: str) -> Array:
-        """``"angle"``, ``"torque"`` or a channel by its name, context counted; InputError for any other name."""
-        return _signal(self, name)
 
     def derivatives(self, order: int = 2) -> Array:
         """Angle and its band-limited derivatives over the realization, context not counted.
@@ -409,13 +398,3 @@ class Ensemble:
             },
             attrs={"sampling_rate": self.sampling_rate, "context": self.context},
         )
-
-
-def _given(signals: Recording | Ensemble) -> dict[str, Any]:
-    """What signals are made from; a read-only mapping, unlike a dict, cannot be pickled."""
-    values = {item.name: getattr(signals, item.name) for item in fields(signals)}
-    return values | {"channels": dict(signals.channels)}
-
-
-def _made_anew(kind: type[Recording | Ensemble], values: dict[str, Any]) -> Recording | Ensemble:
-    return kind(**values)

@@ -1,0 +1,327 @@
+"""What every method must do, as checks that anybody's method can be put to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import cloudpickle
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from tvsysid import metrics
+from tvsysid.check.subject import LEVEL, FailedError, Subject, numbers, simulated_case
+from tvsysid.errors import InputError
+from tvsysid.methods.apply import inputs_of, reason_to_skip
+from tvsysid.methods.base import Input
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Check:
+    """One thing that is expected of a method."""
+
+    name: str
+    """What is expected, in a few words."""
+    passed: bool
+    """Whether it is so; False too where the check was not reached."""
+    message: str
+    """What came; if it did not pass, what was expected and what to do."""
+    required: bool = True
+    """False for advice: a method may have reasons not to follow it."""
+
+
+def check_method(method: object) -> list[Check]:
+    """Put a method to everything that is expected of it.
+
+    It identifies simulated joints of known stiffness, which have the channels that it declares as ``inputs``. Nothing
+    is raised, whatever the method does.
+
+    Parameters
+    ----------
+    method
+        An object with ``identify(ensemble)``.
+
+    Returns
+    -------
+    list of Check
+        All checks in their order. One whose foundation did not pass is reported as not reached.
+
+    Examples
+    --------
+    >>> from tvsysid.methods import create
+    >>> all(check.passed for check in check_method(create("sds")))
+    True
+    >>> check_method("sds")[0].message
+    'expected an object with identify(ensemble), got an object of type str; tvsysid.methods.parse makes a method of a
+    text'
+    """
+    subject, done = Subject(method), dict[str, Check]()
+    with threadpool_limits(1):  # small matrices: BLAS threads would only wait for each other
+        for rule in _RULES:
+            done[rule.name] = _judged(rule, subject, done)
+    return list(done.values())
+
+
+def _expect(holds: bool | np.bool_, came: str, advice: str) -> str:
+    """What came, if it is as expected."""
+    if not holds:
+        raise FailedError(f"{came}; {advice}")
+    return came
+
+
+def _vaf(torque: Array, predicted: Array) -> float:
+    """Mean over realizations in per cent; NaN where nothing is predicted."""
+    shares = metrics.vaf(torque, predicted)
+    return float(np.nanmean(shares)) if np.isfinite(shares).any() else float("nan")
+
+
+def _same(values: Array, others: Array) -> bool:
+    return values.shape == others.shape and np.allclose(values, others, rtol=1e-9, atol=0.0, equal_nan=True)
+
+
+def _has_identify(subject: Subject) -> str:
+    method = subject.method
+    if isinstance(method, type):
+        raise FailedError(f"expected an object, got the class {method.__name__} itself; give {method.__name__}()")
+    if not callable(getattr(method, "identify", None)):
+        advice = "; tvsysid.methods.parse makes a method of a text" if isinstance(method, str) else ""
+        what = f"an object of type {type(method).__name__}{advice}"
+        raise FailedError(f"expected an object with identify(ensemble), got {what}")
+    return "it does"
+
+
+def _states_inputs(subject: Subject) -> str:
+    inputs = inputs_of(subject.method)
+    for item in inputs:
+        if not isinstance(item, Input):
+            raise FailedError(f"expected inputs of tvsysid.methods.Input(name, kind, unit), got {item!r}")
+    ensemble = subject.case("constant").ensemble
+    if reason := reason_to_skip(subject.method, ensemble):
+        raise FailedError(f"it skips {ensemble!r}: {reason}")
+    return ", ".join(["angle", "torque", *(f"{item.name} ({item.kind})" for item in inputs)])
+
+
+def _identifies(subject: Subject) -> str:
+    subject.model("constant")
+    return f"it identifies {subject.case('constant').ensemble!r}"
+
+
+def _untouched(subject: Subject) -> str:
+    ensemble = subject.case("constant").ensemble
+    fresh = simulated_case.__wrapped__("constant", inputs_of(subject.method)).ensemble
+    names = ("angle", "torque", *ensemble.channels)
+    if not all(np.array_equal(ensemble.signal(name), fresh.signal(name)) for name in names):
+        simulated_case.cache_clear()
+        raise FailedError("identify changed the ensemble, which all methods share; work on ensemble.angle.copy()")
+    return f"{', '.join(names)} are as they were"
+
+
+def _returns_model(subject: Subject) -> str:
+    model = subject.model("constant")
+    if model is None:
+        raise FailedError("identify returned None; end it by returning a model")
+    wanted = {"stiffness": ("stiffness", "estimates"), "predict(ensemble)": ("predict", "pathways")}
+    missing = [what for what, names in wanted.items() if not any(hasattr(model, name) for name in names)]
+    if missing:
+        raise FailedError(
+            "expected a model with stiffness (or estimates) and predict(ensemble) (or pathways), "
+            f"got an object of type {type(model).__name__} without {' and '.join(missing)}"
+        )
+    _, subject.first, torque = subject.result("constant")
+    estimates = getattr(model, "estimates", {"stiffness": subject.first[0]})
+    return f"{', '.join(estimates)}, and predict(ensemble) of shape {torque.shape}"
+
+
+def _adds_up(subject: Subject) -> str:
+    model, ensemble = subject.model("constant"), subject.case("constant").ensemble
+    if not hasattr(model, "pathways"):
+        return "one pathway"
+    torques = {name: numbers(f"pathway {name!r}", each, ensemble) for name, each in model.pathways(ensemble).items()}
+    gap = float(np.nanmax(np.abs(sum(torques.values()) - subject.predict(model, ensemble))))
+    return _expect(
+        gap <= 1e-6 * ensemble.torque.std(),
+        f"{' + '.join(torques)} {f'is up to {gap:.2g} N·m off' if gap else 'is'} what it predicts",
+        "expected pathways(ensemble) with predict(ensemble) as their sum",
+    )
+
+
+def _recovers_constant(subject: Subject) -> str:
+    mean = float(np.nanmean(subject.first))
+    came = f"{mean:.3g} N·m/rad in the mean, where {LEVEL:g} is true"
+    _expect(mean >= 0, came, "the sign is reversed; torque is positive where it resists a positive angle")
+    return _expect(abs(mean - LEVEL) <= 0.1 * LEVEL, came, "expected at most 10 % off. Are the units rad and N·m?")
+
+
+def _predicts(subject: Subject) -> str:
+    model = subject.model("constant")
+    cases = [subject.case(name) for name in ("constant", "unseen")]
+    seen, unseen = (_vaf(case.torque, subject.predict(model, case.ensemble)) for case in cases)
+    return _expect(
+        seen > 80 and unseen > 80,
+        f"VAF {seen:.1f} % of the noiseless torque, {unseen:.1f} % in data it has not seen",
+        "expected more than 80 %. Does predict count viscosity and inertia, and is it aligned in time?",
+    )
+
+
+def _follows_change(subject: Subject) -> str:
+    case, stiffness, _ = subject.result("changing")
+    known = np.isfinite(stiffness)
+    found, truth = stiffness[known], case.stiffness[known]
+    error, guess = float(np.sqrt(np.mean((found - truth) ** 2))), float(np.std(truth))
+    correlation = float(np.corrcoef(found, truth)[0, 1]) if np.ptp(found) > 0 else 0.0
+    return _expect(
+        correlation > 0.8 and error < guess,
+        f"correlation {correlation:.2f} with a sine of ±50 N·m/rad, error {error:.1f} N·m/rad RMS",
+        f"expected more than 0.8, and less than the {guess:.1f} of a constant guess. A method that takes stiffness as "
+        "constant can be compared, but will not do well",
+    )
+
+
+def _repeats(subject: Subject) -> str:
+    ensemble = subject.case("constant").ensemble
+    subject.model("changing")
+    if not _same(subject.stiffness(subject.model("constant"), ensemble), subject.first):
+        raise FailedError(
+            "the stiffness of the first model changed when identify was called again; return a new object each time"
+        )
+    again = subject.stiffness(subject.identify(ensemble), ensemble)
+    if not _same(again, subject.first):
+        raise FailedError(
+            f"the same data gave other numbers, up to {np.nanmax(np.abs(again - subject.first)):.2g} N·m/rad off; give "
+            "random numbers a fixed seed, and keep nothing from one call to the next"
+        )
+    return "the same data gave the same numbers, after other data too"
+
+
+def _travels(subject: Subject) -> str:
+    ensemble = subject.case("constant").ensemble
+    try:
+        copy = Subject(cloudpickle.loads(cloudpickle.dumps(subject.method)))
+    except Exception as error:
+        raise FailedError(
+            "expected a method that cloudpickle can send to a worker process, got "
+            f"{subject.described(error)}; hold no open file, lock or generator in it"
+        ) from error
+    if not _same(copy.stiffness(copy.identify(ensemble), ensemble), subject.first):
+        raise FailedError("its copy gave other numbers; keep all settings in the object itself")
+    return "its copy gave the same numbers"
+
+
+def _scales(subject: Subject) -> str:
+    ensemble = subject.case("constant").ensemble
+    tenfold = subject.stiffness(subject.identify(replace(ensemble, torque=10 * ensemble.torque)), ensemble)
+    ratio = float(np.nanmean(tenfold) / np.nanmean(subject.first))
+    return _expect(
+        abs(ratio - 10) < 0.5,
+        f"ten times the torque gave {ratio:.3g} times the stiffness",
+        "expected 10. Does a threshold or a prior hold for one size of torque only?",
+    )
+
+
+def _other_rate(subject: Subject, name: str = "other rate") -> str:
+    case, stiffness, predicted = subject.result(name)
+    known = np.isfinite(stiffness)
+    mean, truth, share = stiffness[known].mean(), case.stiffness[known].mean(), _vaf(case.torque, predicted)
+    return _expect(
+        abs(mean - truth) <= 0.15 * truth and share > 80,
+        f"at 128 Hz and 1.5 s: {mean:.3g} N·m/rad in the mean, where {truth:.3g} is true, VAF {share:.1f} %",
+        "expected at most 15 % off and more than 80 %. Use ensemble.sampling_rate and ensemble.samples instead of "
+        "numbers that hold at 100 Hz and 2 s",
+    )
+
+
+def _without_context(subject: Subject) -> str:
+    came = _other_rate(subject, "without context")
+    case, stiffness, predicted = subject.result("without context")
+    edge = round(0.1 * case.ensemble.sampling_rate)
+    edges = np.r_[:edge, case.ensemble.samples - edge : case.ensemble.samples]
+    worst = float(np.nanmax(np.abs(stiffness - case.stiffness)[:, edges], initial=0.0))
+    share = _vaf(case.torque[:, edges], predicted[:, edges])
+    for right, fault in (
+        (worst <= LEVEL / 2, f"stiffness is up to {worst:.0f} N·m/rad off"),
+        (share > 50 or np.isnan(predicted[:, edges]).all(), f"predict(ensemble) has a VAF of {share:.0f} %"),
+    ):
+        advice = "give NaN where lags, windows or derivatives reach beyond the samples, no invented values"
+        _expect(right, f"within 0.1 s of the ends {fault}", advice)
+    return f"{came}; NaN at {np.isnan(stiffness).all(axis=0).sum()} of {case.ensemble.samples} times"
+
+
+def _few_realizations(subject: Subject) -> str:
+    came = []
+    for count in (3, 1):
+        few = subject.case("constant").ensemble.select(range(count))
+        words = f"{count} realization{'s' if count > 1 else ''}"
+        try:
+            if reason := reason_to_skip(subject.method, few):
+                raise InputError(reason)
+            model = subject.identify(few)
+        except (Exception, SystemExit) as error:
+            plain = isinstance(error, ValueError) and not isinstance(error, np.linalg.LinAlgError)
+            if not (plain and str(error).strip()):
+                advice = "expected a result, or a tvsysid.InputError that says how many are needed"
+                raise FailedError(f"{words}: {subject.described(error)}; {advice}") from error
+            came.append(f"{words}: refused ({subject.described(error)})")
+        else:
+            subject.stiffness(model, few)
+            subject.predict(model, few)
+            came.append(f"{words}: a result")
+    return "; ".join(came)
+
+
+def _own_warnings(subject: Subject) -> str:
+    shown = "; ".join(list(subject.warned)[:3])
+    if shown:
+        raise FailedError(
+            f"it warned in other words than tvsysid.DataQualityWarning, which reports do not show: {shown}"
+        )
+    return "none but tvsysid.DataQualityWarning"
+
+
+class _Rule(NamedTuple):
+    name: str
+    judge: Callable[[Subject], str]
+    """Gives what came; raises if that is not what was expected."""
+    needs: str | None = None
+    """Rule without which this one cannot be judged."""
+    required: bool = True
+
+
+_MODEL = "returns a model"
+_RULES = (
+    _Rule("has identify", _has_identify),
+    _Rule("states its inputs", _states_inputs, "has identify"),
+    _Rule("identifies a joint", _identifies, "states its inputs"),
+    _Rule("leaves the ensemble untouched", _untouched, "identifies a joint"),
+    _Rule(_MODEL, _returns_model, "identifies a joint"),
+    _Rule("has pathways that add up", _adds_up, _MODEL),
+    _Rule("recovers a constant stiffness", _recovers_constant, _MODEL),
+    _Rule("predicts the torque", _predicts, _MODEL),
+    _Rule("follows a changing stiffness", _follows_change, _MODEL, required=False),
+    _Rule("gives the same numbers again", _repeats, _MODEL),
+    _Rule("can be sent to a worker", _travels, "gives the same numbers again"),
+    _Rule("scales with the torque", _scales, "recovers a constant stiffness"),
+    _Rule("works at another rate and length", _other_rate, _MODEL),
+    _Rule("works without context", _without_context, "works at another rate and length"),
+    _Rule("takes few realizations, or says that it does not", _few_realizations, _MODEL),
+    _Rule("warns as the package does", _own_warnings, _MODEL, required=False),
+)
+
+
+def _judged(rule: _Rule, subject: Subject, done: dict[str, Check]) -> Check:
+    if rule.needs is not None and not done[rule.needs].passed:
+        return Check(rule.name, False, f"not reached, because of {rule.needs!r}", rule.required)
+    try:
+        return Check(rule.name, True, rule.judge(subject), rule.required)
+    except FailedError as error:
+        message = str(error)
+    except (Exception, SystemExit) as error:
+        wrote = isinstance(error, ValueError) and any(words in str(error) for words in ("read-only", "WRITEABLE"))
+        message = f"it {'refused:' if isinstance(error, InputError) else 'stopped with'} {subject.described(error)}"
+        if wrote:  # NumPy has no class for that error
+            advice = "it writes to an array that all methods share; work on a copy, as in ensemble.angle.copy()"
+            message = f"{advice}. {subject.described(error)}"
+    return Check(rule.name, False, message, rule.required)

@@ -1,0 +1,161 @@
+"""A method that is checked, and the simulated joints that it is given."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tvsysid.errors import DataQualityWarning, describe_error
+from tvsysid.methods.apply import apply, inputs_of
+from tvsysid.methods.base import Input
+from tvsysid.preprocess import decimate, segment
+from tvsysid.signals import Ensemble
+from tvsysid.simulate import Constant, FilteredNoise, Joint, Profile, SineWave, System
+
+Array = NDArray[np.float64]
+
+LEVEL = 100.0
+"""Stiffness of the constant joint in N·m/rad."""
+SNR = 30.0
+"""Signal-to-noise ratio of the simulated torque in dB."""
+CASES: dict[str, tuple[float, Profile, float, float, int]] = {
+    "constant": (150.0, Constant(LEVEL), 100.0, 2.0, 1),
+    "changing": (150.0, SineWave(), 100.0, 2.0, 2),
+    "unseen": (40.0, Constant(LEVEL), 100.0, 2.0, 3),
+    "other rate": (120.0, SineWave(period=1.5), 128.0, 1.5, 4),
+}
+"""Duration in s, stiffness, sampling rate in Hz, period in s and seed of what is simulated."""
+
+
+class FailedError(Exception):
+    """A check failed; the message says how."""
+
+
+class Case(NamedTuple):
+    """A simulated joint and the truth about it."""
+
+    ensemble: Ensemble
+    torque: Array
+    """Without noise, shape (realization, time)."""
+    stiffness: Array
+    """Shape (realization, time)."""
+
+
+def _system(profile: Profile, inputs: tuple[Input, ...]) -> System:
+    """What has the channels of these inputs."""
+    return Joint(stiffness=profile)
+
+
+@cache
+def simulated_case(name: str, inputs: tuple[Input, ...]) -> Case:
+    """Case of this name on a system with the channels of these inputs; the same one for every method."""
+    if name == "without context":
+        whole, seen = simulated_case("other rate", inputs), simulated_case("other rate", inputs).ensemble
+        cores = {each: seen.signal(each)[:, seen.core] for each in ("angle", "torque", *seen.channels)}
+        bare = Ensemble(cores.pop("angle"), cores.pop("torque"), seen.sampling_rate, channels=cores)
+        return whole._replace(ensemble=bare)
+    duration, profile, rate, period, seed = CASES[name]
+    simulation = _system(profile, inputs).simulate(
+        duration, perturbation=FilteredNoise(), snr_db=SNR, seed=seed, rate=8 * rate
+    )
+    ensemble = segment(decimate(simulation.recording, rate), period)
+    noiseless = segment(decimate(simulation.noiseless, rate), period)
+    return Case(ensemble, noiseless.torque[:, noiseless.core], simulation.truth_of(ensemble)["stiffness"])
+
+
+@dataclass(frozen=True)
+class _Found:
+    """A method that has identified already."""
+
+    model: object
+
+    def identify(self, ensemble: Ensemble) -> object:
+        """Return the model."""
+        return self.model
+
+
+class Subject:
+    """A method, and what it has identified so far."""
+
+    def __init__(self, method: Any) -> None:
+        self.method = method
+        self.models: dict[str, Any] = {}
+        self.first = np.empty(0)
+        self.warned: dict[str, None] = {}
+
+    def described(self, error: BaseException) -> str:
+        """Error in a line, with the place in the file in which identify is written."""
+        code = getattr(getattr(self.method, "identify", None), "__code__", None)
+        return describe_error(error, None if code is None else str(code.co_filename))
+
+    def case(self, name: str) -> Case:
+        """Case of this name, with the channels that the method needs."""
+        return simulated_case(name, inputs_of(self.method))
+
+    def identify(self, ensemble: Ensemble) -> Any:
+        """Whatever it returns."""
+        with self._listening():
+            return self.method.identify(ensemble)
+
+    def model(self, name: str) -> Any:
+        """What it returned for the case of this name; identified once."""
+        if name not in self.models:
+            self.models[name] = self.identify(self.case(name).ensemble)
+        return self.models[name]
+
+    def stiffness(self, model: Any, ensemble: Ensemble) -> Array:
+        """Stiffness of a model, if it is one, shape (realization, time); the same for all where it tells none apart."""
+        if not isinstance(getattr(model, "estimates", None), Mapping):
+            numbers("stiffness", model.stiffness, ensemble, over="(time,)")
+        estimates = apply(_Found(model), ensemble, type(self.method).__name__).estimates
+        if "stiffness" not in estimates or estimates["stiffness"].axes[-1] != "time":
+            raise FailedError(f"expected an estimate of stiffness over time, got {', '.join(estimates) or 'none'}")
+        return np.broadcast_to(estimates["stiffness"].values, (len(ensemble), ensemble.samples))
+
+    def predict(self, model: Any, ensemble: Ensemble) -> Array:
+        """Torque that a model predicts, if it is one, shape (realization, time)."""
+        with self._listening():
+            own = model.predict(ensemble) if hasattr(model, "predict") else sum(model.pathways(ensemble).values())
+        return numbers("predict(ensemble)", own, ensemble)
+
+    def result(self, name: str) -> tuple[Case, Array, Array]:
+        """Case of this name, and the stiffness and torque that the model of it has at most samples."""
+        case, model = self.case(name), self.model(name)
+        stiffness, torque = self.stiffness(model, case.ensemble), self.predict(model, case.ensemble)
+        for what, values in (("stiffness", stiffness), ("predict(ensemble)", torque)):
+            missing = 100 * float(np.mean(np.isnan(values)))
+            if missing > 50:
+                raise FailedError(f"{what} is NaN at {missing:.0f} % of the samples; expected numbers at most of them")
+        return case, stiffness, torque
+
+    @contextmanager
+    def _listening(self) -> Iterator[None]:
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            yield
+        for item in caught:
+            if not issubclass(item.category, DataQualityWarning):
+                self.warned[f"{item.category.__name__}: {item.message}"] = None
+
+
+def numbers(what: str, given: object, ensemble: Ensemble, over: str = "(realization, time)") -> Array:
+    """Real numbers of the shape that they should have; NaN among them, but nothing infinite."""
+    values = np.asarray(given)
+    shape = (len(ensemble), ensemble.samples)[over == "(time,)" :]
+    if values.shape != shape:
+        with_context = ensemble.context > 0 and values.shape[-1:] == ensemble.angle.shape[1:]
+        advice = "; this counts the context on both sides too: take only the samples of ensemble.core" * with_context
+        raise FailedError(f"expected {what} of shape {over} = {shape}, got {values.shape}{advice}")
+    if values.dtype.kind != "f":
+        advice = "np.asarray(values, dtype=float) converts what is real"
+        raise FailedError(f"expected {what} as real floating-point numbers, got {values.dtype}; {advice}")
+    if np.isinf(values).any():
+        raise FailedError(f"{what} holds infinite values; give NaN where nothing can be said")
+    return np.asarray(values, dtype=np.float64)

@@ -4,7 +4,6 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
-from scipy.signal import butter, cont2discrete, lfilter, ss2tf
 
 import tvsysid as tv
 
@@ -105,30 +104,10 @@ def softening(recording, share=0.3):
 
 
 def giving_way(duration=150.0, perturbation="noise", actuator=100.0, snr_db=5.0, seed=1, stiffness=100.0):
-    """A joint on a soft actuator, which noise in the torque moves: (M + I) x'' + (B + b) x' + (K + k) x = K d - n."""
-    random = np.random.default_rng(seed)
-    kinds = {"noise": tv.simulate.FilteredNoise(), "prbs": tv.simulate.PRBS()}
-    mass, viscosity, inertia = 0.05, 2.2, 0.02
-    damping = 1.4 * np.sqrt(actuator * mass)
-    samples = round((duration + 3) * RATE)
-    drive = kinds[perturbation].generate(samples, RATE, random)
-    noise = lfilter(*butter(2, 40.0, fs=RATE), random.standard_normal(samples))
-    system = np.array([[0, 1], [-(actuator + stiffness) / (mass + inertia), -(damping + viscosity) / (mass + inertia)]])
-    entry = np.array([[0], [1 / (mass + inertia)]])
-    outputs = np.vstack([np.eye(2), system[1]])
-    discrete = cont2discrete((system, entry, outputs, np.array([[0], [0], entry[1]])), 1 / RATE, "foh")
-    numerators, denominator = ss2tf(*discrete[:4])
-
-    def moved(force):
-        return np.stack([lfilter(numerator, denominator, force) for numerator in numerators])
-
-    joint = np.array([stiffness, viscosity, inertia])
-    imposed = moved(actuator * drive)
-    imposed *= np.radians(0.5) / imposed[0].std()
-    noise *= np.std(joint @ imposed) / noise.std() * 10 ** (-snr_db / 20)
-    motion = imposed + moved(-noise)
-    torque = joint @ motion + noise
-    return tv.Recording(motion[0, 2000:], torque[2000:], RATE, start=-0.5)
+    """A joint on a soft actuator, which noise in the torque moves."""
+    system = tv.simulate.CompliantActuator(tv.simulate.Constant(stiffness), actuator_stiffness=actuator)
+    kind = tv.simulate.PERTURBATIONS[perturbation]
+    return system.simulate(duration, perturbation=kind, snr_db=snr_db, seed=seed).recording
 
 
 def reflexive(gain=5.0, seed=1):

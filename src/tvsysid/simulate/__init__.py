@@ -1,17 +1,30 @@
 """Systems that can be simulated, and carry the truth; perturbations and profiles for them."""
 
+from tvsysid.simulate.compliant import CompliantActuator
 from tvsysid.simulate.joint import Joint
 from tvsysid.simulate.participant import Participant
 from tvsysid.simulate.perturbations import PERTURBATIONS, PRBS, FilteredNoise, Perturbation
 from tvsysid.simulate.profiles import PROFILES, Constant, CovaryingViscosity, Profile, SineWave, SquareWave
-from tvsysid.simulate.reflex import StretchReflex
+from tvsysid.simulate.reflex import ReflexJoint, StretchReflex
+from tvsysid.simulate.scheduled import ScheduledJoint
 from tvsysid.simulate.simulation import Seed, Simulation, System
 from tvsysid.simulate.traits import Traits
+
+SYSTEMS: dict[str, Joint] = {
+    "joint": Joint(),
+    "reflex": ReflexJoint(),
+    "compliant": CompliantActuator(),
+    "scheduled": ScheduledJoint(),
+}
+"""Systems by name. Each is a dataclass with fields ``stiffness``, ``viscosity`` and ``inertia``, so that
+``dataclasses.replace(SYSTEMS["reflex"], stiffness=PROFILES["sine"])`` gives the same system with another profile."""
 
 __all__ = [
     "PERTURBATIONS",
     "PRBS",
     "PROFILES",
+    "SYSTEMS",
+    "CompliantActuator",
     "Constant",
     "CovaryingViscosity",
     "FilteredNoise",
@@ -19,6 +32,8 @@ __all__ = [
     "Participant",
     "Perturbation",
     "Profile",
+    "ReflexJoint",
+    "ScheduledJoint",
     "Seed",
     "Simulation",
     "SineWave",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cache
 from typing import NamedTuple
 
@@ -18,7 +19,7 @@ BLOCK = 16384
 
 
 class Answer(NamedTuple):
-    """Angle of the usual size, its velocity, the torque that answers it, and noise of any size; each (time,)."""
+    """Angle of the usual size, its velocity (run-in included), the torque that answers it, and noise; each (time,)."""
 
     angle: Array
     velocity: Array
@@ -26,24 +27,25 @@ class Answer(NamedTuple):
     noise: Array
 
 
-def answer(
-    setup: Setup, stiffness: Array, viscosity: Array, inertia: float, streams: list[np.random.Generator]
-) -> Answer:
-    """Impose the perturbation's angle on a joint of this impedance over time; streams are of perturbation and noise."""
+def answer(setup: Setup, impedance: Mapping[str, Array], streams: list[np.random.Generator]) -> Answer:
+    """Impose the perturbation's angle on a joint; the streams are those of perturbation and noise.
+
+    The impedance is ``stiffness``, ``viscosity`` and ``inertia`` over time. The noise still has any size.
+    """
     samples, run_in = len(setup.index), setup.run_in
     drive = np.asarray(setup.perturbation.generate(run_in + samples, setup.rate, streams[0]))
-    found = Answer(*(np.empty(samples) for _ in Answer._fields))
+    found = Answer(np.empty(samples), np.empty(run_in + samples), np.empty(samples), np.empty(samples))
     actuator, noise = Actuator(setup.rate), LowPassedNoise(streams[1], BANDWIDTH, setup.rate, run_in)
-    actuator(drive[:run_in])
+    found.velocity[:run_in] = actuator(drive[:run_in])[1]
     # Blocks that stay in the cache: each sample is touched while it is there.
     for first in range(0, samples, BLOCK):
         block = slice(first, min(first + BLOCK, samples))
         position, velocity, acceleration = actuator(drive[run_in + block.start : run_in + block.stop])
         found.angle[block] = position
-        found.velocity[block] = velocity
-        velocity *= viscosity[block]
-        position *= stiffness[block]
-        acceleration *= inertia
+        found.velocity[run_in + block.start : run_in + block.stop] = velocity
+        velocity *= impedance["viscosity"][block]
+        position *= impedance["stiffness"][block]
+        acceleration *= impedance["inertia"][block]
         acceleration += velocity
         np.add(acceleration, position, out=found.torque[block])
         found.noise[block] = noise(block.stop - block.start)

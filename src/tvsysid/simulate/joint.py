@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import numpy as np
+from numpy.typing import NDArray
+
 from tvsysid.simulate.actuator import answer
 from tvsysid.simulate.perturbations import Perturbation
 from tvsysid.simulate.profiles import Profile, SquareWave, checked_profile, over_time
 from tvsysid.simulate.setup import Setup, positive
 from tvsysid.simulate.simulation import Seed, Simulation
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -50,9 +55,10 @@ class Joint:
     inertia: float = 0.02
 
     def __post_init__(self) -> None:
-        checked_profile("Joint", "stiffness", self.stiffness)
-        checked_profile("Joint", "viscosity", self.viscosity, number=True)
-        positive("Joint", inertia=self.inertia)
+        name = type(self).__name__
+        checked_profile(name, "stiffness", self.stiffness)
+        checked_profile(name, "viscosity", self.viscosity, number=True)
+        positive(name, inertia=self.inertia)
 
     def simulate(
         self, duration: float, *, perturbation: Perturbation, snr_db: float, seed: Seed, rate: float = 1000.0
@@ -89,13 +95,15 @@ class Joint:
             For a duration or rate that is not positive, or a profile that does not give one finite number for each
             time.
         """
-        setup = Setup("Joint", duration, perturbation, snr_db, seed, rate)
-        stiffness = over_time("Joint: stiffness", self.stiffness, setup.index, setup.rate)
-        viscosity = over_time("Joint: viscosity", self.viscosity, setup.index, setup.rate)
-        found = answer(setup, stiffness, viscosity, self.inertia, setup.streams())
-        return setup.simulation(
-            found.angle,
-            found.noise,
-            pathways={"intrinsic": found.torque},
-            truth={"stiffness": stiffness, "viscosity": viscosity, "inertia": self.inertia},
-        )
+        return self._simulated(Setup(type(self).__name__, duration, perturbation, snr_db, seed, rate))
+
+    def _simulated(self, setup: Setup) -> Simulation:
+        truth = self._impedance(setup, setup.index)
+        found = answer(setup, truth, setup.streams())
+        found.noise[:] *= setup.noise_scale(found.torque, found.noise)
+        return setup.simulation(found.angle, found.noise, {"intrinsic": found.torque}, truth)
+
+    def _impedance(self, setup: Setup, index: NDArray[np.int64]) -> dict[str, Array]:
+        """Stiffness, viscosity and inertia over time."""
+        values = {"stiffness": self.stiffness, "viscosity": self.viscosity, "inertia": self.inertia}
+        return {name: over_time(f"{setup.system}: {name}", value, index, setup.rate) for name, value in values.items()}

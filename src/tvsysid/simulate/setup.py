@@ -70,6 +70,11 @@ class Setup:
         return np.arange(-margin, self.inside + margin)
 
     @property
+    def whole_index(self) -> NDArray[np.int64]:
+        """Number of each simulated sample, those before the recording included."""
+        return np.arange(self.index[0] - self.run_in, self.index[-1] + 1)
+
+    @property
     def inner(self) -> slice:
         """Recorded samples from time 0 to the duration, over which sizes are measured."""
         margin = round(MARGIN * self.rate)
@@ -106,10 +111,8 @@ class Setup:
         truth: Mapping[str, Array | float],
         channels: Mapping[str, Array] | None = None,
     ) -> Simulation:
-        """Simulation of these signals; noise of any size, which is overwritten, becomes the noisy torque."""
-        torque = reduce(np.add, pathways.values())
-        noise *= self.noise_scale(torque, noise)
-        noise += torque
+        """Simulation of these signals; the noise is overwritten by the noisy torque."""
+        noise += reduce(np.add, pathways.values())
         over_time = {name: np.broadcast_to(values, len(angle)) for name, values in truth.items()}
         for values in (angle, noise, *pathways.values()):
             values.flags.writeable = False

@@ -1,0 +1,194 @@
+"""A joint on an actuator of finite stiffness: a closed loop, in which the noise of the torque moves the angle."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tvsysid.errors import InputError
+from tvsysid.simulate.actuator import Actuator
+from tvsysid.simulate.joint import Joint
+from tvsysid.simulate.setup import BANDWIDTH, LowPassedNoise, Setup, positive
+from tvsysid.simulate.simulation import Simulation
+
+Array = NDArray[np.float64]
+
+BLOCK = 512
+
+
+@dataclass(frozen=True)
+class CompliantActuator(Joint):
+    r"""A joint on an actuator that gives way to its torque.
+
+    .. math:: y(t) = I\,\ddot\theta + b(t)\,\dot\theta + k(t)\,\theta + n(t), \qquad
+              M\,\ddot\theta + B\,\dot\theta + A\,(\theta - d(t)) = -y(t)
+
+    The reference d is the perturbation after the 40-Hz filter of :class:`Joint`. The angle that it causes is scaled to
+    an RMS of 0.5 degrees, and the noise such that the torque that the reference causes and the noise have the ratio of
+    variances asked for. Methods that take the angle as independent of the noise are biased in such a loop, the more so
+    the softer the actuator and the slower the noise.
+
+    Truth: ``stiffness``, ``viscosity``, ``inertia`` (of the joint). Pathway: ``intrinsic``, which answers the whole
+    angle. Channel: ``disturbance``, the reference d in rad.
+
+    Parameters
+    ----------
+    stiffness, viscosity, inertia
+        Those of the joint, as for :class:`Joint`.
+    actuator_stiffness
+        A in N·m/rad.
+    actuator_viscosity
+        B in N·m·s/rad; None for 0.7 of what damps the actuator alone critically.
+    actuator_inertia
+        M in kg·m², with all that the actuator carries beside the joint.
+    noise_bandwidth
+        Cut-off in Hz of the noise's second-order Butterworth filter.
+
+    Raises
+    ------
+    InputError
+        As for :class:`Joint`, for settings of the actuator that are not positive, and where the stiffness of joint and
+        actuator together is not.
+
+    References
+    ----------
+    Closed loops in joint identification: van der Helm et al. 2002, J. Neurosci. Methods 119, 1-14.
+
+    Examples
+    --------
+    >>> import tvsysid as tv
+    >>> simulation = tv.simulate.CompliantActuator(actuator_stiffness=100.0).simulate(
+    ...     40, perturbation=tv.simulate.FilteredNoise(20.0), snr_db=5, seed=1)
+    >>> simulation.recording.channels["disturbance"].shape
+    (42000,)
+    """
+
+    actuator_stiffness: float = 100.0
+    actuator_viscosity: float | None = None
+    actuator_inertia: float = 0.05
+    noise_bandwidth: float = BANDWIDTH
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        numbers = {"stiffness": self.actuator_stiffness, "inertia": self.actuator_inertia}
+        positive("CompliantActuator", **{f"actuator_{name}": value for name, value in numbers.items()})
+        positive("CompliantActuator", noise_bandwidth=self.noise_bandwidth)
+        if self.actuator_viscosity is not None:
+            positive("CompliantActuator", actuator_viscosity=self.actuator_viscosity)
+
+    def _simulated(self, setup: Setup) -> Simulation:
+        impedance = self._impedance(setup, setup.whole_index)
+        for_drive, for_noise = setup.streams()
+        samples, run_in = len(setup.whole_index), setup.run_in
+        drive = np.asarray(setup.perturbation.generate(samples, setup.rate, for_drive))
+        reference = np.stack(Actuator(setup.rate)(drive))  # with its derivatives
+        noise = LowPassedNoise(for_noise, self._bandwidth(setup.rate), setup.rate, settling=0)(samples)
+
+        weights = np.stack([impedance[name] for name in ("stiffness", "viscosity", "inertia")])
+        damping = self.actuator_viscosity
+        if damping is None:
+            damping = 1.4 * math.sqrt(self.actuator_stiffness * self.actuator_inertia)
+        lowest = float(weights[0].min())
+        if lowest + self.actuator_stiffness <= 0:
+            raise InputError(
+                f"CompliantActuator: the stiffness of joint (lowest: {lowest:g} N·m/rad) and actuator "
+                f"({self.actuator_stiffness:g} N·m/rad) together must be positive; stiffen either"
+            )
+        # The angle's deviation from the reference, which is smoother than the reference between samples; what the
+        # reference and what the noise moves apart, for the system is linear.
+        mass = self.inertia + self.actuator_inertia
+        load = weights + np.array([[0.0], [damping], [self.actuator_inertia]])
+        forces = np.stack([-np.einsum("qt,qt->t", load, reference), -noise]) / mass
+        motion = driven_motion((weights[0] + self.actuator_stiffness) / mass, load[1] / mass, forces, setup.rate)
+        motion[:, 0] += reference
+        motion, weights, reference, noise = (x[..., run_in:] for x in (motion, weights, reference, noise))
+
+        scale = setup.scale_of(motion[0, 0])
+        imposed = scale * np.einsum("qt,qt->t", weights, motion[:, 0])
+        level = setup.noise_scale(imposed, noise)
+        motion = scale * motion[:, 0] + level * motion[:, 1]
+        return setup.simulation(
+            motion[0],
+            level * noise,
+            {"intrinsic": np.einsum("qt,qt->t", weights, motion)},
+            {name: values[run_in:] for name, values in impedance.items()},
+            {"disturbance": scale * reference[0]},
+        )
+
+    def _bandwidth(self, rate: float) -> float:
+        if self.noise_bandwidth >= rate / 2:
+            raise InputError(
+                f"CompliantActuator: noise_bandwidth must be below half the sampling rate of {rate:g} Hz, "
+                f"got {self.noise_bandwidth:g} Hz"
+            )
+        return self.noise_bandwidth
+
+
+def driven_motion(stiffness: Array, damping: Array, forces: Array, rate: float) -> Array:
+    r"""Motion of :math:`\ddot x + d(t)\,\dot x + w(t)\,x = f(t)` from rest.
+
+    Exact for a stiffness w and damping d held over each step at their mean, and a force that is linear between samples.
+
+    Parameters
+    ----------
+    stiffness, damping
+        w in 1/s² and d in 1/s, shape (time,).
+    forces
+        f in rad/s², shape (force, time).
+    rate
+        In Hz.
+
+    Returns
+    -------
+    Array
+        Position, velocity and acceleration for each force, shape (3, force, time).
+    """
+    transition, early, late = _steps((stiffness[1:] + stiffness[:-1]) / 2, (damping[1:] + damping[:-1]) / 2, rate)
+    forced, samples = forces.shape
+    count = -(-(samples - 1) // BLOCK)
+
+    def blocked(values: Array) -> Array:
+        """Steps by their place in a block and block, (BLOCK, ..., block); the last block is filled with zeros."""
+        padded = np.pad(values, [*[(0, 0)] * (values.ndim - 1), (0, count * BLOCK - samples + 1)])
+        return np.moveaxis(padded.reshape(*values.shape[:-1], count, BLOCK), -1, 0).copy()
+
+    push = blocked(early[:, None] * forces[:, :-1] + late[:, None] * forces[:, 1:])
+    transition = blocked(transition)
+    # All blocks are stepped through at once: first from rest and, unforced, from unit states, which says with what
+    # state each block really begins.
+    ends = np.zeros((2, forced + 2, count))
+    ends[0, forced], ends[1, forced + 1] = 1.0, 1.0
+    for step, own in zip(transition, push, strict=True):
+        ends = np.einsum("ijb,jcb->icb", step, ends)
+        ends[:, :forced] += own
+    state = np.zeros((2, forced, count))
+    for block in range(1, count):
+        state[..., block] = ends[:, forced:, block - 1] @ state[..., block - 1] + ends[:, :forced, block - 1]
+    motion = np.zeros((3, forced, BLOCK * count + 1))
+    for number, (step, own) in enumerate(zip(transition, push, strict=True)):
+        state = np.einsum("ijb,jcb->icb", step, state) + own
+        motion[:2, :, number + 1 :: BLOCK] = state
+    motion = motion[..., :samples]
+    motion[2] = forces - damping * motion[1] - stiffness * motion[0]
+    return motion
+
+
+def _steps(stiffness: Array, damping: Array, rate: float) -> tuple[Array, Array, Array]:
+    """Transition of position and velocity, (2, 2, step), and what a force at a step's begin and end adds, (2, step)."""
+    half, step = damping / 2, 1 / rate
+    turned = np.sqrt(stiffness - half**2 + 0j) * step
+    cosine, sine = np.cos(turned).real, step * np.sinc(turned / np.pi).real
+    decay = np.exp(-half * step)
+    transition = decay * np.array([[cosine + half * sine, sine], [-stiffness * sine, cosine - half * sine]])
+    (_, position), (_, velocity) = transition
+
+    def settled(first: Array, second: Array) -> Array:
+        """Inverse of the system's matrix [[0, 1], [-w, -d]] times a state."""
+        return np.stack([-(damping * first + second) / stiffness, first])
+
+    held = settled(position, velocity - 1)
+    late = settled(held[0] * rate, held[1] * rate - 1)
+    return transition, held - late, late

@@ -1,0 +1,112 @@
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.signal import lsim
+
+import tvsysid as tv
+from tvsysid.simulate import PERTURBATIONS, PRBS, CompliantActuator, Constant, FilteredNoise, Joint, SineWave
+from tvsysid.simulate.compliant import driven_motion
+
+perturbed = pytest.mark.parametrize("perturbation", PERTURBATIONS)
+
+
+def simulate(system, duration=10.0, **settings):
+    return system.simulate(duration, **({"perturbation": FilteredNoise(), "snr_db": 10.0, "seed": 1} | settings))
+
+
+def test_motion_equals_the_differential_equation(random):
+    time = np.arange(560) / 1000  # two blocks, the last of which is not whole
+    stiffness, damping = 2000 + 1500 * np.sin(9 * time), 40 + 20 * np.cos(3 * time)
+    force = np.cumsum(random.standard_normal(560))
+    motion = driven_motion(stiffness, damping, np.stack([force, -2 * force]), 1000.0)
+    np.testing.assert_allclose(motion[:, 1], -2 * motion[:, 0])
+
+    def slope(t, state):
+        held = [np.interp(t, time, values) for values in (force, damping, stiffness)]
+        return [state[1], held[0] - held[1] * state[1] - held[2] * state[0]]
+
+    solution = solve_ivp(slope, (0, time[-1]), [0, 0], t_eval=time, rtol=1e-8, atol=1e-12, max_step=2e-3)
+    for found, expected in zip(motion[:2, 0], solution.y, strict=True):
+        assert np.abs(found - expected).max() < 1e-3 * np.std(expected)
+    np.testing.assert_allclose(motion[2, 0], force - damping * motion[1, 0] - stiffness * motion[0, 0])
+
+
+@pytest.mark.parametrize(("stiffness", "damping"), [(1500.0, 30.0), (900.0, 60.0), (100.0, 90.0)])
+def test_constant_motion_equals_scipy(random, stiffness, damping):  # under-, critically and overdamped
+    force = np.cumsum(random.standard_normal(1200))
+    force[0] = 0.0
+    time = np.arange(1200) / 1000
+    full = np.ones(1200)
+    _, _, states = lsim(([[0, 1], [-stiffness, -damping]], [[0], [1]], np.eye(2), np.zeros((2, 1))), force, time)
+    motion = driven_motion(stiffness * full, damping * full, force[None], 1000.0)
+    np.testing.assert_allclose(motion[:2, 0], states.T, rtol=1e-7, atol=1e-9 * np.abs(states).max())
+
+
+@perturbed
+def test_the_loop_obeys_both_equations(perturbation):
+    # Angle, torque and reference as recorded; derivatives by differences.
+    system = CompliantActuator(SineWave(), actuator_stiffness=150.0, actuator_inertia=0.04)
+    simulation = simulate(system, perturbation=PERTURBATIONS[perturbation], snr_db=5.0, rate=8000.0)
+    recording = simulation.recording
+    angle, torque, reference = recording.angle, recording.torque, recording.channels["disturbance"]
+    velocity = np.gradient(angle, 1 / 8000)
+    moved = 0.04 * np.gradient(velocity, 1 / 8000) + 1.4 * math.sqrt(150 * 0.04) * velocity + 150 * (angle - reference)
+    # The acceleration that a PRBS imposes jumps, which differences smear.
+    limit = {"noise": 2e-3, "prbs": 5e-3}[perturbation]
+    assert np.std((moved + torque)[10:-10]) < limit * np.std(torque)
+
+
+def test_the_reference_alone_moves_the_angle_by_half_a_degree():
+    quiet = simulate(CompliantActuator(), 40.0, snr_db=np.inf)
+    inside = slice(1000, 41_000)
+    assert np.sqrt(np.mean(quiet.recording.angle[inside] ** 2)) == pytest.approx(math.radians(0.5))
+    loud = simulate(CompliantActuator(), 40.0, snr_db=0.0)
+    np.testing.assert_array_equal(loud.recording.channels["disturbance"], quiet.recording.channels["disturbance"])
+    noise = loud.recording.torque - loud.noiseless.torque
+    assert np.std(noise[inside]) == pytest.approx(np.std(quiet.recording.torque[inside]))
+
+
+# Shares of the angle's power that the noise makes, measured with an independent simulator.
+@pytest.mark.parametrize(
+    ("actuator", "bandwidth", "snr_db", "share"),
+    [(30.0, 40.0, 10.0, 0.014), (100.0, 40.0, 10.0, 0.008), (30.0, 5.0, 5.0, 0.20), (100.0, 5.0, 5.0, 0.11)],
+)
+def test_noise_moves_soft_actuators_most(actuator, bandwidth, snr_db, share):
+    system = CompliantActuator(SineWave(), actuator_stiffness=actuator, noise_bandwidth=bandwidth)
+    settings = {"perturbation": FilteredNoise(20.0), "seed": 3}
+    angle = simulate(system, 40.0, snr_db=snr_db, **settings).recording.angle
+    imposed = simulate(system, 40.0, snr_db=np.inf, **settings).recording.angle
+    assert np.var(angle - imposed) / np.var(angle) == pytest.approx(share, rel=0.25)
+
+
+@perturbed
+def test_a_stiff_actuator_imposes_the_angle(perturbation):
+    settings = {"perturbation": PERTURBATIONS[perturbation]}
+    plain = simulate(Joint(SineWave()), **settings).recording
+    errors = []
+    for stiffness in (1e7, 1e9):
+        stiff = simulate(CompliantActuator(SineWave(), actuator_stiffness=stiffness), **settings).recording
+        errors.append(
+            [np.std(a - b) / np.std(b) for a, b in ((stiff.angle, plain.angle), (stiff.torque, plain.torque))]
+        )
+    assert np.max(errors[0]) < 0.02
+    assert np.max(errors[1]) < 0.002
+    np.testing.assert_allclose(stiff.channels["disturbance"], stiff.angle, atol=0.01 * np.std(plain.angle))
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"actuator_stiffness": 0.0}, "actuator_stiffness must be positive"),
+        ({"actuator_inertia": -1.0}, "actuator_inertia must be positive"),
+        ({"actuator_viscosity": 0.0}, "actuator_viscosity must be positive"),
+        ({"noise_bandwidth": math.inf}, "noise_bandwidth must be positive"),
+        ({"noise_bandwidth": 600.0}, "noise_bandwidth must be below half the sampling rate of 1000 Hz, got 600 Hz"),
+        ({"stiffness": Constant(-150.0)}, r"joint \(lowest: -150 N·m/rad\) and actuator \(100 N·m/rad\) together"),
+    ],
+)
+def test_settings_that_make_no_sense_are_refused(settings, message):
+    with pytest.raises(tv.InputError, match=message):
+        simulate(CompliantActuator(**settings), perturbation=PRBS())

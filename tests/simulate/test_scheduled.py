@@ -1,0 +1,56 @@
+import numpy as np
+import pytest
+
+import tvsysid as tv
+from tvsysid.simulate import Constant, FilteredNoise, Joint, ScheduledJoint, SineWave, SquareWave
+
+
+def simulate(system, duration=20.0, **settings):
+    return system.simulate(duration, **({"perturbation": FilteredNoise(), "snr_db": 10.0, "seed": 1} | settings))
+
+
+def rooted(activity):
+    return 20 + 180 * np.sqrt(activity)
+
+
+@pytest.mark.parametrize("stiffness", [SineWave(), SquareWave()])
+def test_stiffness_is_the_relation_of_the_channel(stiffness):
+    simulation = simulate(ScheduledJoint(stiffness, relation=rooted, variable="activity"))
+    (name,) = simulation.recording.channels
+    assert name == "activity"
+    np.testing.assert_array_equal(simulation.truth["stiffness"], rooted(simulation.recording.channels[name]))
+    assert simulation.recording.channels[name].min() >= 0
+
+
+def test_the_variable_differs_between_realizations_and_gives_the_profile_on_average():
+    simulation = simulate(ScheduledJoint(), 2000.0, rate=200.0)
+    ensemble = tv.preprocess.segment(simulation.recording, 2.0)
+    stiffness = simulation.truth_of(ensemble)["stiffness"]
+    np.testing.assert_allclose(stiffness.mean(axis=0), SineWave()(ensemble.time), rtol=0.03)
+    activity = (SineWave()(ensemble.time) - 20) / 200
+    late = (ensemble.time + 1) / 2 % 1  # strengths are drawn at -1, 1, 3, ... s, and linear in between
+    expected = 200 * 0.3 * activity * np.hypot(late, 1 - late)
+    np.testing.assert_allclose(stiffness.std(axis=0), expected, rtol=0.1)
+    np.testing.assert_array_equal(ensemble.channels["emg"][:, ensemble.core], (stiffness - 20) / 200)
+
+
+def test_without_variation_it_is_a_joint():
+    scheduled, plain = simulate(ScheduledJoint(variation=1e-12)), simulate(Joint(SineWave()))
+    np.testing.assert_allclose(scheduled.recording.torque, plain.recording.torque, atol=1e-6)
+    np.testing.assert_array_equal(scheduled.recording.angle, plain.recording.angle)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"relation": 3.0}, "relation must be a callable of the variable, got 3.0"),
+        ({"relation": lambda activity: 100 - activity}, "relation must rise from 0 to 1"),
+        ({"relation": lambda activity: 100.0}, "relation must rise from 0 to 1"),
+        ({"variation": 0.0}, "variation must be positive"),
+        ({"interval": -1.0}, "interval must be positive"),
+        ({"stiffness": Constant(500.0)}, "stiffness goes from 500 to 500 N·m/rad, but relation gives 20 to 220"),
+    ],
+)
+def test_settings_that_make_no_sense_are_refused(settings, message):
+    with pytest.raises(tv.InputError, match=message):
+        simulate(ScheduledJoint(**settings))

@@ -1,0 +1,159 @@
+"""What all systems have in common: truth, pathways, channels, seeds."""
+
+import pickle
+from dataclasses import FrozenInstanceError, replace
+
+import numpy as np
+import pytest
+
+import tvsysid as tv
+from tvsysid.simulate import PERTURBATIONS, PROFILES, SYSTEMS, Simulation
+
+systems = pytest.mark.parametrize("name", SYSTEMS)
+
+
+def simulate(name, duration=10.0, perturbation="noise", **settings):
+    usual = {"perturbation": PERTURBATIONS[perturbation], "snr_db": 10.0, "seed": 1}
+    return SYSTEMS[name].simulate(duration, **(usual | settings))
+
+
+def signals(simulation):
+    recording = simulation.recording
+    parts = (recording.channels, simulation.truth, simulation.pathways)
+    named = {f"{number} {name}": values for number, part in enumerate(parts) for name, values in part.items()}
+    return named | {"angle": recording.angle, "torque": recording.torque}
+
+
+@systems
+def test_the_same_seed_gives_the_same_numbers_and_another_does_not(name):
+    first, again, other = (simulate(name, seed=seed) for seed in (4, 4, 5))
+    for key, values in signals(first).items():
+        np.testing.assert_array_equal(values, signals(again)[key])
+        assert values.shape == (12_000,)
+        assert np.isfinite(values).all()
+    assert not np.array_equal(first.recording.angle, other.recording.angle)
+    sequence = np.random.SeedSequence(4)
+    np.testing.assert_array_equal(simulate(name, seed=sequence).recording.torque, first.recording.torque)
+    np.testing.assert_array_equal(simulate(name, seed=sequence).recording.torque, first.recording.torque)
+
+
+@systems
+def test_a_system_and_its_simulation_travel_pickled(name):
+    simulation = simulate(name)
+    found = pickle.loads(pickle.dumps(simulation))
+    for key, values in signals(simulation).items():
+        np.testing.assert_array_equal(signals(found)[key], values)
+    again = pickle.loads(pickle.dumps(SYSTEMS[name]))
+    assert again == SYSTEMS[name]
+
+
+@systems
+def test_nothing_can_be_changed(name):
+    simulation = simulate(name)
+    for values in signals(simulation).values():
+        with pytest.raises(ValueError, match="read-only"):
+            values[0] = 1
+    with pytest.raises(FrozenInstanceError):
+        simulation.truth = {}
+    for part in (simulation.truth, simulation.pathways):
+        with pytest.raises(TypeError, match="item assignment"):
+            part["inertia"] = 1.0
+
+
+@systems
+def test_the_noise_has_the_size_asked_for(name):
+    # In a closed loop the noise is held against the torque that the reference causes, which is a little less.
+    simulation, slack = simulate(name, 60.0, snr_db=7.0), 0.15 if name == "compliant" else 1e-9
+    torque = simulation.noiseless.torque[1000:61_000]
+    noise = (simulation.recording.torque - simulation.noiseless.torque)[1000:61_000]
+    assert 10 * np.log10(np.var(torque) / np.var(noise)) == pytest.approx(7.0, abs=slack)
+
+
+@systems
+@pytest.mark.parametrize("perturbation", PERTURBATIONS)
+def test_the_intrinsic_torque_answers_the_recorded_angle(name, perturbation):
+    # Derivatives are differences of the recorded angle; the acceleration that a PRBS imposes jumps, which they smear.
+    system = replace(SYSTEMS[name], stiffness=PROFILES["sine"], inertia=0.002)
+    simulation = system.simulate(10.0, perturbation=PERTURBATIONS[perturbation], snr_db=40.0, seed=1, rate=8000.0)
+    angle, truth = simulation.recording.angle, simulation.truth
+    velocity = np.gradient(angle, 1 / 8000)
+    parts = (
+        truth["inertia"] * np.gradient(velocity, 1 / 8000),
+        truth["viscosity"] * velocity,
+        truth["stiffness"] * angle,
+    )
+    parts, torque = np.stack(parts)[:, 10:-10], simulation.pathways["intrinsic"][10:-10]
+    limit = {"noise": 2e-3, "prbs": 2.5e-2}[perturbation]
+    assert np.std(torque - parts.sum(axis=0)) < limit * np.std(torque)
+    np.testing.assert_allclose(np.linalg.lstsq(parts.T, torque, rcond=None)[0], 1.0, rtol=0.02)
+
+
+@systems
+def test_a_profile_is_exchanged_by_replacing_it(name):
+    system = replace(SYSTEMS[name], stiffness=tv.simulate.Constant(80.0), viscosity=1.0, inertia=0.03)
+    simulation = system.simulate(10.0, perturbation=PERTURBATIONS["noise"], snr_db=10.0, seed=1)
+    assert set(simulation.truth["viscosity"]) == {1.0}
+    assert set(simulation.truth["inertia"]) == {0.03}
+    assert simulation.truth["stiffness"].mean() == pytest.approx(80.0, rel=0.25)
+
+
+@systems
+def test_the_noiseless_recording_has_the_sum_of_the_pathways(name):
+    simulation = simulate(name)
+    noiseless = simulation.noiseless
+    np.testing.assert_array_equal(noiseless.torque, sum(simulation.pathways.values()))
+    np.testing.assert_array_equal(noiseless.angle, simulation.recording.angle)
+    assert set(noiseless.channels) == set(simulation.recording.channels)
+
+
+def test_the_truth_of_an_ensemble_is_found_by_trial_and_time():
+    simulation = simulate("reflex", 20.0)
+    recording = tv.preprocess.decimate(simulation.recording, 100)
+    ensemble = tv.preprocess.segment(recording, 2.5, context=0.25)
+    truth = simulation.truth_of(ensemble)
+    assert set(truth) == {"stiffness", "viscosity", "inertia", "reflex_gain"}
+    expected = PROFILES["square"](np.arange(8)[:, None] * 2.5 + ensemble.time)
+    np.testing.assert_array_equal(truth["stiffness"], expected)
+    chosen = tv.preprocess.subtract_mean(ensemble.select([6, 1, 1]))
+    np.testing.assert_array_equal(simulation.truth_of(chosen)["stiffness"], expected[[6, 1, 1]])
+    shifted = replace(ensemble.select([2]), onsets=[5.3])
+    np.testing.assert_array_equal(
+        simulation.truth_of(shifted)["stiffness"][0], PROFILES["square"](np.round(5.3 + ensemble.time, 9))
+    )
+
+
+@pytest.mark.parametrize("change", [{"trials": [0, 1]}, {"onsets": [0.0, 19.5]}, {"onsets": [-2.0, 0.0]}])
+def test_the_truth_of_a_foreign_ensemble_is_refused(change):
+    simulation = simulate("joint", 20.0)
+    ensemble = tv.preprocess.segment(simulation.recording, 2.0).select([0, 1])
+    with pytest.raises(tv.InputError, match="cut from this simulation's recording"):
+        simulation.truth_of(replace(ensemble, **change))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"truth": {"stiffness": np.ones(5)}}, "truth 'stiffness': expected a value for each .* 12000 samples, got 5"),
+        ({"truth": {"stiffness": 100.0}}, "truth 'stiffness': expected 1 axis"),
+        ({"pathways": {"intrinsic": np.full(12_000, np.nan)}}, "pathways 'intrinsic': 12000 of 12000 values are NaN"),
+        ({"pathways": {}}, "expected the noiseless torque of one pathway at least"),
+    ],
+)
+def test_a_simulation_that_does_not_fit_its_recording_is_refused(change, message):
+    simulation = simulate("joint")
+    with pytest.raises(tv.InputError, match=message):
+        Simulation(**({"recording": simulation.recording, "truth": {}, "pathways": simulation.pathways} | change))
+
+
+def test_a_simulation_says_what_it_holds():
+    assert repr(simulate("reflex")).endswith(
+        "; stiffness 50 to 150, viscosity 2.2, inertia 0.02, reflex_gain 8; pathways intrinsic, reflex)"
+    )
+
+
+@systems
+def test_what_cannot_be_simulated_names_the_system(name):
+    with pytest.raises(tv.InputError, match=rf"^{type(SYSTEMS[name]).__name__}: duration must be positive"):
+        simulate(name, -1.0)
+    with pytest.raises(tv.InputError, match=rf"^{type(SYSTEMS[name]).__name__}: inertia must be positive"):
+        replace(SYSTEMS[name], inertia=0.0)

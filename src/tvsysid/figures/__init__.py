@@ -1,4 +1,4 @@
-"""Pictures: each function takes results and returns a figure; none computes more than means and spreads."""
+"""Figures: each function takes what it draws and returns a figure; none computes more than means and spreads."""
 
 from tvsysid.figures.amount import error_against_amount
 from tvsysid.figures.channels import recorded_channels
@@ -8,20 +8,22 @@ from tvsysid.figures.diagnosis import diagnosis_illustration, diagnosis_panels
 from tvsysid.figures.excerpts import recorded_signals
 from tvsysid.figures.experiment import experiment_figures, representative
 from tvsysid.figures.identification import identified_impedance
-from tvsysid.figures.illustration import Illustration
 from tvsysid.figures.participants import participant_in_detail, stiffness_of_participants, stiffness_with_bands
 from tvsysid.figures.preparation import preparation_steps
 from tvsysid.figures.responses import impulse_responses
+from tvsysid.figures.saving import Illustration, Picture, draw_all, drawn, save
 from tvsysid.figures.spread import error_against_truth, variance_and_spread
 from tvsysid.figures.study import study_figures
-from tvsysid.figures.style import drawn, lines, save
+from tvsysid.figures.style import lines
 from tvsysid.figures.tuning import tuning_curves
 
 __all__ = [
     "Illustration",
+    "Picture",
     "coverage_over_time",
     "diagnosis_illustration",
     "diagnosis_panels",
+    "draw_all",
     "drawn",
     "error_against_amount",
     "error_against_truth",

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tvsysid.errors import InputError
-from tvsysid.figures.style import lines, plain
-from tvsysid.figures.words import PERTURBATIONS, wrapped
+from tvsysid.figures.style import Array, legend_below, lines, panels, styled
+from tvsysid.figures.words import perturbation_name, wrapped
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -24,15 +24,16 @@ AMOUNTS = {"duration_s": "data (s)", "snr_db": "signal-to-noise ratio (dB)"}
 MARKERS = "osD^vPX<"
 
 
+@styled
 def error_against_amount(summary: pd.DataFrame, title: str = "") -> Figure:
     """Bias, random and total error against the amount of data, a line for each method.
 
     Parameters
     ----------
     summary
-        Rows of :func:`tvsysid.study.summarize` for one stiffness profile and viscosity, with several durations
-        and one signal-to-noise ratio, or the other way round. Data without noise have no place on the axis of ratios
-        and are left out.
+        Rows of a study's summary for one stiffness profile and viscosity, with several durations and one
+        signal-to-noise ratio, or the other way round. Data without noise have no place on the axis of ratios and are
+        left out.
     title
         Above all.
 
@@ -46,8 +47,6 @@ def error_against_amount(summary: pd.DataFrame, title: str = "") -> Figure:
     InputError
         If durations and signal-to-noise ratios both vary.
     """
-    from matplotlib.figure import Figure  # noqa: PLC0415  # heavy
-
     several = [name for name in AMOUNTS if summary[name].nunique() > 1]
     if len(several) > 1:
         raise InputError(
@@ -57,31 +56,29 @@ def error_against_amount(summary: pd.DataFrame, title: str = "") -> Figure:
     amount = several[0] if several else "duration_s"
     rows = summary[np.isfinite(summary[amount])]
     perturbations, methods = list(rows.perturbation.unique()), list(rows.method.unique())
-    figure = Figure(figsize=(3.1 * max(len(perturbations), 1) + 2.2, 6.6), layout="constrained")
-    grid = figure.subplots(len(ERRORS), max(len(perturbations), 1), sharex=True, sharey="row", squeeze=False)
-    for column, perturbation in enumerate(perturbations):
+    columns = max(len(perturbations), 1)
+    figure, grid = panels(len(ERRORS), columns, max(3.3 * columns + 0.6, 4.0), 6.8, title, sharex=True, sharey="row")
+    for column, perturbation in zip(grid.T, perturbations, strict=False):
         there = rows[rows.perturbation == perturbation]
-        grid[0, column].set_title(PERTURBATIONS.get(perturbation, perturbation), fontsize=9)
-        grid[-1, column].set_xlabel(AMOUNTS[amount], fontsize=8)
-        for axes, error in zip(grid[:, column], ERRORS, strict=True):
-            _lines(plain(axes), there[there.metric == error], amount, methods)
-            axes.tick_params(labelsize=8)
+        column[0].set_title(perturbation_name(perturbation))
+        column[-1].set_xlabel(AMOUNTS[amount])
+        for axes, error in zip(column, ERRORS, strict=True):
+            _lines(axes, there[there.metric == error], amount, methods)
     ticks = sorted(rows[amount].unique())
     if amount == "duration_s":
         grid[0, 0].set_xscale("log")
     grid[0, 0].set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     grid[0, 0].minorticks_off()
     for axes, (error, label) in zip(grid[:, 0], ERRORS.items(), strict=True):
-        axes.set_ylabel(label, fontsize=8)
+        axes.set_ylabel(label)
         _scale(axes, rows[rows.metric == error].value.to_numpy(dtype=float))
     figure.align_ylabels(grid[:, 0])
-    figure.legend(*grid[0, 0].get_legend_handles_labels(), frameon=False, fontsize=8, loc="outside right upper")
-    figure.suptitle(title, fontsize=10)
+    legend_below(figure, grid[0, 0].get_legend_handles_labels()[0])
     return figure
 
 
 def _lines(axes: Axes, rows: pd.DataFrame, amount: str, methods: list[str]) -> None:
-    for (method, (hue, style)), number in zip(lines(methods).items(), range(len(methods)), strict=True):
+    for number, (method, (hue, style)) in enumerate(lines(methods).items()):
         line = rows[rows.method == method].sort_values(amount)
         axes.errorbar(
             line[amount],
@@ -93,11 +90,11 @@ def _lines(axes: Axes, rows: pd.DataFrame, amount: str, methods: list[str]) -> N
             marker=MARKERS[number % len(MARKERS)],
             markersize=4.5,
             capsize=2,
-            label=wrapped(method),
+            label=wrapped(method, 40),
         )
 
 
-def _scale(axes: Axes, values: np.ndarray) -> None:
+def _scale(axes: Axes, values: Array) -> None:
     """Logarithmic where values span most of a decade, with plain numbers at its ticks; from zero otherwise."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter  # noqa: PLC0415  # heavy
 

@@ -2,28 +2,23 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tvsysid.figures.results import estimates
+from tvsysid.figures.style import Array
 from tvsysid.figures.words import wrapped
+from tvsysid.numerics.bands import mean_and_spread
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
 
-Array = NDArray[np.float64]
-
 SPIKE = 0.3
 """How far beyond 98 % of a method's values an axis reaches, as a share of their range."""
 FAR = 0.75
 """How far beyond the middle one of the methods' ranges an axis reaches, as a share of it."""
-
-
-def unique(values: NDArray[np.generic]) -> list[str]:
-    """Values as text, each once, in the order of their first appearance."""
-    return list(dict.fromkeys(map(str, values)))
 
 
 def least_data(results: xr.Dataset) -> dict[str, str]:
@@ -64,6 +59,20 @@ def headings(results: xr.Dataset, width: int) -> dict[str, str]:
         fits = len(f"{name}, {amount}".rpartition("\n")[2]) <= width
         shown[label] = f"{name}, {amount}" if fits else f"{name},\n{amount}"
     return shown
+
+
+def label_time(axes: Any, results: xr.Dataset) -> None:
+    """Name the time axis of the last row of axes, and let it show one realization."""
+    for each in np.ravel(axes):
+        each.set_xlabel("time (s)")
+        one_period(each, results)
+
+
+def mean_stiffness(results: xr.Dataset) -> xr.DataArray:
+    """Mean stiffness over bootstraps of each method's smallest analysis, over (recording, analysis, time)."""
+    here = estimates(results).sel(analysis=list(least_data(results).values()))
+    here = here.transpose("bootstrap", "recording", "analysis", "time")
+    return here.isel(bootstrap=0, drop=True).copy(data=mean_and_spread(here.values)[0])
 
 
 def recording_of(results: xr.Dataset, participant: str, perturbation: str) -> str | None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import NDArray
 
-from tvsysid.figures.style import PALETTE, plain
+from tvsysid.figures.style import PALETTE, panels, styled
 from tvsysid.figures.words import wrapped
 from tvsysid.recordings import Channel
 
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+@styled
 def recorded_channels(
     channels: Mapping[str, tuple[Channel, Sequence[tuple[NDArray[Any], NDArray[Any]]]]], title: str = ""
 ) -> Figure:
@@ -33,20 +34,13 @@ def recorded_channels(
     matplotlib.figure.Figure
         An axes for each channel, with its unit, or "unit not stated", and time in s where the rate is stated.
     """
-    from matplotlib.figure import Figure  # noqa: PLC0415  # heavy
-
-    figure = Figure(figsize=(7.0, 1.0 + 1.7 * len(channels)), layout="constrained")
-    grid = figure.subplots(len(channels), 1, squeeze=False)[:, 0]
-    for axes, (name, (channel, columns)) in zip(grid, channels.items(), strict=True):
-        plain(axes)
+    figure, grid = panels(len(channels), 1, 7.0, 1.0 + 1.7 * len(channels), title)
+    for axes, (name, (channel, columns)) in zip(grid[:, 0], channels.items(), strict=True):
         rate = channel.sampling_rate
         for number, (positions, values) in enumerate(columns):
             axes.plot(positions / (rate or 1.0), values, color=PALETTE[number % len(PALETTE)], linewidth=0.7)
-        unit = channel.unit.replace("$", r"\$") or "unit not stated"
-        axes.set_title(wrapped(name, width=100), fontsize=9, loc="left")
-        axes.set_ylabel(unit, fontsize=8)
-        axes.set_xlabel("sample" if rate is None else "time (s)", fontsize=8)
-        axes.tick_params(labelsize=8)
+        axes.set_title(wrapped(name, width=100), loc="left")
+        axes.set_ylabel(channel.unit.replace("$", r"\$") or "unit not stated")
+        axes.set_xlabel("sample" if rate is None else "time (s)")
         axes.margins(x=0)
-    figure.suptitle(title.replace("$", r"\$"), fontsize=10)
     return figure

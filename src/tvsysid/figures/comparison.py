@@ -1,4 +1,4 @@
-"""Methods side by side, like figures 3, 4 and A.1 of van de Ruit et al. 2021."""
+"""Methods side by side: estimates over time, and bars of every metric."""
 
 from __future__ import annotations
 
@@ -8,7 +8,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.figures.style import TRUTH, lines, plain
+from tvsysid.figures.results import estimates, truth, unique
+from tvsysid.figures.style import (
+    TRUE_LINE,
+    Array,
+    band_keys,
+    blank,
+    curve_with_band,
+    hues,
+    legend_below,
+    line_key,
+    styled,
+)
 from tvsysid.figures.words import TRAITS, differing, wrapped
 
 if TYPE_CHECKING:
@@ -16,8 +27,6 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-Array = NDArray[np.float64]
 
 BARS = {
     "bias_error": "bias error\n(N·m/rad)",
@@ -28,10 +37,11 @@ BARS = {
 }
 OUTLYING = 5.0
 """Bars are cut off at this multiple of what is usual among the methods, so that one does not hide the others."""
-SMALL = 7.5
-"""Points of the small print."""
+GAP = 0.1
+"""Between the bars of two methods, beside the room on either side, as a share of a method's width."""
 
 
+@styled
 def method_comparison(
     results: xr.Dataset, summary: pd.DataFrame, shown: Sequence[str], bars: Sequence[str], title: str = ""
 ) -> Figure:
@@ -40,9 +50,9 @@ def method_comparison(
     Parameters
     ----------
     results
-        As of :func:`tvsysid.study.run`.
+        Of a simulation study.
     summary
-        Of these results, as of :func:`tvsysid.study.summarize`.
+        Of these results.
     shown
         Labels of the scenarios whose stiffness and time-varying VAF are drawn over time: mean ± 2 standard deviations
         over trials.
@@ -55,47 +65,50 @@ def method_comparison(
     Returns
     -------
     matplotlib.figure.Figure
-        Rows of axes with common vertical scales.
+        Two rows of axes for each scenario shown, one for each method, and an axes for each metric that is known.
     """
-    from matplotlib.figure import Figure  # noqa: PLC0415  # heavy
-
-    methods = [str(name) for name in results.method_key.values]
+    methods = unique(results.method_key.values)
     table = _table(summary, methods, bars)
     names = [name for name in BARS if np.isfinite(table[name][0]).any()]
-    over_time = 2 * len(shown)
-    width = max((1.6 if len(methods) <= 5 else 1.4) * len(methods), 3.2) + 0.8
-    figure = Figure(figsize=(width, 1.25 * over_time + 1.0 * len(names) + 1.4), layout="constrained")
-    rows = over_time + len(names)
-    grid = figure.subplots(
-        rows, len(methods), sharey="row", squeeze=False, height_ratios=[1.25] * over_time + [1.0] * len(names)
+    over_time, crowd = 2 * len(shown), len(methods) > 5
+    width = max((1.4 if crowd else 1.6) * len(methods), 3.2) + 0.8
+    figure = blank(width, 1.25 * over_time + 1.0 * len(names) + 1.4, title)
+    spec = figure.add_gridspec(
+        over_time + len(names), len(methods), height_ratios=[1.25] * over_time + [1.0] * len(names)
     )
-    for axes in grid.ravel():
-        plain(axes).tick_params(labelsize=SMALL)
+    grid = _shared(figure, spec, over_time, len(methods))
     for axes, method in zip(grid[0], methods, strict=True):
-        axes.set_title(wrapped(method, 20 if len(methods) <= 5 else 17), fontsize=9 if len(method) <= 20 else 8)
-    told = [f"{text}\n" for text in differing(_traits(results, shown))] if len(shown) > 1 else [""]
-    for row, (label, which) in enumerate(zip(shown, told, strict=True)):
-        _stiffness(grid[row], results.sel(scenario=label), which)
-        _varying_vaf(grid[row + len(shown)], results.sel(scenario=label), which)
-    for row in range(over_time):
-        _share_ticks(grid[row], last=row == over_time - 1)
-    for axes in grid[over_time - 1]:
-        axes.set_xlabel("time (s)", fontsize=SMALL)
-    ticks = differing(_traits(results, bars)) if names else []
-    room = 0.4 if len(bars) > 2 else 0.9
+        axes.set_title(wrapped(method, 17 if crowd else 20), fontsize=9 if len(method) <= 20 else 8)
+    which = [f"{text}\n" for text in differing(_traits(results, shown))] if len(shown) > 1 else [""]
+    for row, (label, text) in enumerate(zip(shown, which, strict=True)):
+        _stiffness(grid[row], results.sel(scenario=label), text)
+        _varying_vaf(grid[row + len(shown)], results.sel(scenario=label), text)
+    for axes in grid[-1]:
+        axes.set_xlabel("time (s)")
+    below: list[Any] = []
     for row, name in enumerate(names, start=over_time):
-        _bars(grid[row], name, *table[name], methods)
-        for axes in grid[row]:
-            axes.set_xticks(range(len(bars)), ticks if row == rows - 1 else [])
-            axes.set_xlim(-0.3 - room, len(bars) - 0.7 + room)
-            axes.grid(visible=False, axis="x")
-            if row == rows - 1:
-                crowded = sum(map(len, ticks)) + 2 * len(ticks) > 20
-                axes.tick_params(axis="x", labelrotation=90 if crowded else 0)
-    figure.align_ylabels(grid[:, 0])
-    _legend(figure, grid[0, 0], bool(names), results.sizes["trial"])
-    figure.suptitle(title, fontsize=10)
+        below.append(figure.add_subplot(spec[row, :], sharex=below[0] if below else None))
+        _bars(below[-1], name, *table[name], methods)
+        below[-1].tick_params(labelbottom=name == names[-1])
+    if below:
+        _label_bars(below[0], len(methods), differing(_traits(results, bars)))
+    figure.align_ylabels([*grid[:, 0], *below])
+    several = results.sizes["trial"] > 1
+    error = [line_key("± 1 standard error", color="black", marker="|", linewidth=0.9)] if names and several else []
+    legend_below(figure, [line_key(**TRUE_LINE), *band_keys(results.sizes["trial"], "trial"), *error])
     return figure
+
+
+def _shared(figure: Figure, spec: Any, rows: int, columns: int) -> NDArray[Any]:
+    """Axes of the first rows of a grid, with common scales of time, and of values in each row."""
+    grid = np.empty((rows, columns), dtype=object)
+    for row, column in np.ndindex(rows, columns):
+        grid[row, column] = figure.add_subplot(
+            spec[row, column], sharex=grid[0, 0], sharey=grid[row, 0] if column else None
+        )
+        grid[row, column].tick_params(labelbottom=row == rows - 1, labelleft=column == 0)
+        grid[row, column].margins(x=0)
+    return grid
 
 
 def _traits(results: xr.Dataset, labels: Sequence[str]) -> list[dict[str, Any]]:
@@ -107,35 +120,40 @@ def _table(summary: pd.DataFrame, methods: Sequence[str], scenarios: Sequence[st
     tables = {}
     for name in BARS:
         rows = summary[summary.metric == name].set_index(["method", "scenario"])
-        wide = [
-            rows[column].unstack("scenario").reindex(index=list(methods), columns=list(scenarios))
+        value, error = (
+            rows[column].unstack("scenario").reindex(index=list(methods), columns=list(scenarios)).to_numpy(dtype=float)
             for column in ("value", "standard_error")
-        ]
-        tables[name] = (wide[0].to_numpy(dtype=float), wide[1].to_numpy(dtype=float))
+        )
+        tables[name] = (value, error)
     return tables
 
 
 def _stiffness(row: Sequence[Axes], cell: xr.Dataset, which: str) -> None:
-    truth = cell.true_stiffness.values
-    for axes, method in zip(row, cell.method_key.values, strict=True):
-        axes.plot(cell.time.values, truth, color=TRUTH, linewidth=1.0, linestyle="--", label="truth", zorder=3)
-        _band(axes, cell.time.values, cell.stiffness.sel(method_key=method), _hue(cell, method))
-    span = max(float(np.ptp(truth)), 0.5 * float(np.abs(truth).max()))
-    row[0].set_ylim(min(0.0, float(truth.min()) - 0.5 * span), float(truth.max()) + 0.6 * span)
-    row[0].set_ylabel(f"{which}stiffness\n(N·m/rad)", fontsize=SMALL)
+    true = truth(cell).values
+    for axes in row:
+        axes.plot(cell.time.values, true, zorder=3, **TRUE_LINE)
+    _means(row, cell, estimates(cell))
+    span = max(float(np.ptp(true)), 0.5 * float(np.abs(true).max()))
+    row[0].set_ylim(min(0.0, float(true.min()) - 0.5 * span), float(true.max()) + 0.6 * span)
+    row[0].set_ylabel(f"{which}stiffness\n(N·m/rad)")
 
 
 def _varying_vaf(row: Sequence[Axes], cell: xr.Dataset, which: str) -> None:
-    for axes, method in zip(row, cell.method_key.values, strict=True):
-        _band(axes, cell.time.values, cell.time_varying_vaf.sel(method_key=method), _hue(cell, method), most=100.0)
+    _means(row, cell, cell.time_varying_vaf, most=100.0)
     known = cell.time_varying_vaf.values[np.isfinite(cell.time_varying_vaf.values)]
     lowest = _floor(float(np.quantile(known, 0.01)) if known.size else 0.0)
     row[0].set_ylim(lowest, 102)
-    row[0].set_ylabel(f"{which}time-varying VAF\n{_percent(lowest)}", fontsize=SMALL)
+    row[0].set_ylabel(f"{which}time-varying VAF\n{_percent(lowest)}")
 
 
-def _hue(cell: xr.Dataset, method: str) -> str:
-    return lines([str(name) for name in cell.method_key.values])[str(method)][0]
+def _means(row: Sequence[Axes], cell: xr.Dataset, values: xr.DataArray, most: float = np.inf) -> None:
+    """For each method mean and twice the standard deviation over trials of values that cannot exceed a limit."""
+    mean, spread = values.mean("trial"), 2 * values.std("trial")
+    several = values.notnull().sum("trial").max("time") > 1
+    for axes, (method, hue) in zip(row, hues(unique(cell.method_key.values)).items(), strict=True):
+        middle, reach = mean.sel(method_key=method).values, spread.sel(method_key=method).values
+        band = (middle - reach, np.minimum(middle + reach, most)) if several.sel(method_key=method) else None
+        curve_with_band(axes, cell.time.values, middle, band, hue)
 
 
 def _floor(lowest: float) -> float:
@@ -147,26 +165,26 @@ def _percent(floor: float) -> str:
     return f"(%, from {floor:.0f} %)" if floor > 0 else "(%)"
 
 
-def _band(axes: Axes, time: Array, values: Any, hue: str, most: float = np.inf) -> None:
-    """Mean and twice the standard deviation of values (trial, time) that cannot be more than so much."""
-    known = values.notnull()
-    if not bool(known.any()):
-        axes.text(0.5, 0.5, "no estimate", transform=axes.transAxes, ha="center", va="center", fontsize=SMALL)
-        return
-    mean, spread = values.mean("trial"), 2 * values.std("trial")
-    if int(known.sum("trial").max()) > 1:
-        axes.fill_between(time, mean - spread, np.minimum(mean + spread, most), color=hue, alpha=0.25, linewidth=0)
-    axes.plot(time, mean, color=hue, linewidth=1.4)
+def _places(methods: int, bars: int) -> Array:
+    """Position of each bar, shape (method, bar), such that the bars of a method stand below its column."""
+    room = 0.4 if bars > 2 else 0.9
+    width = bars - 0.4 + 2 * room
+    return (1 + GAP) * width * np.arange(methods)[:, None] + np.arange(bars) + 0.3 + room
 
 
-def _share_ticks(row: Sequence[Axes], last: bool) -> None:
-    for axes in row:
-        axes.sharex(row[0])
-        axes.margins(x=0)
-        axes.tick_params(labelbottom=last)
+def _label_bars(axes: Axes, methods: int, ticks: list[str]) -> None:
+    """Write below each bar what it is of; the axes end where the columns above do."""
+    places = _places(methods, len(ticks))
+    axes.set_xticks(places.ravel(), ticks * methods)
+    axes.set_xlim(0, places[-1, -1] + places[0, 0])
+    axes.grid(visible=False, axis="x")
+    crowded = sum(map(len, ticks)) + 2 * len(ticks) > 20
+    for each in axes.get_shared_x_axes().get_siblings(axes):
+        each.grid(visible=False, axis="x")
+        each.tick_params(axis="x", labelrotation=90 if crowded else 0)
 
 
-def _bars(row: Sequence[Axes], name: str, values: Array, errors: Array, methods: Sequence[str]) -> None:
+def _bars(axes: Axes, name: str, values: Array, errors: Array, methods: Sequence[str]) -> None:
     """Bars of one metric; values and standard errors of shape (method, scenario)."""
     base = 0.0
     if name == "vaf":
@@ -175,32 +193,19 @@ def _bars(row: Sequence[Axes], name: str, values: Array, errors: Array, methods:
     else:
         top = _top(values)
         reach = np.nanmax(np.where(values <= top, values + np.nan_to_num(errors), np.nan))
-        cut = bool(np.nanmax(values) > top)
-        highest = 1.22 * top if cut else 1.06 * float(reach)
-    for axes, heights, spread, hue in zip(
-        row, values, errors, [hue for hue, _ in lines(methods).values()], strict=True
-    ):
-        places = np.arange(len(heights))
-        axes.bar(places, np.minimum(heights, top) - base, bottom=base, width=0.72, color=hue)
-        told = (heights <= top) & np.isfinite(spread)
-        axes.errorbar(
-            places[told], heights[told], spread[told], fmt="none", ecolor="black", elinewidth=0.9, capsize=1.8
-        )
-        for place in places[heights > top]:
-            axes.plot([place - 0.5, place + 0.5], [0.84 * top, 0.92 * top], color="white", linewidth=1.8)
-            axes.annotate(
-                f"{heights[place]:.3g}",
-                (place, top),
-                (0, 1),
-                textcoords="offset points",
-                ha="left" if place == 0 and len(places) > 2 else "center",
-                va="bottom",
-                fontsize=SMALL,
-            )
-        for place in places[~np.isfinite(heights)]:
-            axes.text(place, base, "–", ha="center", va="bottom", fontsize=10)
-    row[0].set_ylim(base, highest if highest > base else base + 1)
-    row[0].set_ylabel(BARS[name].replace("(%)", _percent(base)), fontsize=SMALL)
+        highest = 1.22 * top if bool(np.nanmax(values) > top) else 1.06 * float(reach)
+    places = _places(*values.shape)
+    colours = np.repeat(list(hues(methods).values()), values.shape[1])
+    axes.bar(places.ravel(), np.minimum(values, top).ravel() - base, bottom=base, width=0.72, color=colours)
+    sure = (values <= top) & np.isfinite(errors)
+    axes.errorbar(places[sure], values[sure], errors[sure], fmt="none", ecolor="black", elinewidth=0.9, capsize=1.8)
+    for place, value in zip(places[values > top], values[values > top], strict=True):
+        axes.plot([place - 0.5, place + 0.5], [0.84 * top, 0.92 * top], color="white", linewidth=1.8)
+        axes.text(place, 1.01 * top, f"{value:.3g}", ha="center", va="bottom")
+    for place in places[~np.isfinite(values)]:
+        axes.text(place, base, "–", ha="center", va="bottom", fontsize=10)
+    axes.set_ylim(base, highest if highest > base else base + 1)
+    axes.set_ylabel(BARS[name].replace("(%)", _percent(base)))
 
 
 def _top(values: Array) -> float:
@@ -211,21 +216,3 @@ def _top(values: Array) -> float:
         return float(each[-1])
     cut = 1.15 * float(values[values <= usual].max())
     return cut if each[-1] > 1.5 * cut else float(each[-1])  # little is gained by cutting off a little
-
-
-def _legend(figure: Figure, axes: Axes, bars: bool, trials: int) -> None:
-    from matplotlib.lines import Line2D  # noqa: PLC0415  # heavy
-    from matplotlib.patches import Patch  # noqa: PLC0415  # heavy
-
-    grey = "#777777"
-    handles: list[Any] = [Line2D([], [], color=TRUTH, linewidth=1.0, linestyle="--", label="truth")]
-    handles.append(Line2D([], [], color=grey, label="mean over trials" if trials > 1 else "the only trial"))
-    if trials > 1:
-        handles.append(Patch(color=grey, alpha=0.35, linewidth=0, label="± 2 standard deviations"))
-        if bars:
-            line = Line2D([], [], color="black", marker="|", linewidth=0.9, label="± 1 standard error")
-            handles.append(line)
-    wide = figure.get_figwidth() > 6
-    figure.legend(
-        handles=handles, frameon=False, fontsize=8, loc="outside lower center", ncols=len(handles) if wide else 2
-    )

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tvsysid.figures.illustration import Illustration
-from tvsysid.figures.style import PALETTE, TRUTH, plain
+from tvsysid.figures.saving import Illustration
+from tvsysid.figures.style import PALETTE, REALIZATION_TIME, TRUTH, Array, panels, styled
 from tvsysid.quality import Curves, Diagnosis
 
 if TYPE_CHECKING:
@@ -24,6 +25,7 @@ FARTHEST = 3.0
 """Multiple of what is usual at which a realization is drawn at the edge."""
 
 
+@styled
 def diagnosis_panels(diagnosis: Diagnosis, title: str = "") -> Figure:
     """Six pictures of an ensemble.
 
@@ -41,12 +43,7 @@ def diagnosis_panels(diagnosis: Diagnosis, title: str = "") -> Figure:
         coherence over time and frequency, stiffness in both halves of the experiment, stiffness and noise of each
         realization, and correlation of the torque left over with angle and speed over lags.
     """
-    from matplotlib.figure import Figure  # noqa: PLC0415  # heavy
-
-    figure = Figure(figsize=(10.0, 6.2), layout="constrained")
-    grid = figure.subplots(2, 3)
-    for axes in grid.ravel():
-        plain(axes).tick_params(labelsize=8)
+    figure, grid = panels(2, 3, 10.0, 6.2, title)
     curves = diagnosis.curves
     _angle(grid[0, 0], curves, diagnosis.measures["natural frequency"][0])
     _torque(grid[0, 1], curves)
@@ -54,7 +51,6 @@ def diagnosis_panels(diagnosis: Diagnosis, title: str = "") -> Figure:
     _halves(grid[1, 0], curves)
     _realizations(grid[1, 1], curves)
     _lags(grid[1, 2], curves)
-    figure.suptitle(title.replace("$", r"\$"), fontsize=11)
     return figure
 
 
@@ -91,33 +87,33 @@ def diagnosis_illustration(diagnosis: Diagnosis, name: str) -> Illustration:
         f"{farthest[1]}; chance keeps 95 % of them below {float(curves.chance):.2f}, the grey band. What is beyond it "
         "at positive lags is a reflex, a slow answer or a delay, at negative ones feedback.",
     ]
-    return Illustration(diagnosis_panels(diagnosis, name), f"What was seen in {name}", " ".join(sentences))
+    return Illustration(partial(diagnosis_panels, diagnosis, name), f"What was seen in {name}", " ".join(sentences))
 
 
 def _angle(axes: Axes, curves: Curves, natural: float) -> None:
     if np.isfinite(natural) and natural > LOWEST:
         axes.axvspan(LOWEST, natural, color=PALETTE[5], alpha=0.2, linewidth=0, label="band needed")
     _spectrum(axes, curves.frequency, curves.angle_power, PALETTE[0], "angle")
-    axes.set_title("input: power of the angle", fontsize=9)
-    axes.set_ylabel("rad²/Hz", fontsize=8)
-    axes.legend(frameon=False, fontsize=7, loc="lower left")
+    axes.set_title("input: power of the angle")
+    axes.set_ylabel("rad²/Hz")
+    axes.legend(fontsize=7, loc="lower left")
 
 
 def _torque(axes: Axes, curves: Curves) -> None:
     _spectrum(axes, curves.frequency, curves.torque_power, PALETTE[0], "torque")
     _spectrum(axes, curves.frequency, curves.residual_power, PALETTE[1], "left by the model")
-    axes.set_title("output: power of the torque", fontsize=9)
-    axes.set_ylabel("(N·m)²/Hz", fontsize=8)
-    axes.legend(frameon=False, fontsize=7, loc="lower left")
+    axes.set_title("output: power of the torque")
+    axes.set_ylabel("(N·m)²/Hz")
+    axes.legend(fontsize=7, loc="lower left")
 
 
-def _spectrum(axes: Axes, frequency: np.ndarray, power: np.ndarray, colour: str, label: str) -> None:
+def _spectrum(axes: Axes, frequency: Array, power: Array, colour: str, label: str) -> None:
     """Power where there is some, over a logarithmic axis."""
     shown = (frequency > 0) & (frequency <= SHOWN)
     shown &= power > DYNAMIC_RANGE * power.max()
     axes.loglog(frequency[shown], power[shown], color=colour, linewidth=1.2, label=label)
     axes.set_xlim(frequency[1], SHOWN)
-    axes.set_xlabel("frequency (Hz)", fontsize=8)
+    axes.set_xlabel("frequency (Hz)")
     ticks = [tick for tick in (0.5, 1, 2, 5, 10, 20, 40) if frequency[1] <= tick <= SHOWN]
     axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     axes.tick_params(axis="x", which="minor", bottom=False, labelbottom=False)
@@ -126,12 +122,12 @@ def _spectrum(axes: Axes, frequency: np.ndarray, power: np.ndarray, colour: str,
 
 def _coherence(figure: Figure, axes: Axes, curves: Curves) -> None:
     axes.grid(visible=False)
-    axes.set_title("coherence of torque and angle", fontsize=9)
-    axes.set_xlabel("time within a realization (s)", fontsize=8)
-    axes.set_ylabel("frequency (Hz)", fontsize=8)
+    axes.set_title("coherence of torque and angle")
+    axes.set_xlabel(REALIZATION_TIME)
+    axes.set_ylabel("frequency (Hz)")
     shown = (curves.coherence_frequency > 0) & (curves.coherence_frequency <= SHOWN)
     if not len(curves.coherence) or not shown.any():
-        axes.text(0.5, 0.5, "realizations too short", transform=axes.transAxes, ha="center", va="center", fontsize=8)
+        axes.text(0.5, 0.5, "realizations too short", transform=axes.transAxes, ha="center", va="center")
         return
     mesh = axes.pcolormesh(
         curves.coherence_time,
@@ -145,7 +141,7 @@ def _coherence(figure: Figure, axes: Axes, curves: Curves) -> None:
     )
     bar = figure.colorbar(mesh, ax=axes, pad=0.02)
     bar.ax.tick_params(labelsize=7)
-    bar.set_label("coherence", fontsize=8)
+    bar.set_label("coherence")
     bar.outline.set_visible(False)
 
 
@@ -158,10 +154,10 @@ def _halves(axes: Axes, curves: Curves) -> None:
     room = 0.25 * max(high - low, 0.2 * max(abs(low), abs(high))) or 1.0
     axes.set_ylim(min(0.0, low - room), max(0.0, high + 2 * room))
     axes.margins(x=0)
-    axes.set_title("stiffness in both halves of the experiment", fontsize=9)
-    axes.set_xlabel("time within a realization (s)", fontsize=8)
-    axes.set_ylabel("N·m/rad", fontsize=8)
-    axes.legend(frameon=False, fontsize=7, loc="upper right", ncols=2)
+    axes.set_title("stiffness in both halves of the experiment")
+    axes.set_xlabel(REALIZATION_TIME)
+    axes.set_ylabel("N·m/rad")
+    axes.legend(fontsize=7, loc="upper right", ncols=2)
 
 
 def _realizations(axes: Axes, curves: Curves) -> None:
@@ -175,9 +171,9 @@ def _realizations(axes: Axes, curves: Curves) -> None:
         axes.plot(numbers, shown, marker, color=colour, markersize=2.5, linestyle="none", label=label)
     low = min(0.0, float(np.clip(curves.stiffness.min(), 1 - FARTHEST, 0)) - 0.1)
     axes.set_ylim(low, max(2.0, min(FARTHEST, float(max(curves.stiffness.max(), curves.noise.max()))) + 0.6))
-    axes.set_title("each realization over what is usual", fontsize=9)
-    axes.set_xlabel("realization, as recorded", fontsize=8)
-    axes.legend(frameon=False, fontsize=7, loc="upper right", ncols=2, handletextpad=0.1, columnspacing=1)
+    axes.set_title("each realization over what is usual")
+    axes.set_xlabel("realization, as recorded")
+    axes.legend(fontsize=7, loc="upper right", ncols=2, handletextpad=0.1, columnspacing=1)
 
 
 def _lags(axes: Axes, curves: Curves) -> None:
@@ -192,7 +188,7 @@ def _lags(axes: Axes, curves: Curves) -> None:
         axes.vlines(1000 * curves.lag + side * step, 0, values, color=colour, linewidth=1.2, label=label)
     highest = max(float(np.abs(curves.correlation).max()), 3 * limit)
     axes.set_ylim(-1.1 * highest, 1.5 * highest)
-    axes.set_title("correlation of the torque left over", fontsize=9)
-    axes.set_xlabel("lag of the torque (ms)", fontsize=8)
-    axes.legend(frameon=False, fontsize=7, loc="upper right", ncols=2)
+    axes.set_title("correlation of the torque left over")
+    axes.set_xlabel("lag of the torque (ms)")
+    axes.legend(fontsize=7, loc="upper right", ncols=2)
     axes.margins(x=0.01)

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tvsysid.figures.analyses import least_data, seconds_of_data, unique
+from tvsysid.figures.analyses import least_data, seconds_of_data
 from tvsysid.figures.excerpts import recorded_signals
-from tvsysid.figures.illustration import Illustration
 from tvsysid.figures.participants import participant_in_detail, stiffness_of_participants, stiffness_with_bands
 from tvsysid.figures.preparation import preparation_steps
+from tvsysid.figures.results import knows_truth, truth, unique
+from tvsysid.figures.saving import Illustration
 from tvsysid.figures.spread import SPREAD, error_against_truth, variance_and_spread
-from tvsysid.figures.words import told
+from tvsysid.figures.words import count, perturbation_name
 from tvsysid.preprocess import Preparation
 from tvsysid.signals import Recording
 
@@ -22,7 +24,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 PAPER = "van de Ruit et al. 2021"
-TOLD = {
+METRICS = {
     "mean_stiffness": "mean stiffness",
     "vaf": "VAF",
     "bandpassed_vaf": "VAF 1-10 Hz",
@@ -69,13 +71,17 @@ def experiment_figures(
     shown["participant"] = _detail(results, summary, one)
     if len(summary):
         shown["variance-and-spread"] = _spread(summary)
-    if len(summary) and np.isfinite(results.true_stiffness.values).any():
+    if len(summary) and knows_truth(results):
         shown["error-against-truth"] = _error(results, summary)
     recorded = _of_one(excerpts, results, one)
     if recorded:
         who = str(results.participant.sel(recording=recorded[0]).item())
         shown["recorded-signals"] = _signals(
-            {told(str(results.perturbation.sel(recording=label).item())): excerpts[label] for label in recorded}, who
+            {
+                perturbation_name(results.perturbation.sel(recording=label).item()): excerpts[label]
+                for label in recorded
+            },
+            who,
         )
     prepared = _of_one(preparations, results, one)
     if prepared:
@@ -110,10 +116,12 @@ def _all(results: xr.Dataset, summary: pd.DataFrame) -> Illustration:
     title = f"Stiffness of {'all participants' if people > 1 else 'the participant'}"
     text = (
         f"Like figure 8 of {PAPER}: "
-        f"stiffness over one realization, mean over bootstraps, of {_count(people, 'participant')}: a row for each "
+        f"stiffness over one realization, mean over bootstraps, of {count(people, 'participant')}: a row for each "
         f"perturbation, a line for each method ({_amounts(results)}){_truth(results)}. "
     )
-    return Illustration(stiffness_of_participants(results, title), title, text + _torque(results) + _sentences(summary))
+    return Illustration(
+        partial(stiffness_of_participants, results, title), title, text + _torque(results) + _sentences(summary)
+    )
 
 
 def _detail(results: xr.Dataset, summary: pd.DataFrame, participant: str) -> Illustration:
@@ -126,7 +134,7 @@ def _detail(results: xr.Dataset, summary: pd.DataFrame, participant: str) -> Ill
     )
     rows = summary[summary.participant == participant]
     return Illustration(
-        participant_in_detail(results, participant, title),
+        partial(participant_in_detail, results, participant, title),
         title,
         text + _grey(results) + _sentences(rows, ("mean_stiffness", "random_error", "vaf")),
     )
@@ -139,7 +147,9 @@ def _single(results: xr.Dataset, summary: pd.DataFrame) -> Illustration:
         f"Stiffness over one realization: mean and two standard deviations over bootstraps, a column for each method "
         f"({_amounts(results)}){_truth(results)}. "
     )
-    return Illustration(stiffness_with_bands(results, label, title), title, text + _grey(results) + _sentences(summary))
+    return Illustration(
+        partial(stiffness_with_bands, results, label, title), title, text + _grey(results) + _sentences(summary)
+    )
 
 
 def _spread(summary: pd.DataFrame) -> Illustration:
@@ -151,20 +161,20 @@ def _spread(summary: pd.DataFrame) -> Illustration:
         "realizations that the model was identified from. "
     )
     return Illustration(
-        variance_and_spread(summary, title), title, text + _sentences(summary, tuple(SPREAD), least=False)
+        partial(variance_and_spread, summary, title), title, text + _sentences(summary, tuple(SPREAD), least=False)
     )
 
 
 def _error(results: xr.Dataset, summary: pd.DataFrame) -> Illustration:
     title = "Error against the truth"
-    people = len(unique(results.participant.values[np.isfinite(results.true_stiffness.values).any(axis=1)]))
+    people = len(unique(results.participant.values[np.isfinite(truth(results).values).any(axis=1)]))
     text = (
         "How far the mean estimate over bootstraps is from the true stiffness of "
-        f"{_count(people, 'virtual participant')}: above over time, a thin line for each and a thick "
+        f"{count(people, 'virtual participant')}: above over time, a thin line for each and a thick "
         f"one for their mean ({_amounts(results)}); below as bars with two standard deviations over participants. "
     )
     return Illustration(
-        error_against_truth(results, summary, title),
+        partial(error_against_truth, results, summary, title),
         title,
         text + _sentences(summary, ("bias_error", "mean_bias")),
     )
@@ -180,28 +190,28 @@ def _signals(pieces: Mapping[str, Recording], participant: str) -> Illustration:
     )
     like = f"Like figure 6 of {PAPER}"
     text = f"{like}: angle and torque at {first.sampling_rate:g} Hz{target}, a row for each perturbation. {described}."
-    return Illustration(recorded_signals(pieces, title), title, text)
+    return Illustration(partial(recorded_signals, pieces, title), title, text)
 
 
 def _preparation(preparation: Preparation, results: xr.Dataset, label: str) -> Illustration:
     here = results.sel(recording=label)
-    title = f"Preparation of {here.participant.item()}, {told(str(here.perturbation.item()))}"
+    title = f"Preparation of {here.participant.item()}, {perturbation_name(here.perturbation.item())}"
     aligned = "aligned and with" if preparation.alignment is not None else "with"
-    told_of = {
+    done = {
         "alignment": (preparation.alignment, "each is aligned to the torque to be followed (black)"),
         "task component": (preparation.task, "the component at the task's frequency, with its mean and limits"),
         "residual": (preparation.residual, "the low-passed residual, with its mean and limits"),
     }
     counts = preparation.account.counts
     steps = "; ".join(
-        f"{words}: {counts.get(name, 0)} excluded" for name, (step, words) in told_of.items() if step is not None
+        f"{words}: {counts.get(name, 0)} excluded" for name, (step, words) in done.items() if step is not None
     )
     text = (
         f"Like figure 7 of {PAPER}. Above: the torque of all {len(preparation.recorded)} realizations as it was "
         f"recorded, and that of the {len(preparation.ensemble)} that were kept, {aligned} their mean subtracted. "
         f"{f'Below, step by step: {steps}.' if steps else 'No step was taken that excludes realizations.'}"
     )
-    return Illustration(preparation_steps(preparation, title), title, text)
+    return Illustration(partial(preparation_steps, preparation, title), title, text)
 
 
 def _sentences(summary: pd.DataFrame, metrics: tuple[str, ...] = ("mean_stiffness", "vaf"), least: bool = True) -> str:
@@ -217,9 +227,9 @@ def _sentences(summary: pd.DataFrame, metrics: tuple[str, ...] = ("mean_stiffnes
                 means = mine.groupby("realizations").value.mean()  # sorted by the amount of data
                 values.append(f"{method} {' and '.join(_number(each) for each in (means[:1] if least else means))}")
             if values:
-                parts.append(f"{TOLD[metric]} {', '.join(values)} {rows.unit.iloc[0]}")
+                parts.append(f"{METRICS[metric]} {', '.join(values)} {rows.unit.iloc[0]}")
         if parts:
-            sentences.append(f"With {told(perturbation)}: {'; '.join(parts)}.")
+            sentences.append(f"With {perturbation_name(perturbation)}: {'; '.join(parts)}.")
     order = "Where two or more numbers follow a method, they are those from the least to the most data. "
     return ("" if least or not sentences else order) + " ".join(sentences)
 
@@ -253,8 +263,4 @@ def _grey(results: xr.Dataset) -> str:
 
 
 def _truth(results: xr.Dataset) -> str:
-    return ", against the true stiffness" if np.isfinite(results.true_stiffness.values).any() else ""
-
-
-def _count(number: int, word: str) -> str:
-    return f"{number} {word}{'' if number == 1 else 's'}"
+    return ", against the true stiffness" if knows_truth(results) else ""

@@ -1,4 +1,4 @@
-"""Alignment and exclusion step by step, like figure 7 of van de Ruit et al. 2021."""
+"""Alignment and exclusion step by step."""
 
 from __future__ import annotations
 
@@ -7,16 +7,35 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.figures.style import PALETTE, TRUTH, plain
+from tvsysid.figures.style import (
+    PALETTE,
+    REALIZATION_TIME,
+    TRUTH,
+    Array,
+    blank,
+    legend_below,
+    line_key,
+    styled,
+)
 from tvsysid.preprocess import Preparation, Step
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 KEPT = "#B8B8B8"
+TITLES = {
+    "alignment": "aligned to the target",
+    "task component": "component at the task's frequency",
+    "residual": "residual, low-passed",
+}
+COLOURS = {"alignment": PALETTE[1], "task component": PALETTE[0], "residual": PALETTE[2]}
+"""Colour of the realizations that each step excluded."""
+REASONS = {"alignment": "shifted too far", "task component": "unlike in the task", "residual": "unlike otherwise"}
 
 
+@styled
 def preparation_steps(preparation: Preparation, title: str = "") -> Figure:
     """Torque before and after, and what each step judged and excluded.
 
@@ -32,11 +51,9 @@ def preparation_steps(preparation: Preparation, title: str = "") -> Figure:
     matplotlib.figure.Figure
         Above the recorded and the prepared torque, below one axes for each step that was taken.
     """
-    from matplotlib.figure import Figure  # noqa: PLC0415  # heavy
-
     taken = (preparation.alignment, preparation.task, preparation.residual)
     steps = {name: step for name, step in zip(TITLES, taken, strict=True) if step is not None}
-    figure = Figure(figsize=(10.0, 6.4 if steps else 3.6), layout="constrained")
+    figure = blank(10.0, 6.4 if steps else 3.6, title)
     grid = figure.add_gridspec(2 if steps else 1, 6)
     before, after = figure.add_subplot(grid[0, :3]), figure.add_subplot(grid[0, 3:])
     account, time = preparation.account, preparation.recorded.time
@@ -45,42 +62,30 @@ def preparation_steps(preparation: Preparation, title: str = "") -> Figure:
     _realizations(before, time, recorded.torque[:, recorded.core], account.excluded_by)
     if preparation.alignment is not None:
         _reference(before, time, preparation.alignment.mean)
-    before.set_title(f"recorded: {len(recorded)} realizations", fontsize=9)
+    before.set_title(f"recorded: {len(recorded)} realizations")
     _realizations(after, time, prepared.torque[:, prepared.core], np.full(len(prepared), ""))
-    after.set_title(f"prepared: {len(prepared)} realizations, mean subtracted", fontsize=9)
+    after.set_title(f"prepared: {len(prepared)} realizations, mean subtracted")
 
     wide = 6 // max(len(steps), 1)
     for number, (name, step) in enumerate(steps.items()):
         axes = figure.add_subplot(grid[1, wide * number : wide * (number + 1)])
         _realizations(axes, time, step.judged, step.account.excluded_by)
         _limits(axes, time, step)
-        axes.set_title(f"{number + 1}. {TITLES[name]}: {np.count_nonzero(~step.account.kept)} excluded", fontsize=9)
+        axes.set_title(f"{number + 1}. {TITLES[name]}: {np.count_nonzero(~step.account.kept)} excluded")
     for axes in figure.axes:
-        axes.set_xlabel("time within a realization (s)", fontsize=8)
-        axes.tick_params(labelsize=8)
+        axes.set_xlabel(REALIZATION_TIME)
         axes.set_xlim(0, recorded.duration)
         axes.locator_params(axis="x", nbins=5)
     for axes in figure.axes[:3]:
-        axes.set_ylabel("torque (N·m)", fontsize=8)
-    figure.legend(handles=_legend(list(steps)), frameon=False, fontsize=8, loc="outside lower center", ncols=7)
-    figure.suptitle(title, fontsize=11)
+        axes.set_ylabel("torque (N·m)")
+    legend_below(figure, _legend(list(steps)))
     return figure
 
 
-TITLES = {
-    "alignment": "aligned to the target",
-    "task component": "component at the task's frequency",
-    "residual": "residual, low-passed",
-}
-COLOURS = {"alignment": PALETTE[1], "task component": PALETTE[0], "residual": PALETTE[2]}
-"""Colour of the realizations that each step excluded."""
-
-
-def _realizations(axes: Axes, time: NDArray[np.float64], torque: NDArray[np.float64], steps: NDArray[np.str_]) -> None:
+def _realizations(axes: Axes, time: Array, torque: Array, steps: NDArray[np.str_]) -> None:
     """Every realization, those excluded in front and in the colour of the step."""
     from matplotlib.collections import LineCollection  # noqa: PLC0415  # heavy
 
-    plain(axes)
     for step, colour in {"": KEPT, **COLOURS}.items():
         chosen = torque[steps == step]
         lines = [np.column_stack([time, values]) for values in chosen]
@@ -93,11 +98,11 @@ def _realizations(axes: Axes, time: NDArray[np.float64], torque: NDArray[np.floa
     axes.autoscale_view()
 
 
-def _reference(axes: Axes, time: NDArray[np.float64], target: NDArray[np.float64]) -> None:
+def _reference(axes: Axes, time: Array, target: Array) -> None:
     axes.plot(time, target, color="black", linewidth=1.6)
 
 
-def _limits(axes: Axes, time: NDArray[np.float64], step: Step) -> None:
+def _limits(axes: Axes, time: Array, step: Step) -> None:
     """The target torque, or mean and limits."""
     if step.half_width is None:
         _reference(axes, time, step.mean)
@@ -107,15 +112,12 @@ def _limits(axes: Axes, time: NDArray[np.float64], step: Step) -> None:
         axes.plot(time, limit, color=TRUTH, linewidth=1.2, linestyle="--")
 
 
-def _legend(steps: list[str]) -> list[object]:
-    from matplotlib.lines import Line2D  # noqa: PLC0415  # heavy
-
-    why = {"alignment": "shifted too far", "task component": "unlike in the task", "residual": "unlike otherwise"}
-    handles: list[object] = [Line2D([], [], color=KEPT, linewidth=1.5, label="kept")]
-    handles += [Line2D([], [], color=COLOURS[step], linewidth=1.5, label=f"excluded: {why[step]}") for step in steps]
+def _legend(steps: list[str]) -> list[Artist]:
+    handles = [line_key("kept", color=KEPT)]
+    handles += [line_key(f"excluded: {REASONS[step]}", color=COLOURS[step]) for step in steps]
     if "alignment" in steps:
-        handles.append(Line2D([], [], color="black", linewidth=1.6, label="target"))
+        handles.append(line_key("target", color="black", linewidth=1.6))
     if {"task component", "residual"} & set(steps):
-        handles.append(Line2D([], [], color=TRUTH, linewidth=1.2, label="mean"))
-        handles.append(Line2D([], [], color=TRUTH, linewidth=1.2, linestyle="--", label="limits"))
+        handles.append(line_key("mean", color=TRUTH, linewidth=1.2))
+        handles.append(line_key("limits", color=TRUTH, linewidth=1.2, linestyle="--"))
     return handles

@@ -1,10 +1,10 @@
-"""Impulse responses, like figure 2 of van de Ruit et al. 2021."""
+"""Impulse responses of several methods on top of each other."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from tvsysid.figures.style import lines, plain
+from tvsysid.figures.style import hues, legend_below, panels, styled
 from tvsysid.figures.words import wrapped
 
 if TYPE_CHECKING:
@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+@styled
 def impulse_responses(responses: xr.Dataset, title: str = "") -> Figure:
     """True and identified impulse responses at chosen instants.
 
@@ -28,25 +29,20 @@ def impulse_responses(responses: xr.Dataset, title: str = "") -> Figure:
     matplotlib.figure.Figure
         One axes for each instant.
     """
-    from matplotlib.figure import Figure  # noqa: PLC0415  # heavy
-
     count = responses.sizes["instant"]
-    figure = Figure(figsize=(3.2 * count + 1.9, 3.4), layout="constrained")
-    grid = figure.subplots(1, count, sharex=True, sharey=True, squeeze=False)[0]
+    figure, grid = panels(1, count, max(3.2 * count + 0.6, 4.0), 3.6, title, sharex=True, sharey=True)
     methods = [str(name) for name in responses.method_key.values]
-    for axes, instant in zip(grid, responses.instant.values, strict=True):
+    for axes, instant in zip(grid[0], responses.instant.values, strict=True):
         here = responses.sel(instant=instant)
-        plain(axes).plot(here.lag, here.true_impulse_response, color="#BBBBBB", linewidth=5, label="truth")
-        for number, (method, (hue, _)) in enumerate(lines(methods).items()):
+        axes.plot(here.lag, here.true_impulse_response, color="#BBBBBB", linewidth=5, label="truth")
+        for number, (method, hue) in enumerate(hues(methods).items()):
             # Dashes begin at different places, so that lines on top of each other all show.
             style = (3.0 * number, (5.0, 2.5))
             response = here.impulse_response.sel(method_key=method)
-            axes.plot(here.lag, response, color=hue, linestyle=style, linewidth=1.5, label=wrapped(method))
-        axes.set_title(f"k = {float(here.stiffness):.0f} N·m/rad, at {float(instant):g} s", fontsize=9)
-        axes.set_xlabel("lag (s)", fontsize=8)
+            axes.plot(here.lag, response, color=hue, linestyle=style, linewidth=1.5, label=wrapped(method, 40))
+        axes.set_title(f"k = {float(here.stiffness):.0f} N·m/rad, at {float(instant):g} s")
+        axes.set_xlabel("lag (s)")
         axes.margins(x=0)
-        axes.tick_params(labelsize=8)
-    grid[0].set_ylabel("impulse response (N·m/(rad·s))", fontsize=8)
-    figure.legend(*grid[0].get_legend_handles_labels(), frameon=False, fontsize=8, loc="outside right upper")
-    figure.suptitle(title, fontsize=10)
+    grid[0, 0].set_ylabel("impulse response (N·m/(rad·s))")
+    legend_below(figure, grid[0, 0].lines)
     return figure

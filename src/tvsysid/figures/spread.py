@@ -1,16 +1,17 @@
-"""Metrics of all participants, like figure 10 of van de Ruit et al. 2021, and errors against the truth."""
+"""Metrics of all participants, and errors against the truth."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.figures.analyses import headings, least_data, one_period, unique, usual_range
-from tvsysid.figures.style import TRUTH, legend_below, lines, plain
-from tvsysid.figures.words import told, wrapped
+from tvsysid.figures.analyses import headings, label_time, least_data, mean_stiffness, usual_range
+from tvsysid.figures.results import truth, unique
+from tvsysid.figures.style import TRUTH, blank, hues, legend_below, line_key, panels, patch_key, remark, styled
+from tvsysid.figures.words import perturbation_name, wrapped
 from tvsysid.numerics.bands import mean_and_spread
 
 if TYPE_CHECKING:
@@ -19,22 +20,21 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
-Array = NDArray[np.float64]
-
 SPREAD = {
     "vaf": "VAF (%)",
     "bandpassed_vaf": "VAF, 1-10 Hz (%)",
     "random_error": "random error (N·m/rad)",
 }
+POSSIBLE = {"vaf": (0.0, 100.0), "bandpassed_vaf": (0.0, 100.0), "mean_bias": (-np.inf, np.inf)}
+"""Lowest and highest value that a metric can have; from 0 upwards where nothing is said."""
 AGAINST_TRUTH = {"bias_error": "bias error (N·m/rad)", "mean_bias": "mean bias (N·m/rad)"}
-SMALL = 7.5
-"""Points of the small print."""
 OUTLYING = 5.0
 """An axis ends at this multiple of the upper quartile, so that one participant does not hide the others."""
 FAINT, FULL = 0.35, 0.85
 """Opacity of the bars for the least and the most data."""
 
 
+@styled
 def variance_and_spread(summary: pd.DataFrame, title: str = "") -> Figure:
     """VAF of the whole and of the band-passed torque, and the random error, at every amount of data.
 
@@ -52,25 +52,18 @@ def variance_and_spread(summary: pd.DataFrame, title: str = "") -> Figure:
         standard deviation on either side (within what is possible), and a dot is one participant; below a method stand
         the realizations drawn for its bars.
     """
-    from matplotlib.figure import Figure  # noqa: PLC0415  # heavy
-
-    perturbations, methods = unique(summary.perturbation.to_numpy()), unique(summary.method.to_numpy())
-    figure = Figure(figsize=(_width(summary, len(SPREAD)), 1.9 * len(perturbations) + 1.2), layout="constrained")
-    grid = figure.subplots(len(perturbations), len(SPREAD), sharex=True, sharey="col", squeeze=False)
-    for row, perturbation in zip(grid, perturbations, strict=True):
-        for axes, (metric, label) in zip(row, SPREAD.items(), strict=True):
-            rows = summary[(summary.perturbation == perturbation) & (summary.metric == metric)]
-            _bars(axes, rows, methods, (0.0, 100.0 if "vaf" in metric else np.inf))
-            axes.set_title(_words(perturbation) if len(perturbations) > 1 else "", fontsize=8.5, loc="left")
-            axes.set_ylabel(label, fontsize=SMALL)
+    perturbations, methods = unique(summary.perturbation), unique(summary.method)
+    rows, width = len(perturbations), _width(summary, len(SPREAD))
+    figure, grid = panels(rows, len(SPREAD), width, 1.9 * rows + 1.2, title, sharex=True, sharey="col")
+    _rows_of_bars(grid, summary, perturbations, methods, SPREAD)
     for column, metric in zip(grid.T, SPREAD, strict=True):
         column[0].set_ylim(0, 102 if "vaf" in metric else _top(column, summary[summary.metric == metric]))
         _tell_cut_off(column)
-    _legend(figure, summary)
-    figure.suptitle(title, fontsize=10)
+    legend_below(figure, _keys(summary))
     return figure
 
 
+@styled
 def error_against_truth(results: xr.Dataset, summary: pd.DataFrame, title: str = "") -> Figure:
     """How far the mean stiffness over bootstraps is from the truth, where the truth is known.
 
@@ -90,66 +83,69 @@ def error_against_truth(results: xr.Dataset, summary: pd.DataFrame, title: str =
         each perturbation, a thin line for each participant and a thick one for their mean. Below, bars of the bias
         error and of the mean bias as in :func:`variance_and_spread`.
     """
-    from matplotlib.figure import Figure  # noqa: PLC0415  # heavy
-
-    here = results.isel(recording=np.isfinite(results.true_stiffness.values).any(axis=1))
+    here = results.isel(recording=np.isfinite(truth(results).values).any(axis=1))
     perturbations, methods = unique(here.perturbation.values), list(least_data(here))
     rows = max(len(perturbations), 1)
     upper, lower = 1.35 * rows + 0.6, 1.8 * rows + 0.5
     width = max(1.45 * len(methods) + 0.8, _width(summary, len(AGAINST_TRUTH)))
-    figure = Figure(figsize=(width, upper + lower + 0.6), layout="constrained")
+    figure = blank(width, upper + lower + 0.6, title)
     above, below = figure.subfigures(2, 1, height_ratios=[upper, lower], squeeze=False)[:, 0]
     _over_time(above, here, perturbations)
     grid = below.subplots(rows, len(AGAINST_TRUTH), sharex=True, sharey="col", squeeze=False)
-    for row, perturbation in zip(grid, perturbations, strict=False):
-        for axes, (metric, label) in zip(row, AGAINST_TRUTH.items(), strict=True):
-            chosen = summary[(summary.perturbation == perturbation) & (summary.metric == metric)]
-            _bars(axes, chosen, methods, (0.0 if metric == "bias_error" else -np.inf, np.inf))
-            axes.axhline(0, color="black", linewidth=0.8)
-            axes.set_title(_words(perturbation) if rows > 1 else "", fontsize=8.5, loc="left")
-            axes.set_ylabel(label, fontsize=SMALL)
+    _rows_of_bars(grid, summary, perturbations, methods, AGAINST_TRUTH)
+    for axes in grid.flat:
+        axes.axhline(0, color="black", linewidth=0.8)
     grid[0, 0].set_ylim(0, _top(grid[:, 0], summary[summary.metric == "bias_error"]))
     _tell_cut_off(grid[:, 0])
-    _legend(figure, summary)
-    figure.suptitle(title, fontsize=10)
+    legend_below(figure, _keys(summary))
     return figure
 
 
 def _over_time(figure: SubFigure, results: xr.Dataset, perturbations: Sequence[str]) -> None:
     """Mean estimate minus truth: a column for each method, a row for each perturbation."""
     least, titles = least_data(results), headings(results, 18)
-    hues = {method: hue for method, (hue, _) in lines(list(least)).items()}
     grid = figure.subplots(max(len(perturbations), 1), len(least), sharex=True, sharey=True, squeeze=False)
-    chosen = results.stiffness.sel(analysis=list(least.values()))
-    mean, _ = mean_and_spread(chosen.transpose("bootstrap", "recording", "analysis", "time").values)
-    off = mean - results.true_stiffness.values[:, None]
+    off = mean_stiffness(results).values - truth(results).values[:, None]
     for row, perturbation in zip(grid, perturbations, strict=False):
         there = results.perturbation.values == perturbation
-        for column, (axes, method) in enumerate(zip(row, least, strict=True)):
-            plain(axes).axhline(0, color=TRUTH, linewidth=1.0, linestyle="--")
+        for column, (axes, hue) in enumerate(zip(row, hues(list(least)).values(), strict=True)):
+            axes.axhline(0, color=TRUTH, linewidth=1.0, linestyle="--")
             errors = off[there, column]
             errors = errors[np.isfinite(errors).any(axis=1)]
             for each in errors if len(errors) > 1 else ():
-                axes.plot(results.time.values, each, color=hues[method], linewidth=0.6, alpha=0.45)
+                axes.plot(results.time.values, each, color=hue, linewidth=0.6, alpha=0.45)
             if len(errors):
-                axes.plot(results.time.values, mean_and_spread(errors)[0], color=hues[method], linewidth=2.0)
+                axes.plot(results.time.values, mean_and_spread(errors)[0], color=hue, linewidth=2.0)
             else:
-                axes.text(0.5, 0.96, "no estimate", transform=axes.transAxes, ha="center", va="top", fontsize=SMALL)
-            axes.tick_params(labelsize=SMALL)
-            one_period(axes, results)
+                remark(axes, "no estimate")
         which = f"{_words(perturbation)}\n" if len(perturbations) > 1 else ""
-        row[0].set_ylabel(f"{which}estimate − truth\n(N·m/rad)", fontsize=SMALL)
+        row[0].set_ylabel(f"{which}estimate − truth\n(N·m/rad)")
     low, high = usual_range(np.moveaxis(off, 1, 0), np.zeros(1))
     grid[0, 0].set_ylim(low - 0.05 * (high - low), high)
     for axes, label in zip(grid[0], least.values(), strict=True):
         axes.set_title(titles[label], fontsize=8.5)
-    for axes in grid[-1]:
-        axes.set_xlabel("time (s)", fontsize=SMALL)
+    label_time(grid[-1], results)
+
+
+def _rows_of_bars(
+    grid: NDArray[Any],
+    summary: pd.DataFrame,
+    perturbations: Sequence[str],
+    methods: Sequence[str],
+    metrics: Mapping[str, str],
+) -> None:
+    """A row of axes for each perturbation, a column for each metric."""
+    for row, perturbation in zip(grid, perturbations, strict=False):
+        for axes, (metric, label) in zip(row, metrics.items(), strict=True):
+            rows = summary[(summary.perturbation == perturbation) & (summary.metric == metric)]
+            _bars(axes, rows, methods, POSSIBLE.get(metric, (0.0, np.inf)))
+            axes.set_title(_words(perturbation) if len(grid) > 1 else "", fontsize=8.5, loc="left")
+            axes.set_ylabel(label)
 
 
 def _width(summary: pd.DataFrame, columns: int) -> float:
     """Width in inches of a figure with so many columns of bars, such that what stands below them has room."""
-    methods = unique(summary.method.to_numpy())
+    methods = unique(summary.method)
     longest = max((len(line) for method in methods for line in _below(summary, method).split("\n")), default=0)
     return columns * max(0.65 + max(0.58, 0.075 * longest) * len(methods), 2.1)
 
@@ -162,8 +158,8 @@ def _below(rows: pd.DataFrame, method: str) -> str:
 
 def _bars(axes: Axes, rows: pd.DataFrame, methods: Sequence[str], possible: tuple[float, float]) -> None:
     """Mean of the participants, twice their standard deviation as far as is possible, and each of them."""
-    plain(axes).grid(visible=False, axis="x")
-    for place, (method, (hue, _)) in enumerate(lines(methods).items()):
+    axes.grid(visible=False, axis="x")
+    for place, (method, hue) in enumerate(hues(methods).items()):
         mine = rows[rows.method == method]
         amounts = sorted(mine.realizations.unique())
         width = 0.8 / max(len(amounts), 1)
@@ -185,9 +181,8 @@ def _bars(axes: Axes, rows: pd.DataFrame, methods: Sequence[str], possible: tupl
             axes.plot(middle + beside, values, ".", color="black", markersize=3.6, alpha=0.7, markeredgewidth=0)
     axes.set_xticks(range(len(methods)), [_below(rows, method) for method in methods])
     if axes.get_subplotspec().is_last_row():  # type: ignore[union-attr]
-        axes.set_xlabel("method, realizations drawn", fontsize=SMALL)
+        axes.set_xlabel("method, realizations drawn")
     axes.set_xlim(-0.6, len(methods) - 0.4)
-    axes.tick_params(labelsize=SMALL)
     axes.tick_params(axis="x", length=0)
 
 
@@ -214,25 +209,21 @@ def _tell_cut_off(column: Sequence[Axes]) -> None:
         for bar in axes.patches:
             if isinstance(bar, Rectangle) and bar.get_height() > top:
                 middle = bar.get_x() + bar.get_width() / 2
-                axes.annotate(f"↑ {bar.get_height():.3g}", (middle, top), ha="center", va="bottom", fontsize=SMALL)
+                axes.annotate(f"↑ {bar.get_height():.3g}", (middle, top), ha="center", va="bottom")
 
 
 def _words(perturbation: str) -> str:
-    return wrapped(told(perturbation), 40)
+    return wrapped(perturbation_name(perturbation), 40)
 
 
-def _legend(figure: Figure, summary: pd.DataFrame) -> None:
-    from matplotlib.lines import Line2D  # noqa: PLC0415  # heavy
-    from matplotlib.patches import Patch  # noqa: PLC0415  # heavy
-
-    several = summary.participant.nunique() > 1
-    handles: list[Any] = []
+def _keys(summary: pd.DataFrame) -> list[Any]:
+    keys = [line_key("one participant", color="black", marker=".", linestyle="")]
+    if summary.participant.nunique() > 1:
+        keys.insert(0, line_key("± 2 SD over participants", color="black", marker="|", linewidth=0.9))
     if summary.groupby("method").realizations.nunique().max() > 1:
-        handles += [
-            Patch(color="#555555", alpha=FAINT, linewidth=0, label="least data"),
-            Patch(color="#555555", alpha=FULL, linewidth=0, label="most data"),
+        keys = [
+            patch_key("least data", color="#555555", alpha=FAINT),
+            patch_key("most data", color="#555555", alpha=FULL),
+            *keys,
         ]
-    if several:
-        handles.append(Line2D([], [], color="black", marker="|", linewidth=0.9, label="± 2 SD over participants"))
-    handles.append(Line2D([], [], color="black", marker=".", linestyle="", label="one participant"))
-    legend_below(figure, handles)
+    return keys

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,9 +11,10 @@ import numpy as np
 from tvsysid.figures.amount import error_against_amount
 from tvsysid.figures.comparison import method_comparison
 from tvsysid.figures.coverage import coverage_over_time
-from tvsysid.figures.illustration import Illustration
 from tvsysid.figures.responses import impulse_responses
-from tvsysid.figures.words import PERTURBATIONS, PROFILES, TRAITS, described, told
+from tvsysid.figures.results import covered
+from tvsysid.figures.saving import Illustration
+from tvsysid.figures.words import TRAITS, count, described, perturbation_name, profile_name
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -20,7 +22,7 @@ if TYPE_CHECKING:
 
 USUAL = (150.0, 10.0)
 """Seconds of data and signal-to-noise ratio in dB that the paper shows over time."""
-TOLD = {
+METRICS = {
     "bias_error": "bias error",
     "random_error": "random error",
     "total_error": "total error",
@@ -68,7 +70,7 @@ def study_figures(
         if at_duration.snr_db[at_duration.snr_db < float("inf")].nunique() > 1:
             shown[f"amount-{profile}{ending}-snr"] = _amount(at_duration, f"{_name(profile)}: errors against noise")
         at = rows[(rows.duration_s == duration) & (rows.snr_db == snr)]
-        if np.isfinite(results.covered.sel(scenario=list(at.index)).values).any():
+        if np.isfinite(covered(results.sel(scenario=list(at.index))).values).any():
             shown[f"coverage-{profile}{ending}"] = _coverage(results, summary, at)
     if responses is not None:
         shown["impulse-responses"] = _responses(responses)
@@ -76,7 +78,7 @@ def study_figures(
 
 
 def _name(profile: Any) -> str:
-    name = PROFILES.get(profile, str(profile))
+    name = profile_name(profile)
     return name[:1].upper() + name[1:]
 
 
@@ -92,31 +94,38 @@ def _comparison(results: xr.Dataset, summary: pd.DataFrame, rows: pd.DataFrame) 
     bars = rows.sort_values(["snr_db", "duration_s"], kind="stable")
     bars = bars.sort_values("perturbation", kind="stable")
     scenarios: list[Any] = shown.to_dict("records")
-    perturbations = " and ".join(PERTURBATIONS.get(name, name) for name in shown.perturbation)
+    perturbations = " and ".join(map(perturbation_name, shown.perturbation))
     first = scenarios[0]
     covarying = ", viscosity varies with stiffness" if first["viscosity"] == "covarying" else ""
     title = f"{_name(first['profile'])}, {perturbations}{covarying}"
-    figure = method_comparison(results, summary, list(shown.index), list(bars.index), title)
-    trials = results.sizes["trial"]
+    labels = list(dict.fromkeys([*shown.index, *bars.index]))
+    drawing = partial(
+        method_comparison,
+        results[["stiffness", "true_stiffness", "time_varying_vaf"]].sel(scenario=labels),
+        summary[summary.scenario.isin(labels)],
+        list(shown.index),
+        list(bars.index),
+        title,
+    )
     text = (
         f"A column for each of {results.sizes['method_key']} methods. Upper rows, over one realization of "
-        f"{duration:g} s of data at {snr:g} dB: estimated stiffness, mean and two standard deviations over {trials} "
-        f"{'trial' if trials == 1 else 'trials'}, against the true stiffness, and time-varying VAF. "
-        f"Lower rows: bars of the metrics for {len(bars)} {'scenario' if len(bars) == 1 else 'scenarios'}. "
+        f"{duration:g} s of data at {snr:g} dB: estimated stiffness, mean and two standard deviations over "
+        f"{count(results.sizes['trial'], 'trial')}, against the true stiffness, and time-varying VAF. "
+        f"Lower rows: bars of the metrics for {count(len(bars), 'scenario')}. "
     )
-    return Illustration(figure, title, text + " ".join(_figures(summary, list(shown.index), scenarios)))
+    return Illustration(drawing, title, text + " ".join(_figures(summary, list(shown.index), scenarios)))
 
 
 def _figures(summary: pd.DataFrame, labels: Sequence[str], scenarios: Sequence[dict[str, Any]]) -> list[str]:
     """One sentence for each method in each scenario."""
     sentences = []
     for label, scenario in zip(labels, scenarios, strict=True):
-        rows = summary[(summary.scenario == label) & summary.metric.isin(list(TOLD))].dropna(subset=["value"])
+        rows = summary[(summary.scenario == label) & summary.metric.isin(list(METRICS))].dropna(subset=["value"])
         for method, mine in rows.groupby("method", sort=False):
             values = mine.set_index("metric")
             parts = [
                 f"{words} {values.value[name]:.3g} {values.unit[name]}"
-                for name, words in TOLD.items()
+                for name, words in METRICS.items()
                 if name in values.index
             ]
             sentences.append(f"{method} with {described(scenario)}: {', '.join(parts)}.")
@@ -127,7 +136,8 @@ def _coverage(results: xr.Dataset, summary: pd.DataFrame, rows: pd.DataFrame) ->
     first: Any = rows.iloc[0]
     covarying = ", viscosity varies with stiffness" if first.viscosity == "covarying" else ""
     title = f"{_name(first.profile)}: how often the bands hold the truth, {first.duration_s:g} s{covarying}"
-    figure = coverage_over_time(results, list(rows.index), title)
+    labels = list(rows.index)
+    chosen = results[["covered", "true_stiffness"]].sel(scenario=labels)
     missed = ": about a switch bands miss the truth." if first.profile == "square" else "."
     text = [
         "Share of trials in which the 95 % band of each method holds the true stiffness, over one realization, "
@@ -137,14 +147,14 @@ def _coverage(results: xr.Dataset, summary: pd.DataFrame, rows: pd.DataFrame) ->
         mine = summary[(summary.scenario == label) & (summary.metric == "coverage")].dropna(subset=["value"])
         shares = ", ".join(f"{method} {value:.0f} %" for method, value in zip(mine.method, mine.value, strict=True))
         if shares:
-            text.append(f"With {told(str(row.perturbation))}: {shares} over all times.")
+            text.append(f"With {perturbation_name(row.perturbation)}: {shares} over all times.")
         without = summary[(summary.scenario == label) & (summary.metric == "without_band") & (summary.value > 0)]
         missing = ", ".join(
             f"{method} {_few(value)} %" for method, value in zip(without.method, without.value, strict=True)
         )
         if missing:
             text.append(f"Of these times and trials no band, and not counted: {missing}.")
-    return Illustration(figure, title, " ".join(text))
+    return Illustration(partial(coverage_over_time, chosen, labels, title), title, " ".join(text))
 
 
 def _few(percentage: float) -> str:
@@ -163,10 +173,10 @@ def _amount(rows: pd.DataFrame, title: str) -> Illustration:
     ):
         first, last = line.iloc[0], line.iloc[-1]
         sentences.append(
-            f"{method} with {PERTURBATIONS.get(str(perturbation), perturbation)}: total error {first.value:.3g} at "
+            f"{method} with {perturbation_name(perturbation)}: total error {first.value:.3g} at "
             f"{first[name]:g} {unit}, {last.value:.3g} at {last[name]:g} {unit}."
         )
-    return Illustration(error_against_amount(rows, title), title, " ".join(sentences))
+    return Illustration(partial(error_against_amount, rows, title), title, " ".join(sentences))
 
 
 def _responses(responses: xr.Dataset) -> Illustration:
@@ -184,4 +194,4 @@ def _responses(responses: xr.Dataset) -> Illustration:
             f"Where stiffness is {float(here.stiffness):.0f} N·m/rad the root mean square distance from the truth is "
             f"{', '.join(parts)}."
         )
-    return Illustration(impulse_responses(responses, title), title, " ".join(sentences))
+    return Illustration(partial(impulse_responses, responses, title), title, " ".join(sentences))

@@ -1,28 +1,83 @@
-"""One look for all figures, and how they reach a file."""
+"""One look for all figures."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from io import BytesIO
-from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from collections.abc import Callable, Sequence
+from functools import wraps
+from typing import TYPE_CHECKING, Any, Literal, ParamSpec
+
+import numpy as np
+from numpy.typing import NDArray
 
 from tvsysid.methods import METHODS, key_of
-from tvsysid.recordings import whole_file
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+Array = NDArray[np.float64]
+P = ParamSpec("P")
+
 # Okabe and Ito's palette and two of Tol's: told apart by people who are colour-blind.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#882255", "#999933")
 TRUTH = "#444444"
 TARGET = "#111111"
 """Colour of the torque to be followed."""
+GREY = "#777777"
+"""Colour of what a legend says of all methods."""
+TRUE_LINE: dict[str, Any] = {"color": TRUTH, "linewidth": 1.0, "linestyle": "--", "label": "truth"}
+REALIZATION_TIME = "time within a realization (s)"
 
 Style = Literal["-", "--", ":", "-."]
 STYLES: tuple[Style, ...] = ("-", "--", ":", "-.")
+LOOK: dict[str, Any] = {
+    "font.size": 7.5,
+    "figure.titlesize": 10,
+    "axes.titlesize": 9,
+    "axes.labelsize": 7.5,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.alpha": 0.25,
+    "grid.linewidth": 0.6,
+    "xtick.labelsize": 7.5,
+    "ytick.labelsize": 7.5,
+    "legend.frameon": False,
+    "legend.fontsize": 8,
+}
+"""Matplotlib settings of every figure: small print, no box, a light grid behind what is drawn."""
+
+
+def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
+    """Let a function draw its figure in the common look."""
+
+    @wraps(draw)
+    def in_style(*args: P.args, **kwargs: P.kwargs) -> Figure:
+        from matplotlib import rc_context  # noqa: PLC0415  # heavy
+
+        with rc_context(LOOK):
+            return draw(*args, **kwargs)
+
+    return in_style
+
+
+def blank(width: float, height: float, title: str = "") -> Figure:
+    """Figure of a size in inches without axes."""
+    from matplotlib.figure import Figure  # noqa: PLC0415  # heavy
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    figure.suptitle(title.replace("$", r"\$"))
+    return figure
+
+
+def panels(
+    rows: int, columns: int, width: float, height: float, title: str = "", **words: Any
+) -> tuple[Figure, NDArray[Any]]:
+    """Figure of a size in inches, and its axes of shape (rows, columns); further words as of ``Figure.subplots``."""
+    figure = blank(width, height, title)
+    return figure, figure.subplots(rows, columns, squeeze=False, **words)
 
 
 def lines(methods: Sequence[str]) -> dict[str, tuple[str, Style]]:
@@ -41,12 +96,61 @@ def lines(methods: Sequence[str]) -> dict[str, tuple[str, Style]]:
     return shown
 
 
-def plain(axes: Axes) -> Axes:
-    """Axes without the box's upper and right side, with a light grid behind what is drawn."""
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.grid(alpha=0.25, linewidth=0.6)
-    axes.set_axisbelow(True)
-    return axes
+def hues(methods: Sequence[str]) -> dict[str, str]:
+    """Colour of each method shown."""
+    return {method: hue for method, (hue, _) in lines(methods).items()}
+
+
+def curve_with_band(
+    axes: Axes, time: Array, values: Array, band: tuple[Array, Array] | None, hue: str, **look: Any
+) -> None:
+    """Curve over time above its band, which has a lighter shade; a word where there is no value.
+
+    Parameters
+    ----------
+    axes
+        To draw in.
+    time, values
+        Shape (time,).
+    band
+        Lower and upper end, shape (time,) each; None where there is none.
+    hue
+        Colour.
+    look
+        Of the line, as Matplotlib takes it.
+    """
+    if not np.isfinite(values).any():
+        remark(axes, "no estimate")
+        return
+    if band is not None:
+        axes.fill_between(time, *band, color=hue, alpha=0.25, linewidth=0)
+    axes.plot(time, values, color=hue, **({"linewidth": 1.4} | look))
+
+
+def remark(axes: Axes, text: str) -> None:
+    """Say in the axes why nothing is drawn."""
+    axes.text(0.5, 0.96, text, transform=axes.transAxes, ha="center", va="top")
+
+
+def line_key(label: str, **look: Any) -> Artist:
+    """Line in a legend."""
+    from matplotlib.lines import Line2D  # noqa: PLC0415  # heavy
+
+    return Line2D([], [], label=label, **look)
+
+
+def patch_key(label: str, **look: Any) -> Artist:
+    """Patch of colour in a legend."""
+    from matplotlib.patches import Patch  # noqa: PLC0415  # heavy
+
+    return Patch(label=label, linewidth=0, **look)
+
+
+def band_keys(draws: int, what: str) -> list[Artist]:
+    """What a mean with a band looks like in a legend: over so many trials or bootstraps."""
+    if draws == 1:
+        return [line_key(f"the only {what}", color=GREY)]
+    return [line_key(f"mean over {what}s", color=GREY), patch_key("± 2 standard deviations", color=GREY, alpha=0.35)]
 
 
 def legend_below(figure: Figure, handles: Sequence[Artist]) -> None:
@@ -58,37 +162,7 @@ def legend_below(figure: Figure, handles: Sequence[Artist]) -> None:
         if sum(max(lengths[first : first + rows]) for first in range(0, len(handles), rows)) <= figure.get_figwidth():
             break
         columns -= 1
-    columns = -(-len(handles) // -(-len(handles) // columns))  # rows of the same length
+    columns = -(-len(handles) // -(-len(handles) // max(columns, 1)))  # rows of the same length
     figure.legend(
-        handles=list(handles), frameon=False, fontsize=8, loc="outside lower center", ncols=columns, columnspacing=1.4
+        handles=list(handles), fontsize=8, frameon=False, loc="outside lower center", ncols=columns, columnspacing=1.4
     )
-
-
-def save(figure: Figure, path: str | Path) -> None:
-    """Write a figure whole; its format is told by the ending: svg, pdf or png."""
-    with whole_file(path) as temporary:
-        temporary.write_bytes(drawn(figure, temporary.suffix.removeprefix(".")))
-
-
-def drawn(figure: Figure, format: str) -> bytes:
-    """Figure as the content of a file; the same figure gives the same bytes.
-
-    Parameters
-    ----------
-    figure
-        To draw.
-    format
-        ``"svg"`` (its text stays text), ``"pdf"`` or ``"png"``.
-    """
-    from matplotlib import rc_context  # noqa: PLC0415  # heavy
-
-    if figure.get_layout_engine() is not None:
-        # Lay it out once for all formats, which takes longer than drawing.
-        figure.draw_without_rendering()
-        figure.set_layout_engine("none")
-    # Journals refuse the Type 3 fonts that are Matplotlib's default; a file's time of birth would make each one new.
-    undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
-    content = BytesIO()
-    with rc_context({"pdf.fonttype": 42, "svg.fonttype": "none", "svg.hashsalt": "tvsysid"}):
-        figure.savefig(content, format=format, dpi=150, metadata=undated.get(format))
-    return content.getvalue()

@@ -7,17 +7,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tvsysid.figures.style import PALETTE, STYLES, TRUTH, plain
+from tvsysid.figures.style import PALETTE, STYLES, TRUTH, panels, styled
 from tvsysid.methods.tuning.evidence import Evidence
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MOST_LINES = 8
-"""Lines that are told apart; further ones are drawn alike."""
 
-
+@styled
 def tuning_curves(evidence: Mapping[str, Evidence], title: str = "") -> Figure:
     """By how much all settings that were tried are worse than the best, for each method.
 
@@ -31,20 +29,16 @@ def tuning_curves(evidence: Mapping[str, Evidence], title: str = "") -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
-        Axes for each method, one beside the other.
+        Axes for each method, three of them side by side.
     """
-    from matplotlib.figure import Figure  # noqa: PLC0415  # heavy
-
-    count = len(evidence)
-    columns = min(count, 3)
-    rows = -(-count // columns)
-    figure = Figure(figsize=(0.6 + 3.6 * columns, 0.4 + 3.6 * rows), layout="constrained")
-    for axes, (label, item) in zip(figure.subplots(rows, columns, squeeze=False).flat, evidence.items(), strict=False):
-        _draw(plain(axes), item)
-        axes.set_title(label, fontsize=10)
-    for axes in figure.axes[count:]:
+    columns = min(len(evidence), 3)
+    rows = -(-len(evidence) // columns)
+    figure, grid = panels(rows, columns, 0.6 + 3.6 * columns, 0.4 + 3.6 * rows, title)
+    for axes, (label, item) in zip(grid.flat, evidence.items(), strict=False):
+        _draw(axes, item)
+        axes.set_title(label)
+    for axes in grid.flat[len(evidence) :]:
         axes.remove()
-    figure.suptitle(title, fontsize=11)
     return figure
 
 
@@ -54,18 +48,10 @@ def _draw(axes: Axes, evidence: Evidence) -> None:
     for number, name in enumerate(dict.fromkeys(evidence.lines[1:])):
         on_line = np.array([place for place, line in enumerate(evidence.lines) if line == name])
         on_line = on_line[np.argsort(evidence.positions[on_line], kind="stable")]
-        axes.plot(
-            evidence.positions[on_line],
-            worse[on_line],
-            color=PALETTE[number % MOST_LINES],
-            linestyle=STYLES[number // 4 % len(STYLES)],
-            linewidth=1.2,
-            marker=".",
-            label=name or "tried",
-        )
+        look = {"color": PALETTE[number % len(PALETTE)], "linestyle": STYLES[number // 4 % len(STYLES)]}
+        axes.plot(evidence.positions[on_line], worse[on_line], linewidth=1.2, marker=".", label=name or "tried", **look)
     kept = "kept: nothing is clearly better" if evidence.chosen == 0 else "chosen"
-    marks = (("as given", 0, "o", 9), (kept, evidence.chosen, "*", 11))
-    for name, place, marker, size in marks:
+    for name, place, marker, size in (("as given", 0, "o", 9), (kept, evidence.chosen, "*", 11)):
         axes.plot(
             evidence.positions[place],
             worse[place],
@@ -82,4 +68,4 @@ def _draw(axes: Axes, evidence: Evidence) -> None:
     axes.set_ylim(-0.3, 3 * max(float(np.nanmax(worse)), 1.0))
     axes.set_xlabel(evidence.axis)
     axes.set_ylabel(f"worse than the best by ({evidence.unit})")
-    axes.legend(frameon=False, fontsize=7)
+    axes.legend(fontsize=7)

@@ -9,18 +9,28 @@ from typing import Any
 PROFILES = {"square": "square-wave stiffness", "sine": "sinusoidal stiffness", "constant": "constant stiffness"}
 PERTURBATIONS = {"noise": "filtered noise", "prbs": "PRBS"}
 TRAITS = ("profile", "perturbation", "duration_s", "snr_db", "viscosity")
-"""What tells scenarios apart."""
+"""Settings in which scenarios differ."""
 
 
-def told(perturbation: str) -> str:
+def perturbation_name(perturbation: Any) -> str:
     """What a perturbation is called: the package's own in words, others by their names.
 
     Examples
     --------
-    >>> told("noise"), told("steps")
+    >>> perturbation_name("noise"), perturbation_name("steps")
     ('filtered noise', 'steps')
     """
-    return PERTURBATIONS.get(perturbation, perturbation)
+    return PERTURBATIONS.get(perturbation, str(perturbation))
+
+
+def profile_name(profile: Any) -> str:
+    """What a stiffness profile is called."""
+    return PROFILES.get(profile, str(profile))
+
+
+def count(number: int, word: str) -> str:
+    """Number with its noun, as in "3 trials"."""
+    return f"{number} {word}{'' if number == 1 else 's'}"
 
 
 def trait(name: str, value: Any) -> str:
@@ -59,7 +69,7 @@ def differing(scenarios: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def described(scenario: Mapping[str, Any], names: Sequence[str] = TRAITS) -> str:
-    """Scenario in words; viscosity is told only where it varies with stiffness.
+    """Scenario in words; viscosity is mentioned only where it varies with stiffness.
 
     Examples
     --------
@@ -67,16 +77,14 @@ def described(scenario: Mapping[str, Any], names: Sequence[str] = TRAITS) -> str
     ...            "viscosity": "constant"})
     'square-wave stiffness, filtered noise, 150 s, 10 dB'
     """
-    words = []
-    for name in names:
-        value = scenario[name]
-        if name in ("profile", "perturbation"):
-            words.append((PROFILES if name == "profile" else PERTURBATIONS).get(value, str(value)))
-        elif name != "viscosity":
-            words.append(trait(name, value))
-        elif value == "covarying":
-            words.append("viscosity that varies with stiffness")
-    return ", ".join(words)
+    words = {name: trait(name, scenario[name]) for name in names}
+    if "profile" in words:
+        words["profile"] = profile_name(scenario["profile"])
+    if "perturbation" in words:
+        words["perturbation"] = perturbation_name(scenario["perturbation"])
+    if "viscosity" in words:
+        words["viscosity"] = "viscosity that varies with stiffness" if scenario["viscosity"] == "covarying" else ""
+    return ", ".join(filter(None, words.values()))
 
 
 def wrapped(label: str, width: int = 20, rows: int = 4) -> str:

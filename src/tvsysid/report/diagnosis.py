@@ -9,15 +9,17 @@ from typing import Any
 
 from tvsysid import __version__
 from tvsysid.errors import InputError
-from tvsysid.figures import diagnosis_illustration
+from tvsysid.figures import diagnosis_illustration, draw_all
 from tvsysid.quality import Diagnosis, Finding
-from tvsysid.report.rendering import filled, picture, write_page
+from tvsysid.report.rendering import embedded_one, filled, write_page
 from tvsysid.report.tables import number
 
 SYMBOLS = {"found": "✗", "uncertain": "?", "in order": "✓", "not judged": "–"}
 
 
-def write_diagnosis(path: str | Path, diagnoses: Mapping[str, Diagnosis], command: str = "") -> None:
+def write_diagnosis(
+    path: str | Path, diagnoses: Mapping[str, Diagnosis], command: str = "", workers: int = 1
+) -> None:
     """Write one HTML file that holds all that was seen and needs nothing else.
 
     Parameters
@@ -28,13 +30,15 @@ def write_diagnosis(path: str | Path, diagnoses: Mapping[str, Diagnosis], comman
         Of :func:`tvsysid.diagnose`, by what the ensembles are called.
     command
         What was typed; the page says nothing of it if empty.
+    workers
+        Processes that draw, as of :func:`tvsysid.figures.draw_all`.
 
     Raises
     ------
     InputError
         For what is no mapping of names to diagnoses, and for none.
     """
-    content = {**_content(diagnoses), "command": command, "version": __version__}
+    content = {**_content(diagnoses, workers), "command": command, "version": __version__}
     write_page(path, "diagnosis.html", content)
 
 
@@ -54,7 +58,7 @@ def diagnosis_section(diagnoses: Mapping[str, Diagnosis]) -> str:
     return filled("diagnosis_section.html", _content(diagnoses))
 
 
-def _content(diagnoses: Mapping[str, Diagnosis]) -> dict[str, Any]:
+def _content(diagnoses: Mapping[str, Diagnosis], workers: int = 1) -> dict[str, Any]:
     if not isinstance(diagnoses, Mapping) or not all(isinstance(each, Diagnosis) for each in diagnoses.values()):
         raise InputError(
             f"write_diagnosis: expected diagnoses by name, got {type(diagnoses).__name__}; give "
@@ -62,6 +66,7 @@ def _content(diagnoses: Mapping[str, Diagnosis]) -> dict[str, Any]:
         )
     if not diagnoses:
         raise InputError("write_diagnosis: expected diagnoses by name, got none; give {'ankle': diagnosis}")
+    pictures = draw_all({name: diagnosis_illustration(each, name) for name, each in diagnoses.items()}, None, workers)
     return {
         "diagnoses": [
             {
@@ -75,7 +80,7 @@ def _content(diagnoses: Mapping[str, Diagnosis]) -> dict[str, Any]:
                 "measures": [
                     (key, number(value).text, "" if unit == "1" else unit) for key, (value, unit) in _known(each)
                 ],
-                "figure": picture(diagnosis_illustration(each, name)),
+                "figure": embedded_one(pictures[name]),
             }
             for index, (name, each) in enumerate(diagnoses.items(), start=1)
         ]

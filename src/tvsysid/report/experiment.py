@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tvsysid import __version__
-from tvsysid.figures import Illustration
-from tvsysid.figures.analyses import unique
+from tvsysid.figures import Picture
+from tvsysid.figures.results import unique
 from tvsysid.report import experiment_tables, tables
 from tvsysid.report.rendering import embedded, settings_of, words, write_page
 
@@ -28,7 +28,7 @@ def write_experiment_report(
     summary: pd.DataFrame,
     claims: pd.DataFrame,
     exclusions: pd.DataFrame,
-    illustrations: Mapping[str, Illustration],
+    pictures: Mapping[str, Picture],
     command: str = "",
 ) -> None:
     """Write one HTML file that holds all of an experiment's outcome and needs nothing else.
@@ -45,12 +45,12 @@ def write_experiment_report(
         What the paper says of its experiment and whether it holds here; may have no rows.
     exclusions
         A row for each realization recorded: columns recording, excluded_by and shift_s are used.
-    illustrations
-        As of :func:`tvsysid.figures.experiment_figures`.
+    pictures
+        As of :func:`tvsysid.figures.draw_all`.
     command
         What was typed to analyse the experiment; the page says nothing of it if empty.
     """
-    content = _content(results, summary, claims, exclusions, illustrations, command)
+    content = _content(results, summary, claims, exclusions, pictures, command)
     write_page(path, "experiment.html", content)
 
 
@@ -59,7 +59,7 @@ def _content(
     summary: pd.DataFrame,
     claims: pd.DataFrame,
     exclusions: pd.DataFrame,
-    illustrations: Mapping[str, Illustration],
+    pictures: Mapping[str, Picture],
     command: str,
 ) -> dict[str, Any]:
     """What the template is filled with."""
@@ -81,11 +81,11 @@ def _content(
         "identifications": draws.size,
         "failed": int(np.count_nonzero(np.isnan(draws))),
         "outcome": experiment_tables.outcome(results, summary, claims),
-        "figures": embedded({stem: each for stem, each in illustrations.items() if stem not in DETAILS}),
+        "figures": embedded({stem: each for stem, each in pictures.items() if stem not in DETAILS}),
         "metrics": experiment_tables.metrics(summary, results.sizes["bootstrap"]),
         "claims": tables.claim_rows(claims),
         "recordings": experiment_tables.recordings(results, exclusions),
-        "details": embedded({stem: each for stem, each in illustrations.items() if stem in DETAILS}),
+        "details": embedded({stem: each for stem, each in pictures.items() if stem in DETAILS}),
         "remarks": experiment_tables.remarks(results),
         "troubles": experiment_tables.experiment_troubles(results),
         "methods": tables.methods(methods),

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.figures.analyses import unique
-from tvsysid.figures.words import told
+from tvsysid.figures.results import unique
+from tvsysid.figures.words import perturbation_name
 from tvsysid.report.tables import Cell, number, verdicts
 from tvsysid.studies.van_de_ruit_2021.experiment import EXCLUDED, REPORTED, SURVIVED
 
@@ -67,7 +67,7 @@ def metrics(summary: pd.DataFrame, bootstraps: int) -> dict[str, Any]:
         "rows": _rows(summary, by, there, bootstraps),
         "each": _rows(summary, ["participant", *by], there, bootstraps),
         "headings": [METRICS[name] for name in there],
-        "perturbations": [told(each) for each in unique(summary.perturbation.to_numpy())],
+        "perturbations": [perturbation_name(each) for each in unique(summary.perturbation.to_numpy())],
         "participants": summary.participant.nunique(),
     }
 
@@ -82,7 +82,7 @@ def _rows(summary: pd.DataFrame, by: list[str], metrics: list[str], bootstraps: 
         rows.append(
             {
                 "participant": str(first.participant),
-                "perturbation": told(str(first.perturbation)),
+                "perturbation": perturbation_name(str(first.perturbation)),
                 "method": str(first.method),
                 "realizations": int(first.realizations),
                 "cells": [over_participants(values.get(name, nothing), METRICS[name][2]) for name in metrics],
@@ -119,9 +119,9 @@ def recordings(results: xr.Dataset, exclusions: pd.DataFrame) -> dict[str, Any]:
         if chosen.sizes["recording"] > 1:
             counts = [chosen[name].values.astype(float) for name in COUNTS]
             cells = [over_participants(each, 1 if np.ptp(each) else 0) for each in counts]
-            means.append({"perturbation": told(perturbation), "counts": cells})
+            means.append({"perturbation": perturbation_name(perturbation), "counts": cells})
         if perturbation in PAPER and (chosen.recorded.values == REPORTED).any():
-            paper.append({"perturbation": told(perturbation), "counts": PAPER[perturbation]})
+            paper.append({"perturbation": perturbation_name(perturbation), "counts": PAPER[perturbation]})
     return {"rows": rows, "headings": list(COUNTS.values()), "means": means, "paper": paper}
 
 
@@ -179,7 +179,7 @@ def outcome(results: xr.Dataset, summary: pd.DataFrame, claims: pd.DataFrame) ->
         reported = PAPER.get(perturbation)
         paper = f" (the paper: {reported[-1]} of {REPORTED})" if reported and recorded == [str(REPORTED)] else ""
         sentences.append(
-            f"With {told(perturbation)}, {kept} {of} realizations were kept{paper}.{_extremes(summary, perturbation)}"
+            f"With {perturbation_name(perturbation)}, {kept} {of} realizations were kept{paper}.{_extremes(summary, perturbation)}"
         )
     return [*sentences, *verdicts(claims)]
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import tomli_w
 
 from tvsysid import __version__
-from tvsysid.figures import Illustration
+from tvsysid.figures import Picture
 from tvsysid.report import tables
 from tvsysid.report.rendering import embedded, settings_of, words, write_page
 
@@ -37,7 +37,7 @@ def write_report(
     results: xr.Dataset,
     summary: pd.DataFrame,
     claims: pd.DataFrame,
-    illustrations: Mapping[str, Illustration],
+    pictures: Mapping[str, Picture],
     command: str = "",
 ) -> None:
     """Write one HTML file that holds all of a study's outcome and needs nothing else.
@@ -52,19 +52,19 @@ def write_report(
         Of these results, as of :func:`tvsysid.study.summarize`.
     claims
         What the paper says and whether it holds here; may have no rows.
-    illustrations
-        As of :func:`tvsysid.figures.study_figures`.
+    pictures
+        As of :func:`tvsysid.figures.draw_all`.
     command
         What was typed to run the study; the page says nothing of it if empty.
     """
-    write_page(path, "page.html", _content(results, summary, claims, illustrations, command))
+    write_page(path, "page.html", _content(results, summary, claims, pictures, command))
 
 
 def _content(
     results: xr.Dataset,
     summary: pd.DataFrame,
     claims: pd.DataFrame,
-    illustrations: Mapping[str, Illustration],
+    pictures: Mapping[str, Picture],
     command: str,
 ) -> dict[str, Any]:
     """What the template is filled with."""
@@ -83,7 +83,7 @@ def _content(
         "seconds": round(float(results.seconds.sum() + results.stage_seconds.sum())),
         "settings": {SETTINGS.get(name, name.replace("_", " ")): words(value) for name, value in study.items()},
         "ranking": tables.ranking(results, summary),
-        "figures": embedded(illustrations),
+        "figures": embedded(pictures),
         "claims": tables.claim_rows(claims),
         "methods": tables.methods(map(str, results.method_key.values)),
         "troubles": tables.troubles(results),

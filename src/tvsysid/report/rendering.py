@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tvsysid.figures import Illustration, drawn
+from tvsysid.figures import Picture
 from tvsysid.recordings import whole_file
 
 if TYPE_CHECKING:
@@ -36,20 +36,19 @@ def filled(template: str, content: Mapping[str, Any]) -> str:
     return environment.get_template(template).render(content)
 
 
-def embedded(illustrations: Mapping[str, Illustration]) -> list[dict[str, Any]]:
-    """Figures as the templates take them."""
-    return [{"stem": stem, **picture(each)} for stem, each in illustrations.items()]
+def embedded(pictures: Mapping[str, Picture]) -> list[dict[str, Any]]:
+    """Pictures as the templates take them."""
+    return [{"stem": stem, **embedded_one(each)} for stem, each in pictures.items()]
 
 
-def picture(illustration: Illustration) -> dict[str, Any]:
-    """Figure as the source of an image, with its size in pixels, title and description."""
-    figure = illustration.figure
+def embedded_one(picture: Picture) -> dict[str, Any]:
+    """Picture as the source of an image, with its size in pixels, title and description."""
     return {
-        "title": illustration.title,
-        "description": illustration.description,
-        "source": "data:image/svg+xml;base64," + base64.b64encode(drawn(figure, "svg")).decode(),
-        "width": round(96 * figure.get_figwidth()),
-        "height": round(96 * figure.get_figheight()),
+        "title": picture.title,
+        "description": picture.description,
+        "source": "data:image/svg+xml;base64," + base64.b64encode(picture.svg).decode(),
+        "width": picture.width,
+        "height": picture.height,
     }
 
 

@@ -1,0 +1,139 @@
+"""A figure is drawn once and saved in all its forms, several figures at a time where there are several cores."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from concurrent.futures import BrokenExecutor, Future
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tvsysid.study.workers import processes
+from tvsysid.figures.style import LOOK
+from tvsysid.recordings import whole_file
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True)
+class Illustration:
+    """A figure that is still to be drawn, and what it shows in words.
+
+    Parameters
+    ----------
+    draw
+        Gives the figure. A :func:`functools.partial` of a function of this package with what it draws, so that it can
+        be sent to another process.
+    title
+        A heading.
+    description
+        Full sentences that stand for the picture where it cannot be seen.
+    endings
+        Forms in which :func:`draw_all` saves it.
+    """
+
+    draw: Callable[[], Figure]
+    title: str
+    description: str = ""
+    endings: tuple[str, ...] = ("png", "pdf", "svg")
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure that was drawn, as a page embeds it.
+
+    Parameters
+    ----------
+    title, description
+        Of the illustration.
+    svg
+        The figure as SVG; empty if that form was not asked for.
+    width, height
+        In pixels, 96 to the inch.
+    """
+
+    title: str
+    description: str
+    svg: bytes
+    width: int
+    height: int
+
+
+def draw_all(
+    illustrations: Mapping[str, Illustration], folder: str | Path | None = None, workers: int = 1
+) -> dict[str, Picture]:
+    """Draw figures, and save each in the forms that it has.
+
+    Parameters
+    ----------
+    illustrations
+        By the stem of the file's name, which may name a folder too, as in ``"participants/P1"``.
+    folder
+        Where the files go; each appears whole or not at all. None saves nothing.
+    workers
+        Processes. More than one need a script to be guarded by ``if __name__ == "__main__":``.
+
+    Returns
+    -------
+    dict
+        A picture for each illustration.
+    """
+    jobs = {stem: (each, None if folder is None else Path(folder) / stem) for stem, each in illustrations.items()}
+    if min(workers, len(jobs)) <= 1:
+        return {stem: _picture(*job) for stem, job in jobs.items()}
+    with processes(min(workers, len(jobs))) as pool:
+        futures = {stem: pool.submit(_picture, *job) for stem, job in jobs.items()}
+        return {stem: _result(futures[stem], *job) for stem, job in jobs.items()}
+
+
+def _result(future: Future[Picture], illustration: Illustration, path: Path | None) -> Picture:
+    """What a worker drew; drawn here if the worker died."""
+    try:
+        return future.result()
+    except BrokenExecutor:
+        return _picture(illustration, path)
+
+
+def _picture(illustration: Illustration, path: Path | None) -> Picture:
+    """Draw one figure, and save it in all its forms if there is a path, which lacks its ending."""
+    figure = illustration.draw()
+    contents = {ending: drawn(figure, ending) for ending in illustration.endings if path is not None or ending == "svg"}
+    if path is not None:
+        for ending, content in contents.items():
+            with whole_file(path.with_name(f"{path.name}.{ending}")) as temporary:
+                temporary.write_bytes(content)
+    width, height = (round(96 * float(inches)) for inches in figure.get_size_inches())
+    return Picture(illustration.title, illustration.description, contents.get("svg", b""), width, height)
+
+
+def save(figure: Figure, path: str | Path) -> None:
+    """Write a figure whole; its format is told by the ending: svg, pdf or png."""
+    with whole_file(path) as temporary:
+        temporary.write_bytes(drawn(figure, temporary.suffix.removeprefix(".")))
+
+
+def drawn(figure: Figure, format: str) -> bytes:
+    """Figure as the content of a file; the same figure gives the same bytes.
+
+    Parameters
+    ----------
+    figure
+        To draw.
+    format
+        ``"svg"`` (its text stays text), ``"pdf"`` or ``"png"``.
+    """
+    from matplotlib import rc_context  # noqa: PLC0415  # heavy
+
+    # Journals refuse the Type 3 fonts that are Matplotlib's default; a file's date would make each one new.
+    undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
+    forms = {"pdf.fonttype": 42, "svg.fonttype": "none", "svg.hashsalt": "tvsysid"}
+    content = BytesIO()
+    with rc_context(LOOK | forms):
+        if (engine := figure.get_layout_engine()) is not None:
+            # Laid out once for all formats. With an engine, even an idle one, Matplotlib draws twice for each of them.
+            engine.execute(figure)
+            figure.set_layout_engine(None)
+        figure.savefig(content, format=format, dpi=150, metadata=undated.get(format))
+    return content.getvalue()

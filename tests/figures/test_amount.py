@@ -4,7 +4,7 @@ from tests.synthetic import results_of, summary_of
 
 from tvsysid.errors import InputError
 from tvsysid.figures import error_against_amount
-from tvsysid.figures.style import drawn
+from tvsysid.figures.saving import drawn
 
 
 def test_lines_over_seconds_of_data(summary):

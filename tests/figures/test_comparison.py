@@ -3,17 +3,25 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_hex
 from tests.synthetic import METHODS, fail, results_of, summary_of
 
 from tvsysid.figures import method_comparison
-from tvsysid.figures.style import TRUTH, drawn
+from tvsysid.figures.saving import drawn
+from tvsysid.figures.style import TRUTH, lines
 
 NOISE = [f"square-noise-{duration}s-10dB" for duration in (40, 80, 150, 300, 600)]
 SINE = ["sine-noise-150s-10dB", "sine-prbs-150s-10dB"]
 
 
-def columns(figure, count):
-    return np.array(figure.axes).reshape(-1, count)
+def over_time(figure, count, rows=2):
+    """Axes over time, a column for each of so many methods."""
+    return np.array(figure.axes[: count * rows]).reshape(rows, count)
+
+
+def bars(figure, count, rows=2):
+    """Axes of bars, one for each metric."""
+    return figure.axes[count * rows :]
 
 
 def texts(axes):
@@ -28,9 +36,9 @@ def figure(results, summary):
 
 
 def test_columns_are_methods_and_rows_have_units(figure):
-    grid = columns(figure, 5)
+    grid, metrics = over_time(figure, 5), bars(figure, 5)
     assert [axes.get_title() for axes in grid[0]] == list(METHODS)
-    labels = [axes.get_ylabel() for axes in grid[:, 0]]
+    labels = [axes.get_ylabel() for axes in (*grid[:, 0], *metrics)]
     assert [label.partition("\n")[0] for label in labels] == [
         "stiffness", "time-varying VAF", "bias error", "random error", "total error", "rise time", "VAF",
     ]  # fmt: skip
@@ -38,13 +46,13 @@ def test_columns_are_methods_and_rows_have_units(figure):
     assert units[0] == units[2] == units[3] == units[4] == "(N·m/rad)"
     assert units[5] == "(s)"
     assert {axes.get_xlabel() for axes in grid[1]} == {"time (s)"}
-    for axes in grid[-1]:
-        assert [label.get_text() for label in axes.get_xticklabels()] == ["40 s", "80 s", "150 s", "300 s", "600 s"]
+    ticks = [label.get_text() for label in metrics[-1].get_xticklabels()]
+    assert ticks == ["40 s", "80 s", "150 s", "300 s", "600 s"] * 5
     assert figure.get_suptitle() == "Square wave"
 
 
 def test_a_cut_axis_says_where_it_begins(figure):
-    for axes in columns(figure, 5)[[1, -1], 0]:
+    for axes in (over_time(figure, 5)[1, 0], bars(figure, 5)[-1]):
         lowest = axes.get_ylim()[0]
         assert lowest > 0
         assert axes.get_ylabel().endswith(f"(%, from {lowest:.0f} %)")
@@ -52,7 +60,7 @@ def test_a_cut_axis_says_where_it_begins(figure):
 
 def test_truth_mean_and_spread(figure, results):
     cell = results.sel(scenario=NOISE[2])
-    for axes, method in zip(columns(figure, 5)[0], METHODS, strict=True):
+    for axes, method in zip(over_time(figure, 5)[0], METHODS, strict=True):
         truth, mean = axes.lines
         assert truth.get_color() == TRUTH
         np.testing.assert_array_equal(truth.get_ydata(), cell.true_stiffness)
@@ -64,29 +72,40 @@ def test_truth_mean_and_spread(figure, results):
 
 def test_bars_are_the_summary_with_standard_errors(figure, summary):
     rows = summary[(summary.metric == "bias_error") & (summary.method == "sds") & summary.scenario.isin(NOISE)]
-    axes = columns(figure, 5)[2, 1]
-    np.testing.assert_allclose([bar.get_height() for bar in axes.patches], rows.value)
-    segments = axes.collections[0].get_segments()
+    axes = bars(figure, 5)[0]
+    np.testing.assert_allclose([bar.get_height() for bar in axes.patches[5:10]], rows.value)
+    assert {to_hex(bar.get_facecolor()).upper() for bar in axes.patches[5:10]} == {lines(["sds"])["sds"][0]}
+    segments = axes.collections[0].get_segments()[5:10]
     np.testing.assert_allclose([s[1, 1] - s[0, 1] for s in segments], 2 * rows.standard_error)
 
 
 def test_a_bar_far_above_all_others_is_cut_off_and_its_value_printed(figure, summary):
-    axes = columns(figure, 5)[3, 0]
+    axes = bars(figure, 5)[1]
     rows = summary[(summary.metric == "random_error") & (summary.method == "eirf")].set_index("scenario").value
     assert texts(axes) == [f"{rows[NOISE[0]]:.3g}"]
     assert axes.get_ylim()[1] < 0.5 * rows[NOISE[0]]
     assert axes.patches[1].get_height() == pytest.approx(rows[NOISE[1]])
-    assert texts(columns(figure, 5)[3, 1]) == []
+
+
+def test_bars_of_a_method_stand_below_its_column(figure):
+    FigureCanvasAgg(figure).draw()
+    above, axes = over_time(figure, 5)[0], bars(figure, 5)[0]
+    for column, each in enumerate(above):
+        box = each.get_window_extent()
+        for bar in axes.patches[5 * column : 5 * column + 5]:
+            extent = bar.get_window_extent()
+            assert box.x0 <= extent.x0 < extent.x1 <= box.x1
 
 
 def test_both_perturbations_of_the_sine_wave(results, summary):
-    grid = columns(method_comparison(results, summary, SINE, SINE), 5)
-    labels = [axes.get_ylabel().split("\n")[:2] for axes in grid[:4, 0]]
+    figure = method_comparison(results, summary, SINE, SINE)
+    grid, metrics = over_time(figure, 5, 4), bars(figure, 5, 4)
+    labels = [axes.get_ylabel().split("\n")[:2] for axes in grid[:, 0]]
     assert labels == [
         ["noise", "stiffness"], ["PRBS", "stiffness"], ["noise", "time-varying VAF"], ["PRBS", "time-varying VAF"],
     ]  # fmt: skip
-    assert len(grid) == 8  # a sine wave has no rise time
-    assert [label.get_text() for label in grid[-1, 0].get_xticklabels()] == ["noise", "PRBS"]
+    assert len(metrics) == 4  # a sine wave has no rise time
+    assert [label.get_text() for label in metrics[-1].get_xticklabels()] == ["noise", "PRBS"] * 5
 
 
 def test_a_failed_trial_leaves_the_others():
@@ -94,7 +113,7 @@ def test_a_failed_trial_leaves_the_others():
     labels = list(results.scenario.values)
     figure = method_comparison(results, summary_of(results), labels, labels)
     drawn(figure, "svg")
-    mean = columns(figure, 5)[0, 3].lines[1].get_ydata()
+    mean = over_time(figure, 5)[0, 3].lines[1].get_ydata()
     np.testing.assert_allclose(mean, results.stiffness.values[0, [0, 2], 3].mean(axis=0))
 
 
@@ -105,9 +124,9 @@ def test_a_method_that_failed_in_all_trials_says_so():
     labels = list(results.scenario.values)
     figure = method_comparison(results, summary_of(results), labels, labels)
     drawn(figure, "png")
-    grid = columns(figure, 2)
+    grid = over_time(figure, 2)
     assert texts(grid[0, 1]) == texts(grid[1, 1]) == ["no estimate"]
-    assert {text for axes in grid[2:, 1] for text in texts(axes)} == {"–"}
+    assert [texts(axes) for axes in bars(figure, 2)] == [["–"]] * 5
 
 
 @pytest.mark.parametrize("profile", ["square", "constant"])
@@ -136,7 +155,7 @@ def test_eight_methods_with_long_labels_do_not_overlap():
     labels = list(results.scenario.values)
     figure = method_comparison(results, summary_of(results), labels, labels)
     FigureCanvasAgg(figure).draw()
-    boxes = [axes.title.get_window_extent() for axes in columns(figure, 8)[0]]
+    boxes = [axes.title.get_window_extent() for axes in over_time(figure, 8)[0]]
     for left, right in pairwise(boxes):
         assert left.x1 <= right.x0
     assert figure.axes[2].get_title() == "sds:window=0.2,\nmax_lag=0.1"

@@ -4,7 +4,8 @@ from tests.synthetic import SINE, SQUARE, TIME, fail, results_of, summary_of
 
 from tvsysid.figures import study_figures
 from tvsysid.figures.coverage import coverage_over_time
-from tvsysid.figures.style import drawn, lines
+from tvsysid.figures.saving import drawn
+from tvsysid.figures.style import lines
 
 LABEL = "square-noise-150s-10dB"
 

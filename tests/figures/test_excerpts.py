@@ -2,7 +2,8 @@ import numpy as np
 from tests.experimental import excerpts_of, results_of
 
 from tvsysid.figures import recorded_signals
-from tvsysid.figures.style import TARGET, drawn
+from tvsysid.figures.saving import drawn
+from tvsysid.figures.style import TARGET
 
 
 def test_angle_and_torque_with_the_target_over_ten_seconds():

@@ -5,7 +5,7 @@ from tests.virtual import prepared
 
 from tvsysid.figures import experiment_figures
 from tvsysid.figures.experiment import representative
-from tvsysid.figures.style import drawn
+from tvsysid.figures.saving import drawn
 
 ALL = ["participants", "participant", "variance-and-spread", "error-against-truth", "recorded-signals", "preparation"]
 
@@ -24,8 +24,9 @@ def shown(experiment):
 def test_all_figures_of_an_experiment(shown):
     assert list(shown) == ALL
     for each in shown.values():
-        drawn(each.figure, "png")
-        assert each.figure.get_suptitle() == each.title
+        figure = each.draw()
+        drawn(figure, "png")
+        assert figure.get_suptitle() == each.title
         assert each.description.endswith(".")
         assert "nan" not in each.description
 
@@ -68,7 +69,7 @@ def test_a_single_record_of_walking():
     shown = experiment_figures(one.results, one.summary, {}, {})
     assert list(shown) == ["stiffness", "participant", "variance-and-spread"]
     for each in shown.values():
-        drawn(each.figure, "png")
+        drawn(each.draw(), "png")
         assert "truth" not in each.description
         assert "true stiffness" not in each.description
     assert "30 x 1.5 s of data" in shown["stiffness"].description
@@ -79,7 +80,7 @@ def test_when_everything_failed(experiment):
     failed = fail(experiment.results.copy(deep=True), "no")
     shown = experiment_figures(failed, summary_of(failed), {}, {})
     for each in shown.values():
-        drawn(each.figure, "png")
+        drawn(each.draw(), "png")
         assert "nan" not in each.description
     assert list(shown) == ["participants", "participant", "variance-and-spread"]
 
@@ -89,7 +90,7 @@ def test_some_recordings_failed(experiment):
     shown = experiment_figures(failed, summary_of(failed), {}, {})
     assert np.isfinite(failed.true_stiffness.values).any()
     for each in shown.values():
-        drawn(each.figure, "png")
+        drawn(each.draw(), "png")
         assert "nan" not in each.description
 
 
@@ -100,5 +101,5 @@ def test_results_that_were_stored_are_drawn_too(experiment, tmp_path):
     with xr.open_zarr(tmp_path / "results.zarr", chunks=None) as stored:
         for stem, each in experiment_figures(stored, experiment.summary, {}, {}).items():
             first = experiment_figures(experiment.results, experiment.summary, {}, {})[stem]
-            assert drawn(each.figure, "svg") == drawn(first.figure, "svg")
+            assert drawn(each.draw(), "svg") == drawn(first.draw(), "svg")
             break

@@ -5,7 +5,8 @@ from tests.experimental import METHODS, fail, results_of
 
 from tvsysid import InputError
 from tvsysid.figures import participant_in_detail, stiffness_of_participants, stiffness_with_bands
-from tvsysid.figures.style import TRUTH, drawn, lines
+from tvsysid.figures.saving import drawn
+from tvsysid.figures.style import TRUTH, lines
 
 HUES = {method: hue for method, (hue, _) in lines(list(METHODS)).items()}
 
@@ -153,11 +154,20 @@ def test_details_of_a_participant(results):
             assert [line.get_color() for line in truth] == ([TRUTH] if row < 2 else [])
     assert grid[0, 0].get_ylim() == grid[1, 0].get_ylim()
     assert {axes.get_ylim() for axes in grid[2:].ravel()} == {(0, 102)}
-    behind = figure.axes[20:]
-    assert len(behind) == 20
-    for axes in behind:
-        np.testing.assert_array_equal(axes.lines[0].get_ydata(), results.target_torque.values[2])
-    assert [axes.get_ylabel() for axes in behind] == (["", "", "", "", "torque (N·m)"] * 4)
+    for axes in grid.flat:
+        (torque,) = labelled(axes, "torque")
+        np.testing.assert_array_equal(torque.get_ydata(), results.target_torque.values[2])
+    scales = figure.axes[20:]
+    assert [axes.get_ylabel() for axes in scales] == ["torque (N·m)"] * 4
+
+
+def test_the_torque_behind_is_drawn_to_the_scale_on_the_right(results):
+    figure = participant_in_detail(results, "P2")
+    drawn(figure, "png")
+    for axes, scale in zip(figure.axes[4:20:5], figure.axes[20:], strict=True):
+        (torque,) = labelled(axes, "torque")
+        on_screen = torque.get_transform().transform(torque.get_xydata())
+        np.testing.assert_allclose(on_screen, scale.transData.transform(torque.get_xydata()), atol=1e-6)
 
 
 def test_without_a_target_no_torque_is_drawn_behind_the_bands():
@@ -197,7 +207,7 @@ def test_bands_of_one_recording_in_one_row(results):
     figure = stiffness_with_bands(results, "P3-prbs")
     FigureCanvasAgg(figure).draw()
     assert figure.get_figwidth() == pytest.approx(18 / 2.54, abs=0.01)  # two columns of a journal
-    assert len(figure.axes) == 10
+    assert len(figure.axes) == 6
     chosen = results.stiffness.sel(recording="P3-prbs", analysis="birf-75").values
     np.testing.assert_allclose(labelled(figure.axes[2], "mean")[0].get_ydata(), chosen.mean(axis=0))
     assert legend(figure) == ["mean over bootstraps", "± 2 standard deviations", "truth", "torque to be followed"]

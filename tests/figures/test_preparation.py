@@ -6,7 +6,7 @@ from tests.virtual import prepared, simulated
 
 from tvsysid.figures import preparation_steps
 from tvsysid.figures.preparation import COLOURS, KEPT
-from tvsysid.figures.style import drawn
+from tvsysid.figures.saving import drawn
 from tvsysid.preprocess import prepare
 
 

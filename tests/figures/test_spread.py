@@ -7,7 +7,8 @@ from matplotlib.colors import to_hex
 from tests.experimental import METHODS, experiment_of, fail, results_of, summary_of
 
 from tvsysid.figures import error_against_truth, variance_and_spread
-from tvsysid.figures.style import drawn, lines
+from tvsysid.figures.saving import drawn
+from tvsysid.figures.style import lines
 
 
 @pytest.fixture(scope="module")

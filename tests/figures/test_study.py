@@ -2,7 +2,7 @@ import pytest
 from tests.synthetic import SINE, SQUARE, responses_of, results_of, summary_of
 
 from tvsysid.figures import study_figures
-from tvsysid.figures.style import drawn
+from tvsysid.figures.saving import drawn
 
 
 def test_all_figures_of_a_study(results, summary):
@@ -12,8 +12,9 @@ def test_all_figures_of_a_study(results, summary):
         "coverage-sine", "impulse-responses",
     ]  # fmt: skip
     for illustration in shown.values():
-        drawn(illustration.figure, "png")
-        assert illustration.figure.get_suptitle() == illustration.title
+        figure = illustration.draw()
+        drawn(figure, "png")
+        assert figure.get_suptitle() == illustration.title
         assert illustration.description.endswith(".")
 
 
@@ -45,7 +46,7 @@ def test_what_a_study_has_decides_on_its_figures(scenarios, stems):
     shown = study_figures(results, summary_of(results))
     assert list(shown) == stems
     for illustration in shown.values():
-        drawn(illustration.figure, "png")
+        drawn(illustration.draw(), "png")
 
 
 def test_covarying_viscosity_has_figures_of_its_own():

@@ -31,12 +31,6 @@ def test_a_pdf_has_no_type_3_fonts():
     assert not re.search(rb"/Subtype\s*/Type3", drawn(impulse_responses(responses_of()), "pdf"))
 
 
-def test_a_figure_that_cannot_be_drawn_leaves_nothing(tmp_path):
-    with pytest.raises(ValueError, match="not supported"):
-        save(impulse_responses(responses_of()), tmp_path / "figure.doc")
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.parametrize("lengths", [(5, 5, 5), (40, 3, 3, 3, 40, 12), (70,) * 4, (8,) * 13])
 def test_a_legend_below_fits_the_figure(lengths):
     figure = Figure(figsize=(7, 3), layout="constrained")

@@ -1,7 +1,7 @@
 import numpy as np
 
 from tvsysid.figures import tuning_curves
-from tvsysid.figures.style import drawn
+from tvsysid.figures.saving import drawn
 from tvsysid.methods import Evidence
 
 

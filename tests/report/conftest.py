@@ -8,7 +8,7 @@ from tests.experimental import fail as fail_recording
 from tests.experimental import summary_of as experimental_summary
 from tests.synthetic import SQUARE, claims, fail, responses_of, results_of, summary_of
 
-from tvsysid.figures import experiment_figures, study_figures
+from tvsysid.figures import draw_all, experiment_figures, study_figures
 from tvsysid.report import write_experiment_report, write_report
 
 HOSTILE = "mine:<script>alert(1)</script>"
@@ -31,7 +31,7 @@ def study():
 def page(study, tmp_path_factory):
     """Path of a report."""
     path = tmp_path_factory.mktemp("report") / "report.html"
-    figures = study_figures(*study, responses_of())
+    figures = draw_all(study_figures(*study, responses_of()))
     write_report(path, *study, claims(), figures, "tvsysid benchmark --trials 3 && echo")
     return path
 
@@ -54,7 +54,7 @@ def experiment():
 def experiment_page(experiment, tmp_path_factory):
     """Path of an experiment's report."""
     path = tmp_path_factory.mktemp("report") / "report.html"
-    figures = experiment_figures(experiment.results, experiment.summary, experiment.excerpts, {})
+    figures = draw_all(experiment_figures(experiment.results, experiment.summary, experiment.excerpts, {}))
     write_experiment_report(
         path,
         experiment.results,

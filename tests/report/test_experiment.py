@@ -9,7 +9,7 @@ from tests.experimental import claims, exclusions_of, experiment_of, fail, resul
 from tests.report.conftest import HOSTILE
 from tests.report.elements import Elements, table
 
-from tvsysid.figures import experiment_figures
+from tvsysid.figures import draw_all, experiment_figures
 from tvsysid.report import experiment_troubles, write_experiment_report
 from tvsysid.report.experiment_tables import metrics, outcome, recordings
 
@@ -165,7 +165,7 @@ def test_an_unfinished_study_says_so(tmp_path):
     made.results["checksums"].loc[{"analysis": "esm-150"}] = 0
     summary = made.summary[~((made.summary.method == "esm") & (made.summary.realizations == 150))]
     for name, rows, words in (("some", summary, "of which none failed"), ("none", summary[:0], "There is none yet.")):
-        figures = experiment_figures(made.results, rows, {}, {})
+        figures = draw_all(experiment_figures(made.results, rows, {}, {}))
         path = tmp_path / f"{name}.html"
         write_experiment_report(path, made.results, rows, claims(), made.exclusions, figures)
         text = Elements(path.read_text()).of("main")[0][1]
@@ -217,7 +217,7 @@ def test_when_everything_failed(tmp_path):
     made = experiment_of(methods=("sds", "esm"))
     failed = fail(made.results, "InputError: nothing to read")
     summary = summary_of(failed)
-    figures = experiment_figures(failed, summary, {}, {})
+    figures = draw_all(experiment_figures(failed, summary, {}, {}))
     write_experiment_report(tmp_path / "report.html", failed, summary, claims(), made.exclusions.iloc[:0], figures)
     text = Elements((tmp_path / "report.html").read_text()).of("main")[0][1]
     assert "nan" not in text

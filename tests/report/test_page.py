@@ -12,7 +12,7 @@ from tests.report.conftest import HOSTILE
 from tests.report.elements import Elements, table
 from tests.synthetic import claims, results_of, summary_of
 
-from tvsysid.figures import study_figures
+from tvsysid.figures import draw_all, study_figures
 from tvsysid.methods import names
 from tvsysid.report import write_report
 from tvsysid.report.page import _content
@@ -148,7 +148,6 @@ def test_one_trial_without_claims_figures_command_or_attributes(tmp_path):
 def test_a_report_appears_whole_or_not_at_all(tmp_path, study):
     class Broken:
         title = description = "broken"
-        figure = None
 
     with pytest.raises(AttributeError):
         write_report(tmp_path / "report.html", *study, claims(), {"broken": Broken()})
@@ -166,7 +165,7 @@ def test_results_from_a_store_give_the_same_page(tmp_path, study):
     results.to_zarr(tmp_path / "results.zarr", zarr_format=2)
     with xr.open_zarr(tmp_path / "results.zarr", chunks=None) as stored:
         for name, each in (("one", results), ("two", stored)):
-            write_report(tmp_path / f"{name}.html", each, summary, claims(), study_figures(each, summary))
+            write_report(tmp_path / f"{name}.html", each, summary, claims(), draw_all(study_figures(each, summary)))
     assert (tmp_path / "one.html").read_bytes() == (tmp_path / "two.html").read_bytes()
 
 
@@ -180,7 +179,7 @@ def test_constant_and_covarying_viscosity_in_one_study(tmp_path):
         "comparison-square-noise", "coverage-square", "comparison-square-noise-covarying", "coverage-square-covarying",
     ]  # fmt: skip
     assert len({each.title for each in figures.values()}) == 4
-    write_report(tmp_path / "report.html", results, summary, claims(), figures)
+    write_report(tmp_path / "report.html", results, summary, claims(), draw_all(figures))
     elements = Elements((tmp_path / "report.html").read_text())
     text = table(elements, "Metrics of each method")
     assert "viscosity" in text

@@ -170,11 +170,11 @@ def _run_study(study: Any, out: Path, workers: int | None, scheduler: str | None
 
 def write_study(results: Any, out: Path, command: str) -> bool:
     """Write tables, figures and report, and print the essence; whether every method gave a result in every trial."""
-    from tvsysid.figures import save, study_figures
+    from tvsysid.figures import draw_all, study_figures
     from tvsysid.recordings import whole_file
     from tvsysid.report import write_report
     from tvsysid.studies.van_de_ruit_2021 import example_responses, judge
-    from tvsysid.study import score, summarize
+    from tvsysid.study import cores, score, summarize
 
     with waiting("scoring and drawing"):
         for name in ("seconds", "stage_seconds", "doubts", "failure", "checksums"):
@@ -187,10 +187,8 @@ def write_study(results: Any, out: Path, command: str) -> bool:
         square = bool((results.profile == "square").any())
         seed = json.loads(results.attrs["study"])["seed"]
         illustrations = study_figures(results, summary, example_responses(seed) if square else None)
-        for name, item in illustrations.items():
-            for ending in ("png", "pdf", "svg"):
-                save(item.figure, out / "figures" / f"{name}.{ending}")
-        write_report(out / "report.html", results, summary, claims, illustrations, command)
+        pictures = draw_all(illustrations, out / "figures", cores())
+        write_report(out / "report.html", results, summary, claims, pictures, command)
     labels = list(dict.fromkeys(summary.scenario))
     for label in labels[:MOST_TABLES]:
         _show_scores(summary[summary.scenario == label])

@@ -127,7 +127,7 @@ def write_experiment(experiment: Any, results: Any, prepared: Any, out: Path, co
     from tvsysid.recordings import whole_file, write_ensemble
     from tvsysid.report import experiment_troubles, write_diagnosis, write_experiment_report
     from tvsysid.studies.van_de_ruit_2021 import judge
-    from tvsysid.study import exclusions, stiffness_over_time, summarize
+    from tvsysid.study import cores, exclusions, stiffness_over_time, summarize
 
     with waiting("scoring and drawing"):
         results = results.load()
@@ -144,11 +144,11 @@ def write_experiment(experiment: Any, results: Any, prepared: Any, out: Path, co
         for item in prepared:
             if item.ensemble is not None:
                 write_ensemble(out / "prepared" / f"{item.recorded.label}.nc", item.ensemble)
-        illustrations = _experiment_pictures(experiment, results, summary, prepared, out / "figures")
+        pictures = _experiment_pictures(experiment, results, summary, prepared, out / "figures")
         diagnoses = {item.recorded.label: diagnose(item.ensemble) for item in prepared if item.ensemble is not None}
         if diagnoses:
-            write_diagnosis(out / "diagnosis.html", diagnoses, command)
-        write_experiment_report(out / "report.html", results, summary, claims, excluded, illustrations, command)
+            write_diagnosis(out / "diagnosis.html", diagnoses, command, cores())
+        write_experiment_report(out / "report.html", results, summary, claims, excluded, pictures, command)
     for perturbation in dict.fromkeys(summary.perturbation):
         _show_summary(summary[summary.perturbation == perturbation], str(perturbation))
     _show_realizations(results)
@@ -162,15 +162,15 @@ def write_experiment(experiment: Any, results: Any, prepared: Any, out: Path, co
             found = ", ".join(finding.name for finding in diagnosis.findings)
             remark("warning", f"{label}: {found}: what it does to the result, and what to do, is in diagnosis.html")
     pages = ["report.html", *(["diagnosis.html"] if diagnoses else [])]
-    names = [*pages, *tables, "prepared/", f"figures/ ({len(illustrations)})", STORE]
+    names = [*pages, *tables, "prepared/", f"figures/ ({len(pictures)})", STORE]
     say_written(out, names)
     return complete
 
 
 def _experiment_pictures(experiment: Any, results: Any, summary: Any, prepared: Any, folder: Path) -> Any:
     """Draw and save everything; those of the page, by the stems of their files."""
-    from tvsysid.figures import experiment_figures, participant_in_detail, representative, save
-    from tvsysid.study import shown
+    from tvsysid.figures import draw_all, experiment_figures, participant_figures, representative
+    from tvsysid.study import cores, shown
 
     excerpts, preparations = {}, {}
     who = representative(results, summary)
@@ -179,16 +179,8 @@ def _experiment_pictures(experiment: Any, results: Any, summary: Any, prepared: 
             with suppress(InputError):  # a file that is gone since
                 excerpts[item.recorded.label], preparations[item.recorded.label] = shown(experiment, item.recorded)
     illustrations = experiment_figures(results, summary, excerpts, preparations)
-    for name, each in illustrations.items():
-        for ending in ("png", "pdf", "svg"):
-            save(each.figure, folder / f"{name}.{ending}")
-    drawn = {who: illustrations["participant"].figure}
-    for participant in dict.fromkeys(results.participant.values.tolist()):
-        title = f"Participant {participant} in detail"
-        figure = drawn.get(participant) or participant_in_detail(results, participant, title)
-        for ending in ("png", "pdf"):
-            save(figure, folder / "participants" / f"{participant}.{ending}")
-    return illustrations
+    pictures = draw_all(illustrations | participant_figures(results), folder, cores())
+    return {name: pictures[name] for name in illustrations}
 
 
 def _show_summary(summary: pd.DataFrame, perturbation: str) -> None:

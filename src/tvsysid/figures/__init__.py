@@ -6,7 +6,7 @@ from tvsysid.figures.comparison import method_comparison
 from tvsysid.figures.coverage import coverage_over_time
 from tvsysid.figures.diagnosis import diagnosis_illustration, diagnosis_panels
 from tvsysid.figures.excerpts import recorded_signals
-from tvsysid.figures.experiment import experiment_figures, representative
+from tvsysid.figures.experiment import experiment_figures, participant_figures, representative
 from tvsysid.figures.identification import identified_impedance
 from tvsysid.figures.participants import participant_in_detail, stiffness_of_participants, stiffness_with_bands
 from tvsysid.figures.preparation import preparation_steps
@@ -32,6 +32,7 @@ __all__ = [
     "impulse_responses",
     "lines",
     "method_comparison",
+    "participant_figures",
     "participant_in_detail",
     "preparation_steps",
     "recorded_channels",

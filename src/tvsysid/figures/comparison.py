@@ -101,13 +101,12 @@ def method_comparison(
 
 def _shared(figure: Figure, spec: Any, rows: int, columns: int) -> NDArray[Any]:
     """Axes of the first rows of a grid, with common scales of time, and of values in each row."""
-    grid = np.empty((rows, columns), dtype=object)
+    grid: NDArray[Any] = np.empty((rows, columns), dtype=object)
     for row, column in np.ndindex(rows, columns):
-        grid[row, column] = figure.add_subplot(
-            spec[row, column], sharex=grid[0, 0], sharey=grid[row, 0] if column else None
-        )
-        grid[row, column].tick_params(labelbottom=row == rows - 1, labelleft=column == 0)
-        grid[row, column].margins(x=0)
+        axes = figure.add_subplot(spec[row, column], sharex=grid[0, 0], sharey=grid[row, 0] if column else None)
+        axes.tick_params(labelbottom=row == rows - 1, labelleft=column == 0)
+        axes.margins(x=0)
+        grid[row, column] = axes
     return grid
 
 
@@ -169,7 +168,8 @@ def _places(methods: int, bars: int) -> Array:
     """Position of each bar, shape (method, bar), such that the bars of a method stand below its column."""
     room = 0.4 if bars > 2 else 0.9
     width = bars - 0.4 + 2 * room
-    return (1 + GAP) * width * np.arange(methods)[:, None] + np.arange(bars) + 0.3 + room
+    first = (1 + GAP) * width * np.arange(methods, dtype=float)
+    return first[:, None] + np.arange(bars) + 0.3 + room
 
 
 def _label_bars(axes: Axes, methods: int, ticks: list[str]) -> None:

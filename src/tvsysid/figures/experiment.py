@@ -34,6 +34,10 @@ METRICS = {
 }
 
 
+SHOWN = ["stiffness", "true_stiffness", "time_varying_vaf", "target_torque", "mean_torque"]
+"""Variables that are drawn."""
+
+
 def experiment_figures(
     results: xr.Dataset,
     summary: pd.DataFrame,
@@ -89,6 +93,23 @@ def experiment_figures(
     return shown
 
 
+def participant_figures(results: xr.Dataset) -> dict[str, Illustration]:
+    """Every participant in detail, as PNG and PDF, by the stem of the file's name."""
+    people = unique(results.participant.values)
+    titles = {who: f"Participant {who} in detail" for who in people}
+    return {
+        f"participants/{who}": Illustration(
+            partial(participant_in_detail, _of(results, who), who, titles[who]), titles[who], endings=("png", "pdf")
+        )
+        for who in people
+    }
+
+
+def _of(results: xr.Dataset, participant: str) -> xr.Dataset:
+    """What is drawn of one participant."""
+    return results[SHOWN].isel(recording=results.participant.values == participant)
+
+
 def _of_one(given: Mapping[str, Any], results: xr.Dataset, preferred: str) -> list[str]:
     """Labels of one participant's recordings for which something was given: of the preferred one if there are any."""
     people = {
@@ -120,7 +141,7 @@ def _all(results: xr.Dataset, summary: pd.DataFrame) -> Illustration:
         f"perturbation, a line for each method ({_amounts(results)}){_truth(results)}. "
     )
     return Illustration(
-        partial(stiffness_of_participants, results, title), title, text + _torque(results) + _sentences(summary)
+        partial(stiffness_of_participants, results[SHOWN], title), title, text + _torque(results) + _sentences(summary)
     )
 
 
@@ -134,7 +155,7 @@ def _detail(results: xr.Dataset, summary: pd.DataFrame, participant: str) -> Ill
     )
     rows = summary[summary.participant == participant]
     return Illustration(
-        partial(participant_in_detail, results, participant, title),
+        partial(participant_in_detail, _of(results, participant), participant, title),
         title,
         text + _grey(results) + _sentences(rows, ("mean_stiffness", "random_error", "vaf")),
     )
@@ -148,7 +169,7 @@ def _single(results: xr.Dataset, summary: pd.DataFrame) -> Illustration:
         f"({_amounts(results)}){_truth(results)}. "
     )
     return Illustration(
-        partial(stiffness_with_bands, results, label, title), title, text + _grey(results) + _sentences(summary)
+        partial(stiffness_with_bands, results[SHOWN], label, title), title, text + _grey(results) + _sentences(summary)
     )
 
 
@@ -174,7 +195,7 @@ def _error(results: xr.Dataset, summary: pd.DataFrame) -> Illustration:
         f"one for their mean ({_amounts(results)}); below as bars with two standard deviations over participants. "
     )
     return Illustration(
-        partial(error_against_truth, results, summary, title),
+        partial(error_against_truth, results[SHOWN], summary, title),
         title,
         text + _sentences(summary, ("bias_error", "mean_bias")),
     )

@@ -213,7 +213,7 @@ def _bands(results: xr.Dataset, recordings: Mapping[str, str], names: Sequence[s
                 if name == "stiffness" and np.isfinite(true).any():
                     axes.plot(time, true, zorder=3, **TRUE_LINE)
                 reached = spread[place, column]
-                shade = band[:, place, column] if np.isfinite(reached).any() and np.nanmax(reached) > 0 else None
+                shade = list(band[:, place, column]) if np.isfinite(reached).any() and np.nanmax(reached) > 0 else None
                 width = 1.4 if name == "stiffness" else 0.9
                 curve_with_band(axes, time, mean[place, column], shade, hue, linewidth=width, label="mean")
             if np.isfinite(torques[place]).any():

@@ -12,7 +12,8 @@ if TYPE_CHECKING:
 
 def estimates(results: xr.Dataset, quantity: str = "stiffness") -> xr.DataArray:
     """What the methods estimated, over time and the axes of the study; NaN where there is no estimate."""
-    return results[quantity]
+    found: xr.DataArray = results[quantity]
+    return found
 
 
 def truth(results: xr.Dataset, quantity: str = "stiffness") -> xr.DataArray:
@@ -22,7 +23,8 @@ def truth(results: xr.Dataset, quantity: str = "stiffness") -> xr.DataArray:
 
 def covered(results: xr.Dataset, quantity: str = "stiffness") -> xr.DataArray:
     """Whether the 95 % band holds the truth: 1, 0, or NaN where there is no band."""
-    return results.covered
+    found: xr.DataArray = results.covered
+    return found
 
 
 def knows_truth(results: xr.Dataset) -> bool:

@@ -9,7 +9,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tvsysid.study.workers import processes
+from tvsysid.study import processes
 from tvsysid.figures.style import LOOK
 from tvsysid.recordings import whole_file
 

@@ -31,7 +31,7 @@ REALIZATION_TIME = "time within a realization (s)"
 
 Style = Literal["-", "--", ":", "-."]
 STYLES: tuple[Style, ...] = ("-", "--", ":", "-.")
-LOOK: dict[str, Any] = {
+LOOK: dict[Any, Any] = {
     "font.size": 7.5,
     "figure.titlesize": 10,
     "axes.titlesize": 9,
@@ -102,7 +102,7 @@ def hues(methods: Sequence[str]) -> dict[str, str]:
 
 
 def curve_with_band(
-    axes: Axes, time: Array, values: Array, band: tuple[Array, Array] | None, hue: str, **look: Any
+    axes: Axes, time: Array, values: Array, band: Sequence[Array] | None, hue: str, **look: Any
 ) -> None:
     """Curve over time above its band, which has a lighter shade; a word where there is no value.
 
@@ -123,7 +123,8 @@ def curve_with_band(
         remark(axes, "no estimate")
         return
     if band is not None:
-        axes.fill_between(time, *band, color=hue, alpha=0.25, linewidth=0)
+        lower, upper = band
+        axes.fill_between(time, lower, upper, color=hue, alpha=0.25, linewidth=0)
     axes.plot(time, values, color=hue, **({"linewidth": 1.4} | look))
 
 

@@ -48,8 +48,15 @@ def _draw(axes: Axes, evidence: Evidence) -> None:
     for number, name in enumerate(dict.fromkeys(evidence.lines[1:])):
         on_line = np.array([place for place, line in enumerate(evidence.lines) if line == name])
         on_line = on_line[np.argsort(evidence.positions[on_line], kind="stable")]
-        look = {"color": PALETTE[number % len(PALETTE)], "linestyle": STYLES[number // 4 % len(STYLES)]}
-        axes.plot(evidence.positions[on_line], worse[on_line], linewidth=1.2, marker=".", label=name or "tried", **look)
+        axes.plot(
+            evidence.positions[on_line],
+            worse[on_line],
+            color=PALETTE[number % len(PALETTE)],
+            linestyle=STYLES[number // 4 % len(STYLES)],
+            linewidth=1.2,
+            marker=".",
+            label=name or "tried",
+        )
     kept = "kept: nothing is clearly better" if evidence.chosen == 0 else "chosen"
     for name, place, marker, size in (("as given", 0, "o", 9), (kept, evidence.chosen, "*", 11)):
         axes.plot(

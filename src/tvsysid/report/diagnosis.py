@@ -17,9 +17,7 @@ from tvsysid.report.tables import number
 SYMBOLS = {"found": "✗", "uncertain": "?", "in order": "✓", "not judged": "–"}
 
 
-def write_diagnosis(
-    path: str | Path, diagnoses: Mapping[str, Diagnosis], command: str = "", workers: int = 1
-) -> None:
+def write_diagnosis(path: str | Path, diagnoses: Mapping[str, Diagnosis], command: str = "", workers: int = 1) -> None:
     """Write one HTML file that holds all that was seen and needs nothing else.
 
     Parameters

@@ -179,7 +179,8 @@ def outcome(results: xr.Dataset, summary: pd.DataFrame, claims: pd.DataFrame) ->
         reported = PAPER.get(perturbation)
         paper = f" (the paper: {reported[-1]} of {REPORTED})" if reported and recorded == [str(REPORTED)] else ""
         sentences.append(
-            f"With {perturbation_name(perturbation)}, {kept} {of} realizations were kept{paper}.{_extremes(summary, perturbation)}"
+            f"With {perturbation_name(perturbation)}, {kept} {of} realizations were kept{paper}."
+            f"{_extremes(summary, perturbation)}"
         )
     return [*sentences, *verdicts(claims)]
 

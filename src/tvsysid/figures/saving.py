@@ -9,9 +9,9 @@ from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tvsysid.study import processes
 from tvsysid.figures.style import LOOK
 from tvsysid.recordings import whole_file
+from tvsysid.study import processes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

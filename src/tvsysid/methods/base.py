@@ -12,12 +12,12 @@ from typing import ClassVar, Literal, Self, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtr
 
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods.tuning.evidence import Evidence
 from tvsysid.models import Model
 from tvsysid.numerics.spectra import power_share
+from tvsysid.quality.limits import LEAST_POWER, MOSTLY_NEGATIVE, mean_left, still_samples
 from tvsysid.signals import Ensemble
 
 Array = NDArray[np.float64]
@@ -212,7 +212,7 @@ def check_choice(method: object, name: str, allowed: object) -> None:
 
 def _doubts_of_all(ensemble: Ensemble, model: Model, low: float, high: float) -> Iterator[str]:
     known = model.stiffness[np.isfinite(model.stiffness)]
-    if len(known) and np.mean(known < 0) > 0.9:
+    if len(known) and np.mean(known < 0) > MOSTLY_NEGATIVE:
         yield (
             f"stiffness is negative at {100 * np.mean(known < 0):.0f} % of the samples: "
             "is the torque's sign reversed? (torque_sign=-1 when reading)"
@@ -224,16 +224,14 @@ def _doubts_of_all(ensemble: Ensemble, model: Model, low: float, high: float) ->
             f"inertia, viscosity and stiffness explain only {shared:.0f} % of the torque that answers to the angle: "
             "the joint is not of second order, and viscosity and inertia mean little; look at the response itself"
         )
-    if _has_mean_torque(ensemble):
-        mean = float(np.sqrt(np.mean(ensemble.torque.mean(axis=0) ** 2)))
+    left = mean_left(ensemble.torque[:, ensemble.core])
+    if left.found:
         yield (
-            f"the torque has a mean over realizations of {mean:.2g} N·m RMS, more than chance would leave: it is no "
-            "answer to the perturbation and biases the stiffness; use tvsysid.preprocess.subtract_mean first"
+            f"the torque has a mean over realizations of {left.size:.2g} N·m RMS, more than chance would leave: it is "
+            "no answer to the perturbation and biases the stiffness; use tvsysid.preprocess.subtract_mean first"
         )
     if len(ensemble) > 1:
-        core = ensemble.angle[:, ensemble.core]
-        over_time = np.einsum("rt,rt->t", core, core)
-        still = np.flatnonzero(over_time < STILL * over_time.mean())
+        still = still_samples(ensemble.angle[:, ensemble.core])
         if len(still):
             yield (
                 f"the angle is still in all realizations at {len(still)} of {ensemble.samples} samples, the first at "
@@ -242,7 +240,7 @@ def _doubts_of_all(ensemble: Ensemble, model: Model, low: float, high: float) ->
     angle = ensemble.angle[:: max(1, len(ensemble) // 64)]
     below = power_share(angle, ensemble.sampling_rate, 0.0, low)
     above = power_share(angle, ensemble.sampling_rate, high, math.inf)
-    if min(below, above) < POWER_LIMIT:
+    if min(below, above) < LEAST_POWER:
         side, limit, share, fault = (
             ("below", low, below, "stiffness") if below < above else ("above", high, above, "viscosity and inertia")
         )
@@ -256,27 +254,5 @@ AGREES = 95.0
 """Second-order agreement in per cent below which a joint counts as not of second order; simulated ones reach 99."""
 CERTAIN = 2.0
 """Standard errors by which it must lie lower."""
-MEAN_TORQUE_LIMIT = 6.0
-"""Squared mean over its squared standard error, averaged over time; 1 is expected of a torque without mean."""
-MEAN_TORQUE_CHANCE = 1e-6
-"""Probability below which the offset of all realizations counts as no chance."""
-STILL = 1e-6
-"""Share of the angle's mean power over realizations below which it does not move."""
-POWER_LIMIT = 0.01
-"""Share of the angle's power below which a band counts as not excited."""
 EXCITED_ABOVE = 1.0
 """Frequency in Hz above which viscosity and inertia show beside a joint's stiffness at all."""
-
-
-def _has_mean_torque(ensemble: Ensemble) -> bool:
-    """Whether the mean over realizations is more than chance, either over the whole time or as a common offset."""
-    count = len(ensemble)
-    if count < 5:
-        return False
-    torque = ensemble.torque[:, ensemble.core]
-    mean, offsets = torque.mean(axis=0), torque.mean(axis=1)
-    variance = (np.einsum("rt,rt->t", torque, torque) - count * mean**2) / (count - 1)
-    if float(np.mean(mean**2)) > MEAN_TORQUE_LIMIT * float(variance.mean()) / count:
-        return True
-    spread = float(offsets.std(ddof=1)) / math.sqrt(count)
-    return spread > 0 and 2 * float(stdtr(count - 1, -abs(offsets.mean()) / spread)) < MEAN_TORQUE_CHANCE

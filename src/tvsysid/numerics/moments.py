@@ -239,12 +239,3 @@ def convolve_lags(u: Array, response: Array) -> Array:
         as_strided(band, (stop - start, length), (row + column, row))[:] = response[start:stop, ::-1]
         np.matmul(u[:, start : stop + length - 1], band, out=out[:, start:stop])
     return out
-
-
-def mean_subtracted(values: Array) -> bool:
-    """Whether the mean over realizations of values, shape (realization, time), is rounding: it was subtracted."""
-    return bool(np.abs(values.mean(axis=0)).max() <= SUBTRACTED * np.sqrt(np.mean(values**2)))
-
-
-SUBTRACTED = 1e-9
-"""Share of the values' RMS up to which a mean over realizations is rounding."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from tvsysid.numerics.moments import mean_subtracted
 from tvsysid.numerics.spectra import power_share
 from tvsysid.quality.finding import Seen
 from tvsysid.quality.fitted import ANSWERED, NO_ANSWER, FittedEnsemble
@@ -47,7 +46,7 @@ def same_perturbation(data: FittedEnsemble) -> Seen:
     white = 100 * power_share(data.core("angle"), data.rate, QUARTER * data.rate, np.inf)
     above = f"above {QUARTER * data.rate:g} Hz"
     told = [(white, f"{white:.0f} % of the variance by which the angle differs between realizations lies {above}")]
-    if not mean_subtracted(angle):
+    if not data.ensemble.mean_subtracted:
         varying = angle - angle.mean()
         common = float(np.mean(varying.mean(axis=0) ** 2) / np.mean(varying**2))
         common = 100 * max(0.0, common - 1 / len(angle))

@@ -55,7 +55,8 @@ def mean_left(values: Array) -> MeanLeft:
     count = len(values)
     mean, offsets = values.mean(axis=0), values.mean(axis=1)
     size = float(np.sqrt(np.mean(mean**2)))
-    expected = math.sqrt(float(values.var(axis=0, ddof=1).mean()) / count)
+    variance = float(np.mean(np.einsum("rt,rt->t", values, values) - count * mean**2)) / (count - 1)
+    expected = math.sqrt(max(0.0, variance) / count)
     if count < TOLD_BY_FEW:
         return MeanLeft(size, expected, math.nan, False)
     ratio = size / expected if expected > 0 else math.inf

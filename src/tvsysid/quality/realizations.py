@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
-from tvsysid.numerics.moments import mean_subtracted
 from tvsysid.quality.finding import NotJudged, Seen
 from tvsysid.quality.fit import fit_motion
 from tvsysid.quality.fitted import ANSWERED, NO_ANSWER, FittedEnsemble
@@ -53,7 +52,7 @@ def mean_left(data: FittedEnsemble, which: str) -> Seen:
     ensemble = data.ensemble
     values = (ensemble.torque if which == "torque" else ensemble.angle)[:, ensemble.core]
     data.require(LEAST_REALIZATIONS, answer=False)
-    if mean_subtracted(values):
+    if ensemble.mean_subtracted:
         raise NotJudged("the mean over realizations has been subtracted")
     left, unit = left_mean(values), UNITS[which]
     what = f"the mean over realizations has an RMS of {left.size:.2g} {unit}; chance would leave {left.expected:.2g}"

@@ -9,17 +9,14 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from tvsysid.quality.catalogue import FAULTS
 from tvsysid.recordings.channel import Channel
 from tvsysid.signals import Recording
 
 Array = NDArray[np.float64]
 
-LARGEST_ANGLE = 0.4
-"""RMS in rad above which an angle about its mean is probably in degrees: half a degree is a usual perturbation."""
 UNLIKE = 10.0
 """Ratio of a trial's size to that of the others from which on it is probably in another unit."""
-LONGEST_STANDSTILL = 0.25
-"""Seconds of the same value, over and over, from which on a signal was probably lost."""
 AT_A_LEVEL = 0.02
 """Part of a signal's range that is counted to its lowest or highest level."""
 SAME_RATE = 1e-3
@@ -75,7 +72,7 @@ def of_signals(recording: Recording, angle: str, torque: str, angle_unit: Litera
     """
     with np.errstate(over="ignore"):  # of a damaged file's numbers
         size = float(np.std(recording.angle))
-    if size > LARGEST_ANGLE:
+    if FAULTS["angle-unit"].beyond(size):
         advice = "if it is in degrees, say so with angle_unit='deg'" if angle_unit == "rad" else "are these degrees?"
         yield f"{angle} has an RMS of {size:.3g} rad about its mean; {advice}"
     for name, values in recording.channels.items():
@@ -113,7 +110,7 @@ def _standstills(recording: Recording, name: str, signal: Array, amid: bool) -> 
         values = signal[trial]
         starts, lengths = _runs(values)
         seconds = lengths / recording.sampling_rate
-        lost = (seconds > LONGEST_STANDSTILL) & (lengths > 2)
+        lost = (seconds > FAULTS["lost-torque"].limit) & (lengths > 2)
         if amid:
             lost &= (starts > 0) & (starts + lengths < len(values))
             lost &= ~_held(values, values[starts], lost)

@@ -78,12 +78,13 @@ class Comparison:
         rows = []
         for label, model in self.models.items():
             stiffness = model.stiffness
-            lowest, highest = (int(place(stiffness)) for place in (np.nanargmin, np.nanargmax))
+            known = np.isfinite(stiffness).any()  # a method may estimate it over another variable than time
+            lowest, highest = (int(place(stiffness)) if known else 0 for place in (np.nanargmin, np.nanargmax))
             lower, upper = self.bands[label]["stiffness"]
             rows.append(
                 {
                     "method": label,
-                    "stiffness (N·m/rad)": np.nanmean(stiffness),
+                    "stiffness (N·m/rad)": _mean(stiffness),
                     "half_band (N·m/rad)": _mean((upper - lower) / 2),
                     "lowest (N·m/rad)": stiffness[lowest],
                     "lowest at (s)": model.time[lowest],

@@ -384,7 +384,7 @@ def test_identify_with_settings_from_the_data(tvsysid, tmp_path):
     assert (folder / "tuning.png").stat().st_size > 5000
     with xr.open_datatree(folder / "models.nc", engine="h5netcdf") as tree:
         assert tree["birf"].attrs["method"].startswith("BasisIRF(max_lag=0.12, basis=HaarWavelets(functions=4)")
-    (again,) = (line for line in out.splitlines() if line.startswith("the same again: "))
+    (again,) = (line for line in out.splitlines() if line.startswith("the same settings again: "))
     kept = pd.read_csv(folder / "stiffness.csv")
     code, out, err = tvsysid("identify", "joint.mat", *IDENTIFY, *shlex.split(again.partition(": ")[2]))
     assert (code, err) == (0, "")
@@ -393,7 +393,7 @@ def test_identify_with_settings_from_the_data(tvsysid, tmp_path):
     # As in a study, one method may choose its settings and another not.
     code, out, err = tvsysid("identify", "joint.mat", *IDENTIFY, "--method", "birf:tuned=true", "--method", "sds")
     assert (code, err) == (0, "")
-    assert "the same again: --method 'birf:basis=HaarWavelets(functions=4)'\n" in out
+    assert "the same settings again: --method 'birf:basis=HaarWavelets(functions=4)'\n" in out
 
 
 def test_a_method_of_ones_own_cannot_be_tuned(tvsysid, tmp_path):
@@ -401,4 +401,4 @@ def test_a_method_of_ones_own_cannot_be_tuned(tvsysid, tmp_path):
     tvsysid("simulate", "joint.mat", "--duration", 40)
     code, _, err = tvsysid("identify", "joint.mat", *IDENTIFY, "--method", "untunable:Mine", "--tune")
     assert code == 2
-    assert "leave out --tune, and write key:tuned=true" in err
+    assert "leave out tune (--tune), and write key:tuned=true" in err

@@ -16,6 +16,7 @@ from tvsysid.cli.options import (
     TORQUE,
     AngleUnit,
     AngleUnitOption,
+    ChannelOption,
     Columns,
     ColumnsOption,
     ContextOption,
@@ -29,6 +30,7 @@ from tvsysid.errors import InputError
 
 if TYPE_CHECKING:
     from tvsysid.quality import Diagnosis
+    from tvsysid.recordings import Channel
 
 MOST_DRAWN = 12
 """Channels of a file that are drawn at most."""
@@ -62,6 +64,7 @@ def inspect(
     rate: Annotated[float | None, RATE] = None,
     period: Annotated[float | None, PERIOD] = None,
     decimate: DecimateOption = None,
+    channel: ChannelOption = [],
     columns: ColumnsOption = Columns.contiguous,
     torque_sign: TorqueSignOption = 1,
     angle_unit: AngleUnitOption = AngleUnit.rad,
@@ -106,12 +109,7 @@ def inspect(
             f"{next(name for name in needed if name not in missing)}: is used with --diagnose only; add --diagnose"
         )
     channels = describe_file(file)
-    rows = []
-    for name, channel in channels.items():
-        stated = "-" if channel.sampling_rate is None else f"{channel.sampling_rate:g}"
-        shape = " x ".join(map(str, channel.shape)) or "one value"
-        rows.append((name, shape, channel.dtype, channel.unit or "-", stated))
-    show_table(file.name, ["channel", "shape", "type", "unit", "rate (Hz)"], rows, "lrllr")
+    _show_channels(file.name, channels)
     drawn = _outlines(channels)
     if drawn:
         save(recorded_channels(drawn, file.name), picture)
@@ -121,7 +119,7 @@ def inspect(
     if angle is None or torque is None or rate is None or period is None:
         return
     with shown_warnings():
-        recording = read(file, angle, torque, rate, columns, torque_sign, angle_unit, start)
+        recording = read(file, angle, torque, rate, columns, torque_sign, angle_unit, start, channel)
         if decimate is not None:
             preprocess.decimate(recording, decimate)  # reports a rate that is impossible
         # Not decimated: that would hide a clipped signal. A check that needs a low rate decimates by itself.
@@ -137,6 +135,15 @@ def inspect(
     say(f"wrote {page}")
 
 
+def _show_channels(name: str, channels: dict[str, Channel]) -> None:
+    rows = []
+    for label, channel in channels.items():
+        stated = "-" if channel.sampling_rate is None else f"{channel.sampling_rate:g}"
+        shape = " x ".join(map(str, channel.shape)) or "one value"
+        rows.append((label, shape, channel.dtype, channel.unit or "-", stated))
+    show_table(name, ["channel", "shape", "type", "unit", "rate (Hz)"], rows, "lrllr")
+
+
 def _print_diagnosis(diagnosis: Diagnosis, name: str) -> None:
     say(f"{name}: {diagnosis.ensemble}: {diagnosis.verdict}")
     for check in diagnosis.findings:
@@ -146,7 +153,7 @@ def _print_diagnosis(diagnosis: Diagnosis, name: str) -> None:
         say(line)
 
 
-def _outlines(channels: dict[str, Any]) -> dict[str, Any]:
+def _outlines(channels: dict[str, Channel]) -> dict[str, Any]:
     """Outlines of the first signals of a file that fit in memory, and of the first columns of each."""
     import numpy as np
 

@@ -87,5 +87,5 @@ def _limit(axes: Axes, shown: Array) -> None:
         remark(axes, "not identified")
         return
     low, high = np.nanpercentile(shown, [3, 97])
-    room = 0.35 * max(high - low, 0.2 * max(abs(low), abs(high)))
+    room = 0.35 * max(high - low, 0.2 * max(abs(low), abs(high))) or 1.0  # all zero, as where a method prunes
     axes.set_ylim(low - room, high + room)

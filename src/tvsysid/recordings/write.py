@@ -63,7 +63,7 @@ def write_simulation(path: str | Path, columns: Mapping[str, NDArray[np.float64]
             pd.DataFrame(dict(columns)).to_csv(temporary, sep=separator, index=False, float_format="%.9g")
 
 
-def write_models(path: str | Path, models: Mapping[str, Model]) -> None:
+def write_models(path: str | Path, models: Mapping[str, Model], ensemble: Ensemble | None = None) -> None:
     """Write models to a NetCDF file, one group for each; ``xarray.open_datatree`` reads it.
 
     NetCDF has no complex numbers: a frequency response becomes ``frequency_response_real`` and ``_imag``.
@@ -74,10 +74,12 @@ def write_models(path: str | Path, models: Mapping[str, Model]) -> None:
         File to write.
     models
         By name of the group.
+    ensemble
+        If given, the torque of each pathway for it is written too: ``torque_`` and the pathway's name.
     """
     import xarray as xr  # noqa: PLC0415  # heavy
 
-    tree = xr.DataTree.from_dict({name: _without_complex(model.to_xarray()) for name, model in models.items()})
+    tree = xr.DataTree.from_dict({name: _without_complex(model.to_xarray(ensemble)) for name, model in models.items()})
     with whole_file(path) as temporary:
         tree.to_netcdf(temporary, engine="h5netcdf", mode="w")
 

@@ -1,0 +1,141 @@
+"""Further channels, further quantities, methods that are skipped, and names that look like markup."""
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+METHODS = '''
+import numpy as np
+import tvsysid as tv
+
+
+class Found:
+    def __init__(self, estimates, coordinates, slope):
+        self.estimates, self.coordinates, self.slope = estimates, coordinates, slope
+
+    def pathways(self, ensemble):
+        angle = ensemble.angle[:, ensemble.core]
+        return {"intrinsic": self.slope * angle, "reflex": 0.1 * angle}
+
+
+class Scheduled:
+    """Stiffness over EMG, and the mean EMG over time."""
+
+    inputs = (tv.Input("emg", "scheduling", "V"),)
+
+    def identify(self, ensemble):
+        emg = ensemble.signal("emg")[:, ensemble.core]
+        levels = np.array([0.0, 0.5, 1.0])
+        estimates = {
+            "stiffness": tv.Estimate(50 + 100 * levels, "N m/rad", axes=("emg",)),
+            "emg_level": tv.Estimate(emg.mean(axis=0), "V", error=tv.StandardError(np.full(emg.shape[1], 0.1), 9)),
+        }
+        return Found(estimates, {"emg": levels}, 100.0)
+
+
+class Driven(Scheduled):
+    """The same with an input, which loses its mean."""
+
+    inputs = (tv.Input("emg", "input", "V"),)
+
+
+class Lazy(Scheduled):
+    def skip(self, ensemble):
+        return "it wants a [bold]holiday[/bold]"
+'''
+
+IDENTIFY = ("--angle", "angle", "--torque", "torque", "--rate", 100, "--period", 2)
+
+
+@pytest.fixture
+def recording(tmp_path, monkeypatch):
+    """A joint of 100 N·m/rad at 100 Hz with EMG, in a file whose name looks like markup."""
+    random = np.random.default_rng(0)
+    angle = 0.02 * random.standard_normal(4000)
+    time = np.arange(4000) / 100
+    emg = 1 + np.sin(np.pi * time) + 0.1 * random.standard_normal(4000)
+    np.savez(
+        tmp_path / "[red]joint.npz", angle=angle, torque=100 * angle + random.standard_normal(4000), EMG_SIGNAL=emg
+    )
+    (tmp_path / "channel_methods.py").write_text(METHODS)
+    monkeypatch.syspath_prepend(tmp_path)
+    return "[red]joint.npz"
+
+
+def test_a_channel_reaches_the_method_that_needs_it(tvsysid, recording, tmp_path):
+    words = ("--channel", "emg=EMG_SIGNAL", "--method", "channel_methods:Scheduled", "--method", "birf")
+    code, out, err = tvsysid("identify", recording, *IDENTIFY, *words)
+    assert (code, err) == (0, "")
+    assert "[red]joint.npz: " in out
+    # A quantity over time has columns of its own; one over EMG is in models.nc and in the table of further estimates.
+    table = pd.read_csv(tmp_path / "tvsysid-identify" / "stiffness.csv")
+    assert list(table.columns[:3]) == ["time_s", "method", "stiffness"]
+    own = table[table.method == "channel_methods:Scheduled"]
+    assert own.emg_level.mean() == pytest.approx(1, abs=0.02)
+    assert (own.emg_level_upper > own.emg_level).all()
+    assert own.stiffness.isna().all()
+    assert table[table.method == "birf"].emg_level.isna().all()
+    rows = [[cell.strip() for cell in line.split("│")[1:-1]] for line in out.splitlines() if "│" in line]
+    assert ["channel_methods:Scheduled", "stiffness", "N m/rad", "emg", "100", "50", "150"] in rows
+    with xr.open_datatree(tmp_path / "tvsysid-identify" / "models.nc", engine="h5netcdf") as tree:
+        model = tree["channel_methods:Scheduled"]
+        np.testing.assert_array_equal(model.stiffness.sel(emg=0.5), 100)
+        np.testing.assert_allclose(model.emg_level_standard_error, 0.1)
+        assert model.torque_reflex.sizes == {"realization": 18, "time": 200}
+        np.testing.assert_allclose(model.torque_intrinsic, 1000 * model.torque_reflex)
+        assert "torque_intrinsic" in tree["birf"]
+
+
+def test_an_input_loses_its_mean(tvsysid, recording, tmp_path):
+    words = ("--channel", "emg=EMG_SIGNAL", "--method", "channel_methods:Driven")
+    code, _, err = tvsysid("identify", recording, *IDENTIFY, *words)
+    assert (code, err) == (0, "")
+    table = pd.read_csv(tmp_path / "tvsysid-identify" / "stiffness.csv")
+    np.testing.assert_allclose(table.emg_level, 0, atol=1e-12)
+
+
+def test_a_method_that_cannot_serve_is_skipped_with_the_reason_and_the_others_go_on(tvsysid, recording, tmp_path):
+    words = ("--channel", "emg=EMG_SIGNAL", "--method", "channel_methods:Lazy", "--method", "birf")
+    code, _, err = tvsysid("identify", recording, *IDENTIFY, *words)
+    assert code == 0
+    assert err == "warning: channel_methods:Lazy is skipped: it wants a [bold]holiday[/bold]\n"
+    assert set(pd.read_csv(tmp_path / "tvsysid-identify" / "stiffness.csv").method) == {"birf"}
+    # One that lacks its channel is skipped too; if no method is left, that is an error.
+    code, _, err = tvsysid("identify", recording, *IDENTIFY, "--method", "channel_methods:Scheduled")
+    assert code == 2
+    assert "channel_methods:Scheduled: it needs the channel 'emg' (scheduling, V)" in err
+    assert err.count("\n") == 1
+
+
+def test_a_diagnosis_takes_channels(tvsysid, recording):
+    code, out, _ = tvsysid("inspect", recording, "--diagnose", *IDENTIFY, "--channel", "emg=EMG_SIGNAL")
+    assert code == 0
+    assert "[red]joint.npz (angle, torque): 18 realizations" in out
+
+
+@pytest.mark.parametrize(
+    ("word", "message"),
+    [
+        ("emg", "--channel emg: expected NAME=CHANNEL, as in emg=EMG_SIGNAL"),
+        ("=EMG_SIGNAL", "expected NAME=CHANNEL"),
+        ("emg=EMG[0]", "no channel 'EMG[0]'; it holds"),
+    ],
+)
+def test_a_channel_has_a_name_and_is_in_the_file(tvsysid, recording, word, message):
+    code, _, err = tvsysid("identify", recording, *IDENTIFY, "--channel", word)
+    assert code == 2
+    assert message in err
+    assert err.count("\n") == 1
+
+
+def test_warnings_with_brackets_are_printed_as_they_are(tvsysid, tmp_path):
+    angle, noise = np.random.default_rng(0).standard_normal((2, 4000))  # in degrees, it seems
+    np.savez("degrees.npz", **{"[/bold]angle": angle, "torque": 100 * angle + noise})
+    code, _, err = tvsysid(
+        "identify", "degrees.npz", "--angle", "[/bold]angle", *IDENTIFY[2:], "--method", "birf", "--out", "[b]out"
+    )
+    assert code == 0
+    assert "warning: " in err
+    assert "[/bold]angle" in err
+    assert (tmp_path / "[b]out" / "stiffness.csv").is_file()

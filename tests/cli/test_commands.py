@@ -10,7 +10,7 @@ import xarray as xr
 @pytest.fixture
 def undrawn(monkeypatch):
     """Without the figures of a study, which take most of the time; test_benchmark has them."""
-    monkeypatch.setattr("tvsysid.figures.study_figures", lambda results, summary, responses=None: {})
+    monkeypatch.setattr("tvsysid.studies.van_de_ruit_2021.study_figures", lambda results, summary, responses=None: {})
 
 
 IDENTIFY = ("--angle", "angle", "--torque", "torque", "--rate", 1000, "--decimate", 100, "--period", 2)

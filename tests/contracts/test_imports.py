@@ -21,9 +21,9 @@ LEVELS = [
     ["recordings", "simulate", "methods", "metrics"],
     ["uncertainty", "compare"],
     ["study", "check"],
-    ["studies"],
     ["figures"],
     ["report"],
+    ["studies"],
     ["cli"],
 ]
 LEVEL = {room: number for number, rooms in enumerate(LEVELS) for room in rooms}

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from tests.synthetic import responses_of, results_of, summary_of
 
-from tvsysid.figures import study_figures
+from tvsysid.studies.van_de_ruit_2021 import study_figures
 from tvsysid.study.layout import OF_TRIAL, layout_of
 from tvsysid.study.scores import UNITS
 from tvsysid.study.simulated import Study

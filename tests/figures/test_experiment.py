@@ -3,9 +3,8 @@ import pytest
 from tests.experimental import experiment_of, fail, summary_of
 from tests.virtual import prepared
 
-from tvsysid.figures import experiment_figures
-from tvsysid.figures.experiment import representative
 from tvsysid.figures.saving import drawn
+from tvsysid.studies.van_de_ruit_2021 import experiment_figures, representative
 
 ALL = ["participants", "participant", "variance-and-spread", "error-against-truth", "recorded-signals", "preparation"]
 

@@ -1,8 +1,8 @@
 import pytest
 from tests.synthetic import SINE, SQUARE, responses_of, results_of, summary_of
 
-from tvsysid.figures import study_figures
 from tvsysid.figures.saving import drawn
+from tvsysid.studies.van_de_ruit_2021 import study_figures
 
 
 def test_all_figures_of_a_study(results, summary):

@@ -8,8 +8,9 @@ from tests.experimental import fail as fail_recording
 from tests.experimental import summary_of as experimental_summary
 from tests.synthetic import SQUARE, claims, fail, responses_of, results_of, summary_of
 
-from tvsysid.figures import draw_all, experiment_figures, study_figures
+from tvsysid.figures import draw_all
 from tvsysid.report import write_experiment_report, write_report
+from tvsysid.studies.van_de_ruit_2021 import COUNTS, experiment_figures, study_figures
 
 HOSTILE = "mine:<script>alert(1)</script>"
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -63,6 +64,7 @@ def experiment_page(experiment, tmp_path_factory):
         experiment.exclusions,
         figures,
         "tvsysid experiment --virtual 3 && echo",
+        COUNTS,
     )
     return path
 

@@ -9,9 +9,10 @@ from tests.experimental import claims, exclusions_of, experiment_of, fail, resul
 from tests.report.conftest import HOSTILE
 from tests.report.elements import Elements, table
 
-from tvsysid.figures import draw_all, experiment_figures
+from tvsysid.figures import draw_all
 from tvsysid.report import experiment_troubles, write_experiment_report
 from tvsysid.report.experiment_tables import metrics, outcome, recordings
+from tvsysid.studies.van_de_ruit_2021 import COUNTS, experiment_figures
 
 
 @pytest.fixture(scope="session")
@@ -121,10 +122,10 @@ def test_exclusions_by_step_beside_the_papers(elements):
 def test_the_papers_counts_stand_beside_the_papers_numbers_only():
     results = results_of(("S1",), ("steps", "noise"), ("sds",), (30,))
     results["recorded"][:] = 200
-    found = recordings(results, exclusions_of(results))
+    found = recordings(results, exclusions_of(results), COUNTS)
     assert found["paper"] == []
     assert found["means"] == []
-    assert "the paper" not in " ".join(outcome(results, summary_of(results), claims().iloc[:0]))
+    assert "the paper" not in " ".join(outcome(results, summary_of(results), claims().iloc[:0], COUNTS))
 
 
 def test_claims_that_were_not_studied_are_folded_away(elements):

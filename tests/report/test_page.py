@@ -12,11 +12,12 @@ from tests.report.conftest import HOSTILE
 from tests.report.elements import Elements, table
 from tests.synthetic import claims, results_of, summary_of
 
-from tvsysid.figures import draw_all, study_figures
+from tvsysid.figures import draw_all
 from tvsysid.methods import names
 from tvsysid.report import write_report
 from tvsysid.report.page import _content
 from tvsysid.report.tables import main_scenario, outcome, scenarios
+from tvsysid.studies.van_de_ruit_2021 import study_figures
 
 
 @pytest.fixture(scope="session")

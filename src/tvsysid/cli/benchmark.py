@@ -170,10 +170,10 @@ def _run_study(study: Any, out: Path, workers: int | None, scheduler: str | None
 
 def write_study(results: Any, out: Path, command: str) -> bool:
     """Write tables, figures and report, and print the essence; whether every method gave a result in every trial."""
-    from tvsysid.figures import draw_all, study_figures
+    from tvsysid.figures import draw_all
     from tvsysid.recordings import whole_file
     from tvsysid.report import write_report
-    from tvsysid.studies.van_de_ruit_2021 import example_responses, judge
+    from tvsysid.studies.van_de_ruit_2021 import example_responses, judge, study_figures
     from tvsysid.study import cores, score, summarize
 
     with waiting("scoring and drawing"):

@@ -126,7 +126,7 @@ def write_experiment(experiment: Any, results: Any, prepared: Any, out: Path, co
     from tvsysid.quality import diagnose
     from tvsysid.recordings import whole_file, write_ensemble
     from tvsysid.report import experiment_troubles, write_diagnosis, write_experiment_report
-    from tvsysid.studies.van_de_ruit_2021 import judge
+    from tvsysid.studies.van_de_ruit_2021 import COUNTS, judge
     from tvsysid.study import cores, exclusions, stiffness_over_time, summarize
 
     with waiting("scoring and drawing"):
@@ -148,7 +148,7 @@ def write_experiment(experiment: Any, results: Any, prepared: Any, out: Path, co
         diagnoses = {item.recorded.label: diagnose(item.ensemble) for item in prepared if item.ensemble is not None}
         if diagnoses:
             write_diagnosis(out / "diagnosis.html", diagnoses, command, cores())
-        write_experiment_report(out / "report.html", results, summary, claims, excluded, pictures, command)
+        write_experiment_report(out / "report.html", results, summary, claims, excluded, pictures, command, COUNTS)
     for perturbation in dict.fromkeys(summary.perturbation):
         _show_summary(summary[summary.perturbation == perturbation], str(perturbation))
     _show_realizations(results)
@@ -169,7 +169,8 @@ def write_experiment(experiment: Any, results: Any, prepared: Any, out: Path, co
 
 def _experiment_pictures(experiment: Any, results: Any, summary: Any, prepared: Any, folder: Path) -> Any:
     """Draw and save everything; those of the page, by the stems of their files."""
-    from tvsysid.figures import draw_all, experiment_figures, participant_figures, representative
+    from tvsysid.figures import draw_all
+    from tvsysid.studies.van_de_ruit_2021 import experiment_figures, participant_figures, representative
     from tvsysid.study import cores, shown
 
     excerpts, preparations = {}, {}

@@ -6,14 +6,12 @@ from tvsysid.figures.comparison import method_comparison
 from tvsysid.figures.coverage import coverage_over_time
 from tvsysid.figures.diagnosis import diagnosis_illustration, diagnosis_panels
 from tvsysid.figures.excerpts import recorded_signals
-from tvsysid.figures.experiment import experiment_figures, participant_figures, representative
 from tvsysid.figures.identification import identified_impedance
 from tvsysid.figures.participants import participant_in_detail, stiffness_of_participants, stiffness_with_bands
 from tvsysid.figures.preparation import preparation_steps
 from tvsysid.figures.responses import impulse_responses
 from tvsysid.figures.saving import Illustration, Picture, draw_all, drawn, save
 from tvsysid.figures.spread import error_against_truth, variance_and_spread
-from tvsysid.figures.study import study_figures
 from tvsysid.figures.style import lines
 from tvsysid.figures.tuning import tuning_curves
 
@@ -27,21 +25,17 @@ __all__ = [
     "drawn",
     "error_against_amount",
     "error_against_truth",
-    "experiment_figures",
     "identified_impedance",
     "impulse_responses",
     "lines",
     "method_comparison",
-    "participant_figures",
     "participant_in_detail",
     "preparation_steps",
     "recorded_channels",
     "recorded_signals",
-    "representative",
     "save",
     "stiffness_of_participants",
     "stiffness_with_bands",
-    "study_figures",
     "tuning_curves",
     "variance_and_spread",
 ]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -30,6 +31,7 @@ def write_experiment_report(
     exclusions: pd.DataFrame,
     pictures: Mapping[str, Picture],
     command: str = "",
+    reported: Mapping[str, Sequence[str]] = MappingProxyType({}),
 ) -> None:
     """Write one HTML file that holds all of an experiment's outcome and needs nothing else.
 
@@ -49,8 +51,11 @@ def write_experiment_report(
         As of :func:`tvsysid.figures.draw_all`.
     command
         What was typed to analyse the experiment; the page says nothing of it if empty.
+    reported
+        Realizations recorded, excluded by each step, and kept, as a paper reports them, by perturbation; shown beside
+        recordings of as many realizations.
     """
-    content = _content(results, summary, claims, exclusions, pictures, command)
+    content = _content(results, summary, claims, exclusions, pictures, command, reported)
     write_page(path, "experiment.html", content)
 
 
@@ -61,6 +66,7 @@ def _content(
     exclusions: pd.DataFrame,
     pictures: Mapping[str, Picture],
     command: str,
+    reported: Mapping[str, Sequence[str]],
 ) -> dict[str, Any]:
     """What the template is filled with."""
     versions = settings_of(results, "versions")
@@ -80,11 +86,11 @@ def _content(
         "unfinished": [int(there.sum()), there.size] if not there.all() else None,
         "identifications": draws.size,
         "failed": int(np.count_nonzero(np.isnan(draws))),
-        "outcome": experiment_tables.outcome(results, summary, claims),
+        "outcome": experiment_tables.outcome(results, summary, claims, reported),
         "figures": embedded({stem: each for stem, each in pictures.items() if stem not in DETAILS}),
         "metrics": experiment_tables.metrics(summary, results.sizes["bootstrap"]),
         "claims": tables.claim_rows(claims),
-        "recordings": experiment_tables.recordings(results, exclusions),
+        "recordings": experiment_tables.recordings(results, exclusions, reported),
         "details": embedded({stem: each for stem, each in pictures.items() if stem in DETAILS}),
         "remarks": experiment_tables.remarks(results),
         "troubles": experiment_tables.experiment_troubles(results),

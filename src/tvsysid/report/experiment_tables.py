@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +13,6 @@ from numpy.typing import NDArray
 from tvsysid.figures.results import unique
 from tvsysid.figures.words import perturbation_name
 from tvsysid.report.tables import Cell, number, verdicts
-from tvsysid.studies.van_de_ruit_2021.experiment import EXCLUDED, REPORTED, SURVIVED
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -36,15 +37,6 @@ COUNTS = {
     "survivors": "kept",
 }
 """Heading of each count of realizations."""
-PAPER = {
-    perturbation: (
-        f"{REPORTED}",
-        *(f"{low} to {high}" for low, high in excluded.values()),
-        "{:g} ± {:g}".format(*SURVIVED[perturbation]),
-    )
-    for perturbation, excluded in EXCLUDED.items()
-}
-"""Counts that van de Ruit et al. 2021 report for either perturbation (sections 4.1.5 and 4.4), in that order."""
 
 
 def over_participants(values: NDArray[np.float64], decimals: int | None) -> Cell:
@@ -93,7 +85,9 @@ def _rows(summary: pd.DataFrame, by: list[str], metrics: list[str], bootstraps: 
     return rows
 
 
-def recordings(results: xr.Dataset, exclusions: pd.DataFrame) -> dict[str, Any]:
+def recordings(
+    results: xr.Dataset, exclusions: pd.DataFrame, reported: Mapping[str, Sequence[str]] = MappingProxyType({})
+) -> dict[str, Any]:
     """What became of the realizations of each recording, their means for each perturbation, and the paper's counts."""
     shifts = {
         str(label): 1000 * mine.shift_s[mine.excluded_by == ""].to_numpy(dtype=float)
@@ -120,8 +114,9 @@ def recordings(results: xr.Dataset, exclusions: pd.DataFrame) -> dict[str, Any]:
             counts = [chosen[name].values.astype(float) for name in COUNTS]
             cells = [over_participants(each, 1 if np.ptp(each) else 0) for each in counts]
             means.append({"perturbation": perturbation_name(perturbation), "counts": cells})
-        if perturbation in PAPER and (chosen.recorded.values == REPORTED).any():
-            paper.append({"perturbation": perturbation_name(perturbation), "counts": PAPER[perturbation]})
+        theirs = reported.get(perturbation)
+        if theirs and theirs[0] in unique(chosen.recorded.values):
+            paper.append({"perturbation": perturbation_name(perturbation), "counts": theirs})
     return {"rows": rows, "headings": list(COUNTS.values()), "means": means, "paper": paper}
 
 
@@ -166,7 +161,12 @@ def experiment_troubles(results: xr.Dataset) -> list[dict[str, Any]]:
     return found
 
 
-def outcome(results: xr.Dataset, summary: pd.DataFrame, claims: pd.DataFrame) -> list[str]:
+def outcome(
+    results: xr.Dataset,
+    summary: pd.DataFrame,
+    claims: pd.DataFrame,
+    reported: Mapping[str, Sequence[str]] = MappingProxyType({}),
+) -> list[str]:
     """The main outcome in sentences."""
     sentences = []
     for perturbation in unique(results.perturbation.values):
@@ -176,8 +176,8 @@ def outcome(results: xr.Dataset, summary: pd.DataFrame, claims: pd.DataFrame) ->
         recorded = unique(chosen.recorded.values)
         kept = over_participants(chosen.survivors.values.astype(float), 0).text
         of = f"of {recorded[0]}" if len(recorded) == 1 else f"of {min(map(int, recorded))} to {max(map(int, recorded))}"
-        reported = PAPER.get(perturbation)
-        paper = f" (the paper: {reported[-1]} of {REPORTED})" if reported and recorded == [str(REPORTED)] else ""
+        counts = reported.get(perturbation)
+        paper = f" (the paper: {counts[-1]} of {counts[0]})" if counts and recorded == [counts[0]] else ""
         sentences.append(
             f"With {perturbation_name(perturbation)}, {kept} {of} realizations were kept{paper}."
             f"{_extremes(summary, perturbation)}"

@@ -1,7 +1,20 @@
 """Van de Ruit, Cavallo, Lataire, van der Helm, Mugge, van Wingerden and Schouten 2021: its studies and its claims."""
 
 from tvsysid.studies.van_de_ruit_2021.example import example_responses
+from tvsysid.studies.van_de_ruit_2021.experiment import COUNTS
+from tvsysid.studies.van_de_ruit_2021.experiment_figures import experiment_figures, participant_figures, representative
+from tvsysid.studies.van_de_ruit_2021.figures import study_figures
 from tvsysid.studies.van_de_ruit_2021.judge import judge
 from tvsysid.studies.van_de_ruit_2021.presets import PRESETS, preset
 
-__all__ = ["PRESETS", "example_responses", "judge", "preset"]
+__all__ = [
+    "COUNTS",
+    "PRESETS",
+    "example_responses",
+    "experiment_figures",
+    "judge",
+    "participant_figures",
+    "preset",
+    "representative",
+    "study_figures",
+]

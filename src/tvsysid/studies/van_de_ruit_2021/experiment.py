@@ -49,6 +49,15 @@ EXCLUDED = {
     "prbs": {"alignment": (5, 40), "task": (3, 10), "residual": (15, 20)},
 }
 """Range over the paper's participants of what each step excluded (section 4.1.5)."""
+COUNTS = {
+    perturbation: (
+        f"{REPORTED}",
+        *(f"{low} to {high}" for low, high in excluded.values()),
+        "{:g} ± {:g}".format(*SURVIVED[perturbation]),
+    )
+    for perturbation, excluded in EXCLUDED.items()
+}
+"""Realizations recorded, excluded by each step, and kept, as the paper says it of either perturbation."""
 LEVELS = {"prbs": (74.8, 87.2), "noise": (49.4, 62.7)}
 """Lowest and highest mean VAF of the four methods in the paper, from 150 s (section 4.4)."""
 NEAR = 5.0

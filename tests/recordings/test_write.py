@@ -34,14 +34,24 @@ def test_an_unknown_ending_is_refused(tmp_path):
 
 
 def test_models_are_read_back(tmp_path, ensemble_of):
-    models = {key: tv.methods.create(key).identify(ensemble_of(150.0)) for key in tv.methods.METHODS}
-    write_models(tmp_path / "models.nc", models)
+    ensemble = ensemble_of(150.0)
+    models = {key: tv.methods.create(key).identify(ensemble) for key in tv.methods.METHODS}
+    write_models(tmp_path / "models.nc", models, ensemble)
     with xr.open_datatree(tmp_path / "models.nc", engine="h5netcdf") as tree:
         assert set(tree.children) == set(models)
         for key, model in models.items():
             np.testing.assert_array_equal(tree[key].stiffness.values, model.stiffness)
             assert tree[key].stiffness.attrs["units"] == "N m/rad"
             assert tree[key].attrs["method"] == model.method
+            for quantity, estimate in model.estimates.items():
+                error = estimate.standard_error
+                expected = {"": estimate.values, "_standard_error": error.values, "_freedom": error.freedom}
+                expected |= dict(zip(("_lower", "_upper"), estimate.band(), strict=True))
+                for part, values in expected.items():
+                    np.testing.assert_array_equal(tree[key][f"{quantity}{part}"].values, values)
+            for pathway, torque in model.pathways(ensemble).items():
+                np.testing.assert_array_equal(tree[key][f"torque_{pathway}"].values, torque)
+                assert tree[key][f"torque_{pathway}"].attrs["units"] == "N m"
         response = tree["esm"].frequency_response_real.values + 1j * tree["esm"].frequency_response_imag.values
         np.testing.assert_array_equal(response, models["esm"].frequency_response)
         np.testing.assert_array_equal(tree["sds"].impulse_response.values, models["sds"].impulse_response)
@@ -98,9 +108,10 @@ def ensembles(draw):
             "trials": arrays.arrays(np.int64, count, elements=st.integers(0, 2**31)),
         }
     )
-    context, left_out = draw(st.integers(0, (length - 1) // 2)), draw(st.integers(0, 99))
-    others = draw(st.just({}) | placed)
-    return tv.Ensemble(angle, torque, draw(RATES), context, channels=channels, left_out=left_out, **others)
+    others = {"left_out": draw(st.integers(0, 99)), "mean_subtracted": draw(st.booleans())}
+    context = draw(st.integers(0, (length - 1) // 2))
+    others |= draw(st.just({}) | placed)
+    return tv.Ensemble(angle, torque, draw(RATES), context, channels=channels, **others)
 
 
 def assert_same(one, two):

@@ -2,7 +2,7 @@
 
 from tvsysid.recordings.atomic import whole_file
 from tvsysid.recordings.channel import Channel, outline
-from tvsysid.recordings.find import describe_file
+from tvsysid.recordings.formats import describe_file
 from tvsysid.recordings.read import UsableTrials, join_trials, read_recording, read_trials, read_usable_trials
 from tvsysid.recordings.write import (
     load_ensemble,

@@ -77,11 +77,21 @@ class Channel:
         return self.values()
 
 
+def stored(
+    shape: tuple[int, ...],
+    dtype: np.dtype[Any],
+    read: Callable[[], NDArray[Any]],
+    unit: str = "",
+    sampling_rate: float | None = None,
+) -> Channel:
+    """Channel whose values are read when they are asked for."""
+    return Channel(shape, kind_of(dtype), unit, sampling_rate, read if dtype.kind in NUMBERS else None)
+
+
 def in_memory(values: ArrayLike, unit: str = "", sampling_rate: float | None = None) -> Channel:
     """Channel of values that are read already."""
     array = np.asarray(values)
-    word = kind_of(array.dtype)
-    return Channel(array.shape, word, unit, sampling_rate, (lambda: array) if array.dtype.kind in NUMBERS else None)
+    return stored(array.shape, array.dtype, lambda: array, unit, sampling_rate)
 
 
 def kind_of(dtype: np.dtype[Any]) -> str:

@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 from scipy.io import loadmat, whosmat
 from scipy.io.matlab import MatlabObject, MatlabOpaque, MatReadWarning
 
-from tvsysid.recordings.channel import NUMBERS, Channel, in_memory, kind_of, stated_rate, stated_unit
+from tvsysid.recordings.channel import NUMBERS, Channel, in_memory, stated_rate, stated_unit, stored
 from tvsysid.recordings.hdf5 import values_of
 from tvsysid.recordings.memory import check_fits
-from tvsysid.recordings.signatures import seems
 
 NUMERIC_CLASSES = (
     "double",
@@ -30,13 +29,18 @@ NUMERIC_CLASSES = (
 PLAIN_CLASSES = (*NUMERIC_CLASSES, "char", "cell", "struct", "function_handle")
 
 
-def read_mat(file: Path) -> dict[str, Channel]:
-    """Variables of a MAT file by name, matrices as time x trial.
+def read_mat_5(file: Path) -> dict[str, Channel]:
+    """Variables of a MAT file of version 4 to 7 by name, matrices as time x trial.
 
     A structure's fields are channels ``name.field``. An ``nldat`` object's channels are ``name.channel``, with the
     units and the increment of time that it states.
     """
-    return dict(_version_73(file) if seems(file) == "MAT file of version 7.3" else _version_5(file))
+    return dict(_version_5(file))
+
+
+def read_mat_73(file: Path) -> dict[str, Channel]:
+    """Variables of a MAT file of version 7.3, likewise."""
+    return dict(_version_73(file))
 
 
 def _version_5(file: Path) -> Iterator[tuple[str, Channel]]:
@@ -145,10 +149,10 @@ def _items(file: Path, name: str, item: Any) -> Iterator[tuple[str, Channel]]:
         yield name, Channel(shape, "text")
     elif item.dtype.kind == "V" and item.dtype.names == ("real", "imag"):
         yield name, Channel(shape, "complex numbers")
-    elif item.dtype.kind in NUMBERS:
-        yield name, Channel(shape, str(item.dtype), values=partial(_transposed, file, item.name))
+    elif item.dtype.kind == "O":
+        yield name, Channel(shape, "cells")
     else:
-        yield name, Channel(shape, "cells" if item.dtype.kind == "O" else kind_of(item.dtype))
+        yield name, stored(shape, item.dtype, partial(_transposed, file, item.name))
 
 
 def _transposed(file: Path, name: str) -> NDArray[Any]:

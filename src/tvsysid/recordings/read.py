@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.recordings.channel import TIMES_ITS_SIZE, Channel, listed
-from tvsysid.recordings.doubts import of_signals, of_statements, of_trials
-from tvsysid.recordings.find import describe_file
+from tvsysid.recordings.formats import describe_file
 from tvsysid.recordings.memory import check_fits
+from tvsysid.recordings.plausible import contradictions, implausible, unlike_trials
 from tvsysid.signals import Recording, checked_array
 
 Array = NDArray[np.float64]
@@ -43,7 +43,7 @@ def read_recording(
     ----------
     path
         MAT file (version 4 to 7.3), CSV or TSV with a header line, NPZ, HDF5, NetCDF, Parquet (``tvsysid[parquet]``) or
-        C3D (``tvsysid[c3d]``), told by its ending.
+        C3D (``tvsysid[c3d]``), by its ending.
     angle, torque
         Names of the variables or columns, as :func:`describe_file` and ``tvsysid inspect`` list them: ``run.angle`` in
         a MATLAB structure or object, ``run/angle`` in a group of an HDF5 or NetCDF file.
@@ -88,22 +88,22 @@ def read_recording(
     ...     read_recording(f"{folder}/ankle.npz", angle="pos", torque="tq", sampling_rate=100)
     Recording(20 s at 100 Hz; angle RMS 0.0142 rad, torque RMS 1.14 N·m)
     """
-    say = _Said(angle, torque, sampling_rate, angle_unit, torque_sign, columns, start, channels or {})
+    request = _Request(angle, torque, sampling_rate, angle_unit, torque_sign, columns, start, channels or {})
     file = Path(path)
-    found, values = _signals(file, say)
+    found, values = _signals(file, request)
     rows, trials = values[angle].shape
     signals = {
         name: checked_array(f"{file.name}: {name}", matrix, ("time", "trial")).ravel(order="F")
         for name, matrix in values.items()
     }
-    recording = say.recording(signals, tuple(range(0, rows * trials, rows)) if columns == "trials" else (0,))
-    for doubt in say.doubts(found, recording):
-        warnings.warn(f"{file.name}: {doubt}", DataQualityWarning, stacklevel=2)
+    recording = request.recording(signals, tuple(range(0, rows * trials, rows)) if columns == "trials" else (0,))
+    for text in request.warnings(found, recording):
+        warnings.warn(f"{file.name}: {text}", DataQualityWarning, stacklevel=2)
     return recording
 
 
 @dataclass(frozen=True)
-class _Said:
+class _Request:
     """What the caller says of a file; nothing of it is guessed."""
 
     angle: str
@@ -132,7 +132,7 @@ class _Said:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of all channels that are read."""
+        """Names in the file of all that is read."""
         return tuple(dict.fromkeys((self.angle, self.torque, *self.channels.values())))
 
     def recording(self, signals: Mapping[str, Array], trial_starts: tuple[int, ...] = (0,)) -> Recording:
@@ -146,11 +146,11 @@ class _Said:
             trial_starts=trial_starts,
         )
 
-    def doubts(self, found: Mapping[str, Channel], recording: Recording) -> Iterator[str]:
-        """What the file says otherwise, and what looks lost."""
-        read = {name: found[name] for name in self.names}
-        yield from of_statements(read, self.angle, self.torque, recording.sampling_rate, self.angle_unit)
-        yield from of_signals(recording, self.angle, self.torque, self.angle_unit)
+    def warnings(self, found: Mapping[str, Channel], recording: Recording) -> Iterator[str]:
+        """What the file states otherwise, and what looks wrong."""
+        read, units = {name: found[name] for name in self.names}, {self.angle: self.angle_unit, self.torque: "N·m"}
+        yield from contradictions(read, recording.sampling_rate, units)
+        yield from implausible(recording, self.angle, self.torque, self.angle_unit)
 
 
 class UsableTrials(NamedTuple):
@@ -198,26 +198,24 @@ def read_usable_trials(paths: Mapping[str, Path], shortest: float = 0.0, **setti
     DataQualityWarning
         As :func:`read_recording` does.
     """
-    say = _Said(**settings)
-    usable: list[Recording] = []
+    request = _Request(**settings)
+    usable: dict[str, Recording] = {}
     refused: dict[str, str] = {}
-    names: list[str] = []
     for called, file in paths.items():
         try:
-            found, values = _signals(file, say)
+            found, values = _signals(file, request)
         except (InputError, MemoryError) as error:
             refused[called] = str(error).removeprefix(f"{file}: ").removeprefix(f"{file.name}: ") or "no memory left"
             continue
-        trials = values[say.angle].shape[1] if say.columns == "trials" else 1
-        for number in range(trials):
-            chosen = slice(number, number + 1) if say.columns == "trials" else slice(None)
-            name = called if trials == 1 else f"{called}, trial {number + 1}"
+        single = request.columns == "contiguous" or values[request.angle].shape[1] == 1
+        for number in range(1 if single else values[request.angle].shape[1]):
+            name = called if single else f"{called}, trial {number + 1}"
+            chosen = slice(None) if single else slice(number, number + 1)
+            columns = {channel: matrix[:, chosen].ravel(order="F") for channel, matrix in values.items()}
             try:
-                signals = {
-                    channel: checked_array(channel, matrix[:, chosen].ravel(order="F"), ("time",))
-                    for channel, matrix in values.items()
-                }
-                recording = say.recording(signals)
+                recording = request.recording(
+                    {channel: checked_array(channel, column, ("time",)) for channel, column in columns.items()}
+                )
             except InputError as error:
                 refused[name] = str(error)
                 continue
@@ -227,13 +225,13 @@ def read_usable_trials(paths: Mapping[str, Path], shortest: float = 0.0, **setti
                     f"{shortest:g} s"
                 )
                 continue
-            usable.append(recording)
-            names.append(name)
-            for doubt in say.doubts(found, recording):
-                warnings.warn(f"{name}: {doubt}", DataQualityWarning, stacklevel=2)
-    for doubt in of_trials(usable, names):
-        warnings.warn(doubt, DataQualityWarning, stacklevel=2)
-    return UsableTrials(join_trials(usable) if usable else None, tuple(names), refused)
+            usable[name] = recording
+            for text in request.warnings(found, recording):
+                warnings.warn(f"{name}: {text}", DataQualityWarning, stacklevel=2)
+    names, recordings = tuple(usable), list(usable.values())
+    for text in unlike_trials(recordings, names):
+        warnings.warn(text, DataQualityWarning, stacklevel=2)
+    return UsableTrials(join_trials(recordings) if usable else None, names, refused)
 
 
 def read_trials(paths: Sequence[str | Path], **settings: Any) -> Recording:
@@ -313,10 +311,10 @@ def join_trials(recordings: Sequence[Recording]) -> Recording:
     )
 
 
-def _signals(file: Path, say: _Said) -> tuple[dict[str, Channel], dict[str, Array]]:
+def _signals(file: Path, request: _Request) -> tuple[dict[str, Channel], dict[str, Array]]:
     """All channels of a file, and the values of those asked for, of one shape (time, trial)."""
     found = describe_file(file)
-    names = say.names
+    names = request.names
     for name in names:
         if name not in found:
             raise InputError(f"{file.name}: no channel {name!r}; it holds {listed(found)}")

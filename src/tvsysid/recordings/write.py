@@ -1,12 +1,12 @@
-"""Recordings, ensembles, simulations and models to files."""
+"""Recordings, ensembles, simulations and models to files, and back."""
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -17,20 +17,52 @@ from scipy.io.matlab import MatWriteError
 from tvsysid.errors import InputError
 from tvsysid.models import Model
 from tvsysid.recordings.atomic import whole_file
-from tvsysid.recordings.find import describe_file
-from tvsysid.recordings.signatures import seems
+from tvsysid.recordings.formats import MAT_5, content_of, describe_file
 from tvsysid.signals import Ensemble, Recording
 
 if TYPE_CHECKING:
     import xarray as xr
 
-PLAIN_MAT = ("MAT file of version 5 or 7",)
 LONGEST_NAME = 28
 """Letters of a variable; MATLAB's files of version 5 hold 31, with a number behind."""
-RESERVED = (
-    *("angle", "torque", "time", "realization", "trial", "trials", "trial_starts", "onsets"),
-    *("sampling_rate", "start", "context", "left_out", "channels", "tvsysid"),
-)
+Converters = Mapping[str, Callable[[Any], Any]]
+
+
+class Layout(NamedTuple):
+    """What a file holds beside angle, torque and channels: numbers, and vectors along a dimension of their own.
+
+    Each with what makes of the value that is read the one that the class takes.
+    """
+
+    dims: tuple[str, ...]
+    numbers: Converters
+    vectors: Converters
+    vector_dim: str
+
+
+def _whole(values: Any) -> NDArray[np.int64]:
+    return np.ravel(values).astype(np.int64)
+
+
+LAYOUTS = {
+    Recording: Layout(
+        ("time",),
+        {"sampling_rate": float, "start": float},
+        {"trial_starts": lambda values: tuple(_whole(values).tolist())},
+        "trial",
+    ),
+    Ensemble: Layout(
+        ("realization", "time"),
+        {"sampling_rate": float, "context": int, "left_out": int, "mean_subtracted": bool},
+        {"onsets": np.ravel, "trials": _whole},
+        "realization",
+    ),
+}
+UNITS = {"angle": "rad", "torque": "N m"}
+RESERVED = {
+    *("angle", "torque", "time", "realization", "trial", "channels", "tvsysid"),
+    *(name for layout in LAYOUTS.values() for name in (*layout.numbers, *layout.vectors)),
+}
 
 
 def write_simulation(path: str | Path, columns: Mapping[str, NDArray[np.float64]], sampling_rate: float) -> None:
@@ -50,23 +82,22 @@ def write_simulation(path: str | Path, columns: Mapping[str, NDArray[np.float64]
     InputError
         For another ending.
     """
-    file = Path(path)
-    ending = file.suffix.lower()
-    if ending not in (".mat", ".csv", ".tsv"):
-        raise InputError(f"{file}: unknown ending {file.suffix!r}; give one of .mat, .csv, .tsv")
+    file = _checked(path, ".mat", ".csv", ".tsv")
     with whole_file(file) as temporary:
-        if ending == ".mat":
+        if file.suffix.lower() == ".mat":
             matrices = {name: np.asarray(values).reshape(len(values), -1) for name, values in columns.items()}
             savemat(temporary, {**matrices, "sampling_rate": sampling_rate}, do_compression=True)
         else:
-            separator = "," if ending == ".csv" else "\t"
+            separator = "," if file.suffix.lower() == ".csv" else "\t"
             pd.DataFrame(dict(columns)).to_csv(temporary, sep=separator, index=False, float_format="%.9g")
 
 
 def write_models(path: str | Path, models: Mapping[str, Model], ensemble: Ensemble | None = None) -> None:
     """Write models to a NetCDF file, one group for each; ``xarray.open_datatree`` reads it.
 
-    NetCDF has no complex numbers: a frequency response becomes ``frequency_response_real`` and ``_imag``.
+    A group holds what :meth:`tvsysid.Model.to_xarray` returns: every estimate, its standard error, degrees of freedom
+    and 95 % limits, and what the method has identified besides. NetCDF has no complex numbers: a frequency response
+    becomes ``frequency_response_real`` and ``_imag``.
 
     Parameters
     ----------
@@ -75,21 +106,37 @@ def write_models(path: str | Path, models: Mapping[str, Model], ensemble: Ensemb
     models
         By name of the group.
     ensemble
-        If given, the torque of each pathway for it is written too: ``torque_`` and the pathway's name.
+        If given, the torque of each pathway for it is written too.
+
+    Examples
+    --------
+    >>> import tvsysid as tv, tempfile, xarray
+    >>> noise = tv.simulate.FilteredNoise()
+    >>> recording = tv.simulate.Joint().simulate(40, perturbation=noise, snr_db=10, seed=1).recording
+    >>> ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), period=2.0)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_models(f"{folder}/models.nc", {"birf": tv.BasisIRF().identify(ensemble)}, ensemble)
+    ...     tree = xarray.open_datatree(f"{folder}/models.nc", engine="h5netcdf").load()
+    ...     tree.close()
+    >>> sorted(name for name in tree["birf"].data_vars if name.startswith("stiffness"))
+    ['stiffness', 'stiffness_freedom', 'stiffness_lower', 'stiffness_standard_error', 'stiffness_upper']
+    >>> dict(tree["birf"].torque_intrinsic.sizes)
+    {'realization': 20, 'time': 200}
     """
     import xarray as xr  # noqa: PLC0415  # heavy
 
-    tree = xr.DataTree.from_dict({name: _without_complex(model.to_xarray(ensemble)) for name, model in models.items()})
+    groups = {name: _without_complex(model.to_xarray(ensemble)) for name, model in models.items()}
     with whole_file(path) as temporary:
-        tree.to_netcdf(temporary, engine="h5netcdf", mode="w")
+        xr.DataTree.from_dict(groups).to_netcdf(temporary, engine="h5netcdf", mode="w")
 
 
 def _without_complex(dataset: xr.Dataset) -> xr.Dataset:
-    for name in [str(name) for name, values in dataset.data_vars.items() if np.iscomplexobj(values)]:
-        dataset[f"{name}_real"], dataset[f"{name}_imag"] = dataset[name].real, dataset[name].imag
-        for part in ("real", "imag"):
-            dataset[f"{name}_{part}"].attrs = dict(dataset[name].attrs)
-        dataset = dataset.drop_vars(name)
+    for name, values in dataset.data_vars.items():
+        if np.iscomplexobj(values):
+            parts = {f"{name}_real": values.real, f"{name}_imag": values.imag}
+            for part in parts.values():
+                part.attrs = dict(values.attrs)
+            dataset = dataset.drop_vars(str(name)).assign(parts)
     return dataset
 
 
@@ -120,35 +167,16 @@ def write_recording(path: str | Path, recording: Recording) -> None:
     ...     load_recording(f"{folder}/ankle.nc")
     Recording(20 s at 100 Hz; angle RMS 0.0142 rad, torque RMS 1.14 N·m)
     """
-    about = {"sampling_rate": recording.sampling_rate, "start": float(recording.start)}
-    extent = {"trial_starts": np.asarray(recording.trial_starts, dtype=np.int64)}
-    _write(Path(path), "recording", recording, about, extent, ("time",), "trial")
+    _write(path, recording)
 
 
 def write_ensemble(path: str | Path, ensemble: Ensemble) -> None:
     """Write an ensemble to a NetCDF or a MAT file; :func:`load_ensemble` reads it back unchanged.
 
-    Parameters
-    ----------
-    path
-        Ending in .nc or .mat.
-    ensemble
-        To write; its signals become matrices of realization x time, context and all.
-
-    Raises
-    ------
-    InputError
-        For another ending, or for more than a MAT file holds.
+    Its signals become matrices of realization x time, context and all. Parameters and errors as of
+    :func:`write_recording`.
     """
-    assert ensemble.onsets is not None
-    assert ensemble.trials is not None
-    about = {
-        "sampling_rate": ensemble.sampling_rate,
-        "context": int(ensemble.context),
-        "left_out": int(ensemble.left_out),
-    }
-    extent = {"onsets": ensemble.onsets, "trials": ensemble.trials}
-    _write(Path(path), "ensemble", ensemble, about, extent, ("realization", "time"), "realization")
+    _write(path, ensemble)
 
 
 def load_recording(path: str | Path) -> Recording:
@@ -164,103 +192,74 @@ def load_recording(path: str | Path) -> Recording:
     InputError
         If the file is of other origin; read that by :func:`tvsysid.read_recording`.
     """
-    found, signals = _loaded(Path(path), "recording", 1)
-    return Recording(
-        **signals,
-        sampling_rate=float(found["sampling_rate"]),
-        start=float(found["start"]),
-        trial_starts=tuple(int(first) for first in np.ravel(found["trial_starts"])),
-    )
+    return Recording(**_loaded(path, Recording))
 
 
 def load_ensemble(path: str | Path) -> Ensemble:
-    """Ensemble that :func:`write_ensemble` wrote.
-
-    Parameters
-    ----------
-    path
-        Ending in .nc or .mat.
-
-    Raises
-    ------
-    InputError
-        If the file is of other origin.
-    """
-    found, signals = _loaded(Path(path), "ensemble", 2)
-    return Ensemble(
-        **signals,
-        sampling_rate=float(found["sampling_rate"]),
-        context=int(found["context"]),
-        left_out=int(found["left_out"]),
-        onsets=np.ravel(found["onsets"]),
-        trials=np.ravel(found["trials"]).astype(np.int64),
-    )
+    """Ensemble that :func:`write_ensemble` wrote; parameters and errors as of :func:`load_recording`."""
+    return Ensemble(**_loaded(path, Ensemble))
 
 
-def _write(
-    file: Path,
-    kind: str,
-    signals: Recording | Ensemble,
-    about: Mapping[str, float],
-    extent: Mapping[str, NDArray[Any]],
-    dims: tuple[str, ...],
-    extent_dim: str,
-) -> None:
-    """Write signals, single numbers about them, and vectors along a dimension of their own."""
-    _checked_ending(file)
+def _write(path: str | Path, signals: Recording | Ensemble) -> None:
+    file, layout = _checked(path, ".nc", ".mat"), LAYOUTS[type(signals)]
     variables = _variables(list(signals.channels))
     # As text, so that names that are no names of variables come back unchanged.
-    labels = {"tvsysid": kind, "channels": json.dumps(variables)}
+    labels = {"tvsysid": type(signals).__name__.lower(), "channels": json.dumps(variables)}
     arrays = {"angle": signals.angle, "torque": signals.torque}
     arrays |= {variable: signals.channels[name] for name, variable in variables.items()}
+    # Neither format has truth values.
+    about = {name: +getattr(signals, name) for name in layout.numbers}
+    vectors = {name: np.asarray(getattr(signals, name)) for name in layout.vectors}
     with whole_file(file) as temporary:
         if file.suffix.lower() == ".mat":
             try:
-                savemat(temporary, {**arrays, **extent, **about, **labels}, do_compression=True, oned_as="column")
+                savemat(temporary, {**arrays, **vectors, **about, **labels}, do_compression=True, oned_as="column")
             except MatWriteError as error:
                 raise InputError(f"{file}: a MAT file cannot hold this ({error}); write a NetCDF file (.nc)") from error
         else:
             import xarray as xr  # noqa: PLC0415  # heavy
 
-            units = {"angle": "rad", "torque": "N m"}
-            content: dict[str, Any] = {
-                name: (dims, values, {"units": units[name]} if name in units else {}) for name, values in arrays.items()
-            }
-            content |= {name: (extent_dim, values) for name, values in extent.items()}
-            xr.Dataset(content, attrs={**about, **labels}).to_netcdf(temporary, engine="h5netcdf", mode="w")
+            content: dict[str, Any] = {name: (layout.dims, values) for name, values in arrays.items()}
+            content |= {name: (layout.vector_dim, values) for name, values in vectors.items()}
+            dataset = xr.Dataset(content, attrs={**about, **labels})
+            for name, unit in UNITS.items():
+                dataset[name].attrs["units"] = unit
+            dataset.to_netcdf(temporary, engine="h5netcdf", mode="w")
 
 
-def _loaded(file: Path, kind: str, axes: int) -> tuple[dict[str, Any], dict[str, Any]]:
-    """What a file holds by name, and the signals in it as arguments of their class."""
-    _checked_ending(file)
+def _loaded(path: str | Path, kind: type[Recording | Ensemble]) -> dict[str, Any]:
+    """What a file holds, as arguments of a class of signals."""
+    file, layout, name = _checked(path, ".nc", ".mat"), LAYOUTS[kind], kind.__name__.lower()
     describe_file(file)  # whether it can be read at all, and is what its ending says
     if file.suffix.lower() == ".mat":
-        found = loadmat(file, mat_dtype=True, chars_as_strings=True) if seems(file) in PLAIN_MAT else {}
+        found = loadmat(file, mat_dtype=True, chars_as_strings=True) if content_of(file) == MAT_5 else {}
         found = {
-            name: values.ravel()[0] if np.size(values) == 1 else values
-            for name, values in found.items()
-            if not name.startswith("__")
+            key: values.ravel()[0] if np.size(values) == 1 else values
+            for key, values in found.items()
+            if not key.startswith("__")
         }
     else:
         import xarray as xr  # noqa: PLC0415  # heavy
 
         dataset = xr.load_dataset(file, decode_times=False)
-        found = {**{str(name): values.values for name, values in dataset.variables.items()}, **dataset.attrs}
-    if str(found.get("tvsysid", "")) != kind:
-        raise InputError(f"{file}: not written by write_{kind}; what others wrote is read by read_recording")
+        found = {**{str(key): values.values for key, values in dataset.variables.items()}, **dataset.attrs}
+    if str(found.get("tvsysid", "")) != name:
+        raise InputError(f"{file}: not written by write_{name}; what others wrote is read by read_recording")
 
-    def signal(name: str) -> NDArray[np.float64]:
-        values = np.asarray(found[name], dtype=np.float64)
-        return values.ravel() if axes == 1 else values
+    def signal(variable: str) -> NDArray[np.float64]:
+        values = np.asarray(found[variable], dtype=np.float64)
+        return values.ravel() if len(layout.dims) == 1 else values
 
-    names = json.loads(str(found["channels"]))
-    channels = {name: signal(variable) for name, variable in names.items()}
-    return found, {"angle": signal("angle"), "torque": signal("torque"), "channels": channels}
+    channels = {channel: signal(variable) for channel, variable in json.loads(str(found["channels"])).items()}
+    rest = {key: convert(found[key]) for key, convert in {**layout.numbers, **layout.vectors}.items()}
+    return {"angle": signal("angle"), "torque": signal("torque"), "channels": channels, **rest}
 
 
-def _checked_ending(file: Path) -> None:
-    if file.suffix.lower() not in (".nc", ".mat"):
-        raise InputError(f"{file}: unknown ending {file.suffix!r}; give one of .nc, .mat")
+def _checked(path: str | Path, *endings: str) -> Path:
+    file = Path(path)
+    if file.suffix.lower() not in endings:
+        raise InputError(f"{file}: unknown ending {file.suffix!r}; give one of {', '.join(endings)}")
+    return file
 
 
 def _variables(names: Sequence[str]) -> dict[str, str]:

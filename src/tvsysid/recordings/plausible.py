@@ -1,10 +1,9 @@
-"""What a file says of itself against what is said of it, and signals that look lost: legal, but doubtful."""
+"""What a file states against what the caller says of it, and signals that look lost: legal, but worth a warning."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,21 +27,17 @@ SPELLINGS = {
 }
 
 
-def of_statements(
-    channels: Mapping[str, Channel], angle: str, torque: str, sampling_rate: float, angle_unit: Literal["rad", "deg"]
-) -> Iterator[str]:
-    """Contradictions between what a file states and what the caller says.
+def contradictions(channels: Mapping[str, Channel], sampling_rate: float, units: Mapping[str, str]) -> Iterator[str]:
+    """Rates and units that a file states of the channels that are read, where the caller says others.
 
     Parameters
     ----------
     channels
-        Those that are read, by name.
-    angle, torque
-        Names of theirs.
+        By name in the file.
     sampling_rate
         In Hz, as the caller says.
-    angle_unit
-        As the caller says.
+    units
+        Of angle and torque as the caller says, by name in the file.
     """
     rates = {name: channel.sampling_rate for name, channel in channels.items()}
     for rate in sorted({rate for rate in rates.values() if rate is not None}):
@@ -52,24 +47,14 @@ def of_statements(
                 f"the file states {rate:g} Hz for {names}, and is read at {sampling_rate:g} Hz as you say; is that "
                 "the right rate?"
             )
-    for name, unit in ((angle, angle_unit), (torque, "N·m")):
+    for name, unit in units.items():
         told = channels[name].unit
-        if told and _plain(told) not in SPELLINGS[unit]:
+        if told and re.sub(r"[\s·⋅.*\-_()\[\]]", "", told.lower()) not in SPELLINGS[unit]:
             yield f"the file states the unit {told!r} for {name}, and is read in {unit}; convert it, or name its unit"
 
 
-def of_signals(recording: Recording, angle: str, torque: str, angle_unit: Literal["rad", "deg"]) -> Iterator[str]:
-    """What looks wrong in the signals themselves.
-
-    Parameters
-    ----------
-    recording
-        As it was read.
-    angle, torque
-        Names of theirs in the file.
-    angle_unit
-        Unit of the angle in the file.
-    """
+def implausible(recording: Recording, angle: str, torque: str, angle_unit: str) -> Iterator[str]:
+    """What looks wrong in the signals themselves; ``angle`` and ``torque`` are their names in the file."""
     with np.errstate(over="ignore"):  # of a damaged file's numbers
         size = float(np.std(recording.angle))
     if FAULTS["angle-unit"].beyond(size):
@@ -83,20 +68,12 @@ def of_signals(recording: Recording, angle: str, torque: str, angle_unit: Litera
     yield from _standstills(recording, torque, recording.torque, amid=False)
 
 
-def of_trials(recordings: Sequence[Recording], names: Sequence[str]) -> Iterator[str]:
-    """Trials whose angle or torque is much larger or smaller than that of the others.
-
-    Parameters
-    ----------
-    recordings
-        Each a trial.
-    names
-        What they are called.
-    """
+def unlike_trials(recordings: Sequence[Recording], names: Sequence[str]) -> Iterator[str]:
+    """Trials, each a recording, whose angle or torque is much larger or smaller than that of the others."""
     if len(recordings) < 3:
         return
     for what in ("angle", "torque"):
-        sizes = np.array([np.std(getattr(recording, what)) for recording in recordings])
+        sizes = np.array([np.std(recording.signal(what)) for recording in recordings])
         usual = float(np.median(sizes))
         for name, size in zip(names, sizes, strict=True):
             ratio = max(size / usual, usual / size) if size > 0 and usual > 0 else np.inf
@@ -106,9 +83,11 @@ def of_trials(recordings: Sequence[Recording], names: Sequence[str]) -> Iterator
 
 
 def _standstills(recording: Recording, name: str, signal: Array, amid: bool) -> Iterator[str]:
+    """Where a signal keeps exactly one value for too long; ``amid``, only between other values."""
     for number, trial in enumerate(recording.trials):
         values = signal[trial]
-        starts, lengths = _runs(values)
+        starts = np.concatenate([[0], np.flatnonzero(np.diff(values)) + 1])
+        lengths = np.diff(np.append(starts, len(values)))
         seconds = lengths / recording.sampling_rate
         lost = (seconds > FAULTS["lost-torque"].limit) & (lengths > 2)
         if amid:
@@ -132,13 +111,3 @@ def _held(values: Array, levels: Array, lost: NDArray[np.bool_]) -> NDArray[np.b
     at_low, at_high = levels <= low + margin, levels >= high - margin
     held: NDArray[np.bool_] = at_low | at_high
     return held if (lost & at_low).any() and (lost & at_high).any() else np.zeros_like(held)
-
-
-def _runs(values: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """First sample and length of each run of exactly the same value."""
-    starts = np.concatenate([[0], np.flatnonzero(np.diff(values)) + 1])
-    return starts, np.diff(np.append(starts, len(values)))
-
-
-def _plain(unit: str) -> str:
-    return re.sub(r"[\s·⋅.*\-_()\[\]]", "", unit.lower())

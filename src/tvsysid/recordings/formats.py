@@ -1,0 +1,173 @@
+"""Which channels a file holds, whatever its format: one table of endings, first bytes and readers."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+from tvsysid.errors import InputError
+from tvsysid.recordings.c3d import read_c3d
+from tvsysid.recordings.channel import Channel, with_rates
+from tvsysid.recordings.hdf5 import read_hdf5, read_netcdf
+from tvsysid.recordings.mat import read_mat_5, read_mat_73
+from tvsysid.recordings.tables import read_npz, read_parquet, read_text
+
+MAT_5, MAT_73 = "MAT file of version 5 or 7", "MAT file of version 7.3"
+HDF5, NETCDF, PARQUET, ZIP, C3D, TEXT = "HDF5 file", "NetCDF file", "Parquet file", "ZIP archive", "C3D file", "text"
+PICKLE = "Python pickle, which is never read"
+HDF5_BYTES = b"\x89HDF\r\n\x1a\n"
+SIGNATURES = {
+    b"MATLAB 5.0 MAT-file": MAT_5,
+    b"MATLAB 7.3 MAT-file": MAT_73,
+    HDF5_BYTES: HDF5,
+    **dict.fromkeys((b"CDF\x01", b"CDF\x02", b"CDF\x05"), NETCDF),
+    b"PAR1": PARQUET,
+    b"PK\x03\x04": ZIP,
+    b"\x93NUMPY": "single NumPy array",
+    b"\xd0\xcf\x11\xe0": "old Excel or Word file",
+    b"\x1f\x8b": "gzip archive",
+    b"%PDF": "PDF",
+    **dict.fromkeys((b"\x80\x03", b"\x80\x04", b"\x80\x05"), PICKLE),
+}
+"""Contents by the bytes that such files begin with; a MAT file of version 4 begins with nothing of its own."""
+HEAD = 2048
+Reader = Callable[[Path], dict[str, Channel]]
+
+
+class Format(NamedTuple):
+    """A format of files.
+
+    ``readers`` are by what the first bytes may say; ``shared`` of these are also those of formats that are not read by
+    this ending.
+    """
+
+    name: str
+    readers: Mapping[str, Reader]
+    shared: tuple[str, ...] = ()
+
+
+FORMATS = {
+    # Of version 4 the first bytes say nothing, and text in an old encoding is not told from noise by them.
+    ".mat": Format("MAT file", {MAT_5: read_mat_5, MAT_73: read_mat_73, "": read_mat_5}),
+    ".csv": Format("text table with a header line", dict.fromkeys((TEXT, ""), partial(read_text, separator=","))),
+    ".tsv": Format("text table with a header line", dict.fromkeys((TEXT, ""), partial(read_text, separator="\t"))),
+    ".npz": Format("NPZ file", {ZIP: read_npz}, (ZIP,)),
+    ".h5": Format(HDF5, {HDF5: read_hdf5}),
+    ".hdf5": Format(HDF5, {HDF5: read_hdf5}),
+    ".nc": Format(NETCDF, {NETCDF: partial(read_netcdf, engine="scipy"), HDF5: read_netcdf}, (HDF5,)),
+    ".parquet": Format(PARQUET, {PARQUET: read_parquet}),
+    ".c3d": Format(C3D, {C3D: read_c3d}),
+}
+"""By ending."""
+
+
+def describe_file(path: str | Path) -> dict[str, Channel]:
+    """Channels that a file holds, each with shape, type, and unit and sampling rate where the file states them.
+
+    Parameters
+    ----------
+    path
+        File of any format that :func:`tvsysid.read_recording` reads.
+
+    Returns
+    -------
+    dict
+        :class:`Channel` by name, in the file's order. Values are read when asked for: ``channel.read(name)``.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or is not what its ending says.
+    """
+    file = Path(path)
+    if not file.exists():
+        raise InputError(f"{file}: no such file")
+    if not file.is_file():
+        raise InputError(f"{file}: expected a file, this is a folder")
+    kind = FORMATS.get(file.suffix.lower())
+    if kind is None:
+        raise InputError(f"{file}: unknown ending {file.suffix!r}; files that can be read end in {', '.join(FORMATS)}")
+    if file.stat().st_size == 0:
+        raise InputError(f"{file}: the file is empty")
+    with _told(file, kind):
+        content = content_of(file)
+        if content not in kind.readers:
+            raise InputError(f"{file}: not a {kind.name} that can be read: {_advice(content)}")
+        channels = kind.readers[content](file)
+        return {name: _told_when_read(channel, file, kind) for name, channel in with_rates(channels).items()}
+
+
+def content_of(file: Path) -> str:
+    """What a file's first bytes say that it is, whatever it is called; empty if they say nothing."""
+    with file.open("rb") as stream:
+        head = stream.read(HEAD)
+    # MATLAB writes objects of version 7.3 below a header of its own, which some programs leave empty.
+    if head[512:].startswith(HDF5_BYTES):
+        return MAT_73
+    for signature, content in SIGNATURES.items():
+        if head.startswith(signature):
+            return "Excel or Word file" if content == ZIP and b"[Content_Types].xml" in head else content
+    if len(head) >= 512 and head[1] == 0x50 and 2 <= head[0] < 32:
+        return C3D
+    return TEXT if _is_text(head) else ""
+
+
+def _is_text(head: bytes) -> bool:
+    try:
+        words = head.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        if error.start < len(head) - 4:  # a letter cut in two at the end is none the less text
+            return False
+        words = head[: error.start].decode("utf-8-sig")
+    return all(letter.isprintable() or letter in "\r\n\t" for letter in words)
+
+
+def _advice(content: str) -> str:
+    """What a file seems to be instead, and what to do about it."""
+    if not content:
+        return "its first bytes are those of no format known here"
+    what = content if content == TEXT else f"{'an' if content[0] in 'EH' else 'a'} {content}"
+    endings = [ending for ending, kind in FORMATS.items() if content in kind.readers and content not in kind.shared]
+    todo = f"give it the ending {' or '.join(endings)}" if endings else "save it in another format"
+    return f"by its content it is {what}; {todo}"
+
+
+def _told_when_read(channel: Channel, file: Path, kind: Format) -> Channel:
+    if channel.values is None:
+        return channel
+    read = channel.values
+
+    def values():  # type: ignore[no-untyped-def]
+        with _told(file, kind):
+            return read()
+
+    return replace(channel, values=values)
+
+
+@contextmanager
+def _told(file: Path, kind: Format) -> Iterator[None]:
+    """Whatever the libraries that read formats raise becomes an InputError that names the file."""
+    try:
+        yield
+    except InputError:
+        raise
+    except (PermissionError, BlockingIOError) as error:
+        reason = f"cannot be opened ({error.strerror or error}); close it in other programs, or change its permissions"
+        raise InputError(f"{file}: {reason}") from error
+    except MemoryError as error:
+        raise InputError(
+            f"{file}: there is not enough memory for this file of {file.stat().st_size / 1e9:.3g} GB, or it is "
+            "damaged; save the part that is needed to a file of its own"
+        ) from error
+    except zlib.error as error:
+        raise InputError(f"{file}: the {kind.name} is damaged ({error}); copy it again") from error
+    except Exception as error:  # each library has errors of its own, and damaged files bring forth all others
+        reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
+        raise InputError(
+            f"{file}: not a {kind.name} that can be read ({reason}); is it whole? Copy it again"
+        ) from error

@@ -342,7 +342,7 @@ def test_version(tvsysid):
         (("inspect", "joint.mat", "--diagnose", *IDENTIFY, "--decimate", "300"), "not a whole multiple of 300 Hz"),
         (("inspect", "joint.mat", "--plot", "joint.doc"), "unknown ending '.doc'; give one of .png, .pdf, .svg"),
         (("simulate", "joint.docx"), "unknown ending '.docx'"),
-        (("simulate", "other.mat", "--duration", "-1"), "duration must be positive"),
+        (("simulate", "other.mat", "--duration", "-1"), "duration must be a positive number"),
         (("benchmark", "--duration", "3"), "whole realizations of 2 s"),
         (("benchmark", "--trials", "0"), "trials"),
         (("benchmark", "--workers", "0"), "workers must be at least 1"),

@@ -99,10 +99,10 @@ def test_a_stiff_actuator_imposes_the_angle(perturbation):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"actuator_stiffness": 0.0}, "actuator_stiffness must be positive"),
-        ({"actuator_inertia": -1.0}, "actuator_inertia must be positive"),
-        ({"actuator_viscosity": 0.0}, "actuator_viscosity must be positive"),
-        ({"noise_bandwidth": math.inf}, "noise_bandwidth must be positive"),
+        ({"actuator_stiffness": 0.0}, "actuator_stiffness must be a positive number"),
+        ({"actuator_inertia": -1.0}, "actuator_inertia must be a positive number"),
+        ({"actuator_viscosity": 0.0}, "actuator_viscosity must be a positive number"),
+        ({"noise_bandwidth": math.inf}, "noise_bandwidth must be a positive number"),
         ({"noise_bandwidth": 600.0}, "noise_bandwidth must be below half the sampling rate of 1000 Hz, got 600 Hz"),
         ({"stiffness": Constant(-150.0)}, r"joint \(lowest: -150 N·m/rad\) and actuator \(100 N·m/rad\) together"),
     ],

@@ -182,12 +182,12 @@ def test_filtered_noise_has_its_cutoff():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"duration": 0.0}, "duration must be positive"),
-        ({"duration": float("nan")}, "duration must be positive"),
-        ({"inertia": -1.0}, "inertia must be positive"),
+        ({"duration": 0.0}, "duration must be a positive number"),
+        ({"duration": float("nan")}, "duration must be a positive number"),
+        ({"inertia": -1.0}, "inertia must be a positive number"),
         ({"seed": -1}, "seed must be a whole number of zero or more, got -1"),
         ({"snr_db": -1e9}, "decibels above -300"),
-        ({"duration": "long"}, "duration must be a number"),
+        ({"duration": "long"}, "duration must be a positive number, got 'long'"),
         ({"duration": 1e-5}, "shorter than a sample"),
         ({"stiffness": 100.0}, "stiffness must be a callable"),
         ({"perturbation": "prbs"}, "perturbation must be FilteredNoise, PRBS"),
@@ -209,7 +209,7 @@ def test_what_cannot_be_simulated_is_refused(change, message):
 @pytest.mark.parametrize(
     ("create", "message"),
     [
-        (lambda: SquareWave(period=0.0), "period must be positive"),
+        (lambda: SquareWave(period=0.0), "period must be a positive number"),
         (lambda: SineWave(mean=float("nan")), "mean must be a finite number"),
         (lambda: Constant("stiff"), "value must be a finite number"),
         (lambda: PRBS(switch_interval=-0.1), "switch_interval must be a positive"),

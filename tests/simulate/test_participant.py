@@ -112,7 +112,7 @@ def test_numbers_that_are_none_are_refused(number):
 
 
 def test_impossible_traits_are_refused():
-    with pytest.raises(tv.InputError, match="inertia must be positive"):
+    with pytest.raises(tv.InputError, match="inertia must be a positive number"):
         replace(perfect(), inertia=0.0)
     with pytest.raises(tv.InputError, match="delay_jitter must be a number of zero or more"):
         replace(perfect(), delay_jitter=-0.1)

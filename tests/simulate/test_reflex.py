@@ -69,7 +69,7 @@ def test_without_gain_all_is_as_without_a_reflex():
     [
         (lambda: StretchReflex(delay=-0.01), "delay must be a number of zero or more, got -0.01"),
         (lambda: StretchReflex(threshold=np.nan), "threshold must be a number of zero or more"),
-        (lambda: StretchReflex(frequency=0.0), "frequency must be positive"),
+        (lambda: StretchReflex(frequency=0.0), "frequency must be a positive number"),
         (lambda: StretchReflex(direction=2), "direction must be 1 or -1, got 2"),
         (lambda: ReflexJoint(reflex_gain="strong"), "reflex_gain must be a finite number or a callable of time"),
         (lambda: ReflexJoint(reflex=0.04), "reflex must be a StretchReflex, got 0.04"),

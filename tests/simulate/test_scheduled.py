@@ -35,7 +35,7 @@ def test_the_variable_differs_between_realizations_and_gives_the_profile_on_aver
 
 
 def test_without_variation_it_is_a_joint():
-    scheduled, plain = simulate(ScheduledJoint(variation=1e-12)), simulate(Joint(SineWave()))
+    scheduled, plain = simulate(ScheduledJoint(variation=0.0)), simulate(Joint(SineWave()))
     np.testing.assert_allclose(scheduled.recording.torque, plain.recording.torque, atol=1e-6)
     np.testing.assert_array_equal(scheduled.recording.angle, plain.recording.angle)
 
@@ -46,8 +46,8 @@ def test_without_variation_it_is_a_joint():
         ({"relation": 3.0}, "relation must be a callable of the variable, got 3.0"),
         ({"relation": lambda activity: 100 - activity}, "relation must rise from 0 to 1"),
         ({"relation": lambda activity: 100.0}, "relation must rise from 0 to 1"),
-        ({"variation": 0.0}, "variation must be positive"),
-        ({"interval": -1.0}, "interval must be positive"),
+        ({"variation": -0.1}, "variation must be a number of zero or more"),
+        ({"interval": -1.0}, "interval must be a positive number"),
         ({"stiffness": Constant(500.0)}, "stiffness goes from 500 to 500 N·m/rad, but relation gives 20 to 220"),
     ],
 )

@@ -153,7 +153,7 @@ def test_a_simulation_says_what_it_holds():
 
 @systems
 def test_what_cannot_be_simulated_names_the_system(name):
-    with pytest.raises(tv.InputError, match=rf"^{type(SYSTEMS[name]).__name__}: duration must be positive"):
+    with pytest.raises(tv.InputError, match=rf"^{type(SYSTEMS[name]).__name__}: duration must be a positive number"):
         simulate(name, -1.0)
-    with pytest.raises(tv.InputError, match=rf"^{type(SYSTEMS[name]).__name__}: inertia must be positive"):
+    with pytest.raises(tv.InputError, match=rf"^{type(SYSTEMS[name]).__name__}: inertia must be a positive number"):
         replace(SYSTEMS[name], inertia=0.0)

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from tvsysid.errors import InputError
 from tvsysid.simulate.actuator import Actuator
 from tvsysid.simulate.joint import Joint
-from tvsysid.simulate.setup import BANDWIDTH, LowPassedNoise, Setup, positive
+from tvsysid.simulate.settings import positive
+from tvsysid.simulate.setup import BANDWIDTH, LowPassedNoise, Setup
 from tvsysid.simulate.simulation import Simulation
 
 Array = NDArray[np.float64]
@@ -73,11 +74,10 @@ class CompliantActuator(Joint):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        numbers = {"stiffness": self.actuator_stiffness, "inertia": self.actuator_inertia}
-        positive("CompliantActuator", **{f"actuator_{name}": value for name, value in numbers.items()})
-        positive("CompliantActuator", noise_bandwidth=self.noise_bandwidth)
+        own = ["actuator_stiffness", "actuator_inertia", "noise_bandwidth"]
         if self.actuator_viscosity is not None:
-            positive("CompliantActuator", actuator_viscosity=self.actuator_viscosity)
+            own.append("actuator_viscosity")
+        positive("CompliantActuator", **{name: getattr(self, name) for name in own})
 
     def _simulated(self, setup: Setup) -> Simulation:
         impedance = self._impedance(setup, setup.whole_index)

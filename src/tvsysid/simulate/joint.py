@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from tvsysid.simulate.actuator import answer
 from tvsysid.simulate.perturbations import Perturbation
 from tvsysid.simulate.profiles import Profile, SquareWave, checked_profile, over_time
-from tvsysid.simulate.setup import Setup, positive
+from tvsysid.simulate.settings import positive
+from tvsysid.simulate.setup import Setup
 from tvsysid.simulate.simulation import Seed, Simulation
 
 Array = NDArray[np.float64]

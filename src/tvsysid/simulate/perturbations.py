@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.signal import butter, lfilter
 
 from tvsysid.errors import InputError
+from tvsysid.simulate.settings import positive
 
 Array = NDArray[np.float64]
 
@@ -36,8 +37,7 @@ class FilteredNoise:
     cutoff: float = 5.0
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.cutoff) and self.cutoff > 0):
-            raise InputError(f"FilteredNoise: cutoff must be a positive number of hertz, got {self.cutoff!r}")
+        positive("FilteredNoise", cutoff=self.cutoff)
 
     def generate(self, samples: int, rate: float, random: np.random.Generator) -> Array:
         """Samples at the rate in Hz, shape (samples,); starts from rest."""
@@ -64,10 +64,7 @@ class PRBS:
     switch_interval: float = 0.147
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.switch_interval) and self.switch_interval > 0):
-            raise InputError(
-                f"PRBS: switch_interval must be a positive number of seconds, got {self.switch_interval!r}"
-            )
+        positive("PRBS", switch_interval=self.switch_interval)
 
     def generate(self, samples: int, rate: float, random: np.random.Generator) -> Array:
         """Samples at the rate in Hz, shape (samples,), of 1 and -1; starts at a random phase of the clock."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -10,19 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
+from tvsysid.simulate.settings import finite, is_number, positive
 
 Array = NDArray[np.float64]
 Profile = Callable[[Array], Array]
 """Of times in s, to one number for each."""
-
-
-def _check(profile: object, **positive: float) -> None:
-    for name, value in vars(profile).items():
-        if not isinstance(value, (int, float)) or not math.isfinite(value):
-            raise InputError(f"{type(profile).__name__}: {name} must be a finite number, got {value!r}")
-    for name, value in positive.items():
-        if value <= 0:
-            raise InputError(f"{type(profile).__name__}: {name} must be positive, got {value!r}")
 
 
 @dataclass(frozen=True)
@@ -38,7 +29,7 @@ class Constant:
     value: float = 100.0
 
     def __post_init__(self) -> None:
-        _check(self)
+        finite("Constant", value=self.value)
 
     @property
     def period(self) -> float:
@@ -75,7 +66,8 @@ class SquareWave:
     offset: float = 0.5
 
     def __post_init__(self) -> None:
-        _check(self, period=self.period)
+        finite("SquareWave", low=self.low, high=self.high, offset=self.offset)
+        positive("SquareWave", period=self.period)
 
     def __call__(self, time: Array) -> Array:
         """Value at each time."""
@@ -101,7 +93,8 @@ class SineWave:
     period: float = 2.0
 
     def __post_init__(self) -> None:
-        _check(self, period=self.period)
+        finite("SineWave", mean=self.mean, amplitude=self.amplitude)
+        positive("SineWave", period=self.period)
 
     def __call__(self, time: Array) -> Array:
         """Value at each time."""
@@ -154,7 +147,7 @@ def checked_profile(system: str, name: str, profile: object, *, number: bool = F
         return
     if not number:
         raise InputError(f"{system}: {name} must be a callable of time, such as Constant(100), got {profile!r}")
-    if not isinstance(profile, (int, float, np.number)) or not math.isfinite(profile):
+    if not is_number(profile):
         raise InputError(f"{system}: {name} must be a finite number or a callable of time, got {profile!r}")
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,7 +12,8 @@ from tvsysid.errors import InputError
 from tvsysid.simulate.actuator import answer
 from tvsysid.simulate.joint import Joint
 from tvsysid.simulate.profiles import Profile, checked_profile, over_time
-from tvsysid.simulate.setup import Setup, positive
+from tvsysid.simulate.settings import not_negative, positive
+from tvsysid.simulate.setup import Setup
 from tvsysid.simulate.simulation import Simulation
 
 Array = NDArray[np.float64]
@@ -46,10 +46,7 @@ class StretchReflex:
 
     def __post_init__(self) -> None:
         positive("StretchReflex", frequency=self.frequency, damping=self.damping)
-        for name in ("delay", "threshold"):
-            value = getattr(self, name)
-            if not (isinstance(value, (int, float, np.number)) and math.isfinite(value) and value >= 0):
-                raise InputError(f"StretchReflex: {name} must be a number of zero or more, got {value!r}")
+        not_negative("StretchReflex", delay=self.delay, threshold=self.threshold)
         if self.direction not in (-1, 1):
             raise InputError(f"StretchReflex: direction must be 1 or -1, got {self.direction!r}")
 

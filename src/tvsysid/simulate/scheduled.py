@@ -13,7 +13,8 @@ from tvsysid.errors import InputError
 from tvsysid.simulate.actuator import answer
 from tvsysid.simulate.joint import Joint
 from tvsysid.simulate.profiles import Profile, SineWave
-from tvsysid.simulate.setup import Setup, positive
+from tvsysid.simulate.settings import not_negative, positive
+from tvsysid.simulate.setup import Setup
 from tvsysid.simulate.simulation import Simulation
 
 Array = NDArray[np.float64]
@@ -75,7 +76,8 @@ class ScheduledJoint(Joint):
         super().__post_init__()
         if not callable(self.relation):
             raise InputError(f"ScheduledJoint: relation must be a callable of the variable, got {self.relation!r}")
-        positive("ScheduledJoint", variation=self.variation, interval=self.interval)
+        not_negative("ScheduledJoint", variation=self.variation)
+        positive("ScheduledJoint", interval=self.interval)
 
     def _simulated(self, setup: Setup) -> Simulation:
         streams = setup.streams(3)

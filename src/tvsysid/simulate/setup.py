@@ -14,6 +14,7 @@ from scipy.signal import butter, lfilter
 from tvsysid.errors import InputError
 from tvsysid.signals import Recording, checked_rate
 from tvsysid.simulate.perturbations import Perturbation
+from tvsysid.simulate.settings import positive
 from tvsysid.simulate.simulation import Seed, Simulation
 
 Array = NDArray[np.float64]
@@ -131,12 +132,3 @@ class LowPassedNoise:
         """Return the next samples."""
         noise, self.state = lfilter(*self.filter, self.random.standard_normal(samples), zi=self.state)
         return np.asarray(noise)
-
-
-def positive(system: str, **numbers: float) -> None:
-    """Raise InputError for a setting that is not a positive finite number."""
-    for name, value in numbers.items():
-        if not isinstance(value, (int, float, np.number)):
-            raise InputError(f"{system}: {name} must be a number, got {value!r}")
-        if not (math.isfinite(value) and value > 0):
-            raise InputError(f"{system}: {name} must be positive, got {value!r}")

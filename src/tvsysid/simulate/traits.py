@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
 from tvsysid.errors import InputError
+from tvsysid.simulate.settings import not_negative, positive
 
 
 @dataclass(frozen=True)
@@ -65,13 +66,8 @@ class Traits:
     twitches: float
 
     def __post_init__(self) -> None:
-        positive = {"maximal_torque", "inertia", "passive_stiffness"}
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if not (isinstance(value, (int, float, np.number)) and math.isfinite(value) and value >= 0):
-                raise InputError(f"Traits: {field.name} must be a number of zero or more, got {value!r}")
-            if field.name in positive and value == 0:
-                raise InputError(f"Traits: {field.name} must be positive, got {value!r}")
+        positive("Traits", **{name: getattr(self, name) for name in ("maximal_torque", "inertia", "passive_stiffness")})
+        not_negative("Traits", **vars(self))
 
     @classmethod
     def of(cls, number: int) -> Traits:

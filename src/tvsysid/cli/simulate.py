@@ -2,79 +2,150 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from tvsysid.cli.console import say
-from tvsysid.cli.options import Perturbation, Profile
-from tvsysid.errors import InputError
+from tvsysid.errors import InputError, describe_error
+
+if TYPE_CHECKING:
+    from tvsysid.simulate import Perturbation, Simulation, System
 
 
 def simulate(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="File to write: .mat, .csv or .tsv.")],
-    stiffness: Annotated[Profile, typer.Option(help="Stiffness profile.")] = Profile.square,
-    perturbation: Annotated[Perturbation, typer.Option(help="Angular perturbation.")] = Perturbation.noise,
+    system: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="What is simulated: `joint`, `reflex` (a joint with a stretch reflex), `compliant` (a joint on a "
+            "compliant actuator: closed loop), `scheduled` (stiffness follows EMG), or your own as `module:Object`.",
+        ),
+    ] = "joint",
+    stiffness: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Stiffness over time: `square`, `sine`, `constant`, or your own function of time as `module:Object`. "
+            "[that of the system: sine for scheduled, else square]",
+        ),
+    ] = None,
+    perturbation: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="Perturbation of the angle: `noise` (low-pass filtered), `prbs` (pseudo-random binary sequence), or "
+            "your own as `module:Object`.",
+        ),
+    ] = "noise",
     duration: Annotated[float, typer.Option(metavar="S", help="Seconds of data.")] = 150.0,
     snr: Annotated[
         float, typer.Option("--snr", metavar="DB", help="Signal-to-noise ratio of the torque in dB; inf for no noise.")
     ] = 10.0,
-    seed: Annotated[int, typer.Option(metavar="N", help="Seed.")] = 0,
+    seed: Annotated[int, typer.Option(metavar="N", help="Seed of the random numbers.")] = 0,
     rate: Annotated[float, typer.Option(metavar="HZ", help="Sampling rate.")] = 1000.0,
     participant: Annotated[
         int | None,
         typer.Option(
             metavar="N",
-            help="Write the ten trials of the virtual participant with this number instead, to a .mat file that "
-            "`tvsysid experiment` reads; of the options, --perturbation alone applies.",
+            help="Write the ten trials of virtual participant number N instead, to a .mat file that "
+            "`tvsysid experiment` reads; only --perturbation applies to it.",
         ),
     ] = None,
 ) -> None:
-    """Write a simulated recording that `tvsysid identify` reads, or a virtual participant's trials.
+    """Write a simulated recording for `tvsysid identify`, or the trials of a virtual participant.
 
-    The file holds `angle` (rad), `torque` (N·m, with noise), and the truth: `noiseless_torque` (N·m) and
-    `stiffness` (N·m/rad). The behaviour repeats every 2 s. A participant's file has a column for each trial of 70 s at
-    1024 Hz, and besides `target` (N·m), the torque to be followed.
+    The file holds `angle` (rad), `torque` (N·m, with noise) and the system's further channels, such as `emg`. It also
+    holds the truth: `noiseless_torque` (N·m), that of each pathway if there are several (`torque_reflex`), and
+    `stiffness` (N·m/rad), `viscosity` (N·m·s/rad), `inertia` (kg·m²) and what else the system knows. The behaviour
+    repeats every 2 s. The file of a participant has a column for each trial of 70 s at 1024 Hz, and `target` (N·m), the
+    torque that the participant was asked to produce.
 
     Example: `tvsysid simulate joint.mat && tvsysid identify joint.mat --angle angle --torque torque --rate 1000
     --decimate 100 --period 2`
 
+    Example: `tvsysid simulate reflex.mat --system reflex --stiffness sine --perturbation prbs`
+
     Example: `tvsysid simulate P1-noise.mat --participant 1`
     """
     from tvsysid.recordings import write_simulation
-    from tvsysid.simulate import PERTURBATIONS, PROFILES, Joint
+    from tvsysid.simulate import PERTURBATIONS, PROFILES, SYSTEMS
 
+    perturbed = _named(perturbation, PERTURBATIONS, "perturbation")
     if participant is not None:
-        _write_participant(file, participant, perturbation.value)
+        _write_participant(file, participant, perturbation, perturbed)
         return
-    simulation = Joint(stiffness=PROFILES[stiffness.value]).simulate(
-        duration, perturbation=PERTURBATIONS[perturbation.value], snr_db=snr, seed=seed, rate=rate
-    )
-    recording = simulation.recording
-    first = round(-recording.start * rate)
+    simulated: System = _named(system, SYSTEMS, "system")
+    period = 2.0
+    if stiffness is not None:
+        profile = _named(stiffness, PROFILES, "profile")
+        simulated = _with_stiffness(simulated, profile, system)
+        period = period if stiffness in PROFILES else getattr(profile, "period", period)
+    try:
+        simulation = simulated.simulate(duration, perturbation=perturbed, snr_db=snr, seed=seed, rate=rate)
+    except InputError:
+        raise
+    except Exception as error:
+        raise InputError(f"system {system}: {describe_error(error)}") from error
+    first = round(-simulation.recording.start * rate)
     inner = slice(first, first + round(duration * rate))
-    columns = {
-        "angle": recording.angle[inner],
-        "torque": recording.torque[inner],
-        "noiseless_torque": simulation.noiseless.torque[inner],
-        "stiffness": simulation.truth["stiffness"][inner],
-    }
-    write_simulation(file, columns, rate)
+    write_simulation(file, {name: values[inner] for name, values in _columns(simulation).items()}, rate)
     decimate = " --decimate 100" if rate > 100 and rate % 100 == 0 else ""
+    channels = "".join(f" --channel {name}={name}" for name in simulation.recording.channels)
     say(
-        f"wrote {file}: {duration:g} s at {rate:g} Hz; identify it with\n"
-        f"tvsysid identify {file} --angle angle --torque torque --rate {rate:g}{decimate} --period 2",
+        f"wrote {file}: {duration:g} s at {rate:g} Hz; identify it with\ntvsysid identify {file} --angle angle "
+        f"--torque torque --rate {rate:g}{decimate} --period {period:g}{channels}"
     )
 
 
-def _write_participant(file: Path, number: int, perturbation: str) -> None:
+def _named(text: str, known: Mapping[str, Any], what: str) -> Any:
+    """Object of this name, or as ``module:Object``."""
+    from tvsysid.methods import from_text
+
+    if text in known:
+        return known[text]
+    if ":" not in text:
+        names = ", ".join(known)
+        raise InputError(f"unknown {what} {text!r}; expected one of {names}, or your own as module:Object")
+    return from_text(text, what)
+
+
+def _with_stiffness(system: Any, profile: Any, name: str) -> Any:
+    try:
+        return replace(system, stiffness=profile)
+    except TypeError as error:
+        raise InputError(
+            f"--stiffness: {name} is not a dataclass with a field stiffness; leave out --stiffness, and set it in "
+            f"{name}"
+        ) from error
+
+
+def _columns(simulation: Simulation) -> dict[str, Any]:
+    """Signals and truth, by their names in the file."""
+    recording = simulation.recording
+    several = simulation.pathways if len(simulation.pathways) > 1 else {}
+    return {
+        "angle": recording.angle,
+        "torque": recording.torque,
+        **recording.channels,
+        "noiseless_torque": simulation.noiseless.torque,
+        **{f"torque_{name}": torque for name, torque in several.items()},
+        **simulation.truth,
+    }
+
+
+def _write_participant(file: Path, number: int, name: str, perturbation: Perturbation) -> None:
     from tvsysid.recordings import write_simulation
-    from tvsysid.simulate import PERTURBATIONS, Participant
+    from tvsysid.simulate import Participant
 
     if file.suffix.lower() != ".mat":
         raise InputError(f"{file}: a participant's trials are matrices; give a file that ends in .mat")
-    simulation = Participant(number).simulate(perturbation=PERTURBATIONS[perturbation])
+    simulation = Participant(number).simulate(perturbation=perturbation)
     recording = simulation.recording
     signals = {
         "angle": recording.angle,
@@ -85,9 +156,10 @@ def _write_participant(file: Path, number: int, perturbation: str) -> None:
     count = len(recording.trials)
     columns = {name: values.reshape(count, -1).T for name, values in signals.items()}
     write_simulation(file, columns, recording.sampling_rate)
+    key = re.sub(r"\W", "-", name)
     say(
         f"wrote {file}: angle, torque, target and the true stiffness, {count} trials of "
         f"{recording.duration / count:g} s at {recording.sampling_rate:g} Hz, a column each; a study of it:\n"
-        f'\n[participants.P{number}]\n{perturbation} = "{file}"\n\n[reading]\nangle = "angle"\ntorque = "torque"\n'
-        f'sampling_rate = {recording.sampling_rate:g}\ncolumns = "trials"\n',
+        f'\n[participants.P{number}]\n{key} = "{file}"\n\n[reading]\nangle = "angle"\ntorque = "torque"\n'
+        f'sampling_rate = {recording.sampling_rate:g}\ncolumns = "trials"\n'
     )

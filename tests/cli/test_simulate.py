@@ -1,0 +1,100 @@
+"""`tvsysid simulate` with every system, and with systems, profiles and perturbations of one's own."""
+
+import numpy as np
+import pytest
+from scipy.io import loadmat
+
+import tvsysid as tv
+
+OWN = """
+import numpy as np
+import tvsysid as tv
+
+
+class Steps:
+    period = 4.0
+
+    def __call__(self, time):
+        return np.where(time % 4.0 < 2.0, 60.0, 90.0)
+
+
+def broken(time):
+    return 1 / 0
+
+
+class Hum:
+    def generate(self, samples, rate, random):
+        return np.sin(2 * np.pi * np.cumsum(3 + random.random(samples)) / rate)
+
+
+class Rigid:
+    def simulate(self, duration, *, perturbation, snr_db, seed, rate=1000.0):
+        return tv.simulate.Joint(stiffness=tv.simulate.Constant(400.0)).simulate(
+            duration, perturbation=perturbation, snr_db=snr_db, seed=seed, rate=rate
+        )
+"""
+
+
+@pytest.fixture
+def own(tmp_path, monkeypatch):
+    (tmp_path / "own_systems.py").write_text(OWN)
+    monkeypatch.syspath_prepend(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "further"),
+    [
+        ("joint", set()),
+        ("reflex", {"torque_intrinsic", "torque_reflex", "reflex_gain"}),
+        ("compliant", {"disturbance"}),
+        ("scheduled", {"emg"}),
+    ],
+)
+def test_the_file_holds_channels_and_truth_of_the_system(tvsysid, name, further):
+    code, out, err = tvsysid("simulate", "joint.mat", "--system", name, "--duration", 8, "--seed", 3)
+    assert (code, err) == (0, "")
+    signals = {name: values for name, values in loadmat("joint.mat").items() if not name.startswith("__")}
+    usual = {"angle", "torque", "noiseless_torque", "stiffness", "viscosity", "inertia", "sampling_rate"}
+    assert set(signals) == usual | further
+    simulation = tv.simulate.SYSTEMS[name].simulate(8, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=3)
+    np.testing.assert_array_equal(signals["stiffness"].ravel(), simulation.truth["stiffness"][1000:9000])
+    np.testing.assert_array_equal(signals["torque"].ravel(), simulation.recording.torque[1000:9000])
+    # What is printed can be typed: channels are named.
+    for channel in simulation.recording.channels:
+        assert f"--channel {channel}={channel}" in out
+
+
+@pytest.mark.usefixtures("own")
+def test_ones_own_profile_perturbation_and_system(tvsysid):
+    words = ("--stiffness", "own_systems:Steps", "--perturbation", "own_systems:Hum", "--duration", 8)
+    code, out, err = tvsysid("simulate", "joint.mat", *words)
+    assert (code, err) == (0, "")
+    assert "--period 4" in out
+    assert set(np.unique(loadmat("joint.mat")["stiffness"])) == {60.0, 90.0}
+    words = ("--system", "tvsysid.simulate:ReflexJoint:inertia=0.03", "--stiffness", "sine", "--duration", 8)
+    assert tvsysid("simulate", "reflex.mat", *words)[0] == 0
+    assert set(np.unique(loadmat("reflex.mat")["inertia"])) == {0.03}
+    assert tvsysid("simulate", "rigid.mat", "--system", "own_systems:Rigid", "--duration", 8)[0] == 0
+    assert set(np.unique(loadmat("rigid.mat")["stiffness"])) == {400.0}
+
+
+@pytest.mark.usefixtures("own")
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (
+            ("--system", "arm"),
+            "unknown system 'arm'; expected one of joint, reflex, compliant, scheduled, or your own as",
+        ),
+        (("--stiffness", "step"), "unknown profile 'step'; expected one of square, sine, constant, or"),
+        (("--perturbation", "pink"), "unknown perturbation 'pink'; expected one of noise, prbs, or"),
+        (("--system", "own_systems:Hum"), "class Hum has no simulate"),
+        (("--system", "own_systems:Rigid", "--stiffness", "sine"), "is not a dataclass with a field stiffness"),
+        (("--stiffness", "own_systems:broken"), "system joint: ZeroDivisionError: division by zero (own_systems.py"),
+    ],
+)
+def test_errors_say_what_was_expected(tvsysid, words, message):
+    code, _, err = tvsysid("simulate", "joint.mat", *words, "--duration", 8)
+    assert code == 2
+    assert message in err
+    assert err.count("\n") == 1

@@ -207,12 +207,72 @@ class Doubts(Fit):
         return super().identify(ensemble)
 
 
+class WrongInputs(Fit):
+    inputs = ("emg",)
+
+
+class TooManyInputs(Fit):
+    inputs = (tv.methods.Input("emg", "scheduling", "1"), tv.methods.Input("force", "reference", "N"))
+
+
+class Skips(Fit):
+    def skip(self, ensemble):
+        return "it is closed today"
+
+
+class NeedsManyOrSkips(Fit):
+    def skip(self, ensemble):
+        return None if len(ensemble) > 5 else "it needs 6 realizations"
+
+
+class OverAnotherAxis(Fit):
+    def identify(self, ensemble):
+        model = super().identify(ensemble)
+        values = tv.Estimate(np.ones(4), "N m/rad", ("emg",))
+        return SimpleNamespace(
+            estimates={"stiffness": values}, coordinates={"emg": np.arange(4.0)}, predict=model.predict
+        )
+
+
+class WithoutCoordinates(Fit):
+    def identify(self, ensemble):
+        model = super().identify(ensemble)
+        more = tv.Estimate(np.ones(4), "N m/rad", ("emg",))
+        return SimpleNamespace(estimates={**model.estimates, "more": more}, predict=model.predict)
+
+
+class WrongLength(Fit):
+    def identify(self, ensemble):
+        model = super().identify(ensemble)
+        return SimpleNamespace(estimates={**model.estimates, "reflex_gain": np.ones(7)}, predict=model.predict)
+
+
+class SecondPathway(Fit):
+    def identify(self, ensemble):
+        model = super().identify(ensemble)
+
+        def pathways(other):
+            return {"intrinsic": model.predict(other), "reflex": 0.1 * other.torque[:, other.core]}
+
+        return SimpleNamespace(stiffness=model.stiffness, predict=model.predict, pathways=pathways)
+
+
+class NoReflex(SecondPathway):
+    def identify(self, ensemble):
+        model = Fit().identify(ensemble)
+
+        def pathways(other):
+            return {"intrinsic": model.predict(other), "reflex": np.zeros((len(other), other.samples))}
+
+        return SimpleNamespace(stiffness=model.stiffness, pathways=pathways)
+
+
 def failed(method):
     return [check for check in check_method(method) if not check.passed and not check.message.startswith("not reached")]
 
 
 @pytest.mark.parametrize(
-    "method", [Fit(), NeedsMany(), Doubts(), *map(tv.methods.create, tv.methods.METHODS)], ids=repr
+    "method", [Fit(), NeedsMany(), NeedsManyOrSkips(), Doubts(), *map(tv.methods.create, tv.methods.METHODS)], ids=repr
 )
 def test_good_methods_pass(method):
     assert failed(method) == []
@@ -224,6 +284,21 @@ def test_good_methods_pass(method):
         (Fit, "has identify", "got the class Fit itself; give Fit()"),
         (3, "has identify", "expected an object with identify(ensemble), got an object of type int"),
         (Writes(), "identifies a joint", "work on a copy, as in ensemble.angle.copy()"),
+        (WrongInputs(), "states its inputs", "expected inputs of tvsysid.methods.Input(name, kind, unit), got 'emg'"),
+        (TooManyInputs(), "states its inputs", "no system that the package simulates has all of emg, force"),
+        (
+            Skips(),
+            "states its inputs",
+            "torque RMS 0.963 N·m): it is closed today",
+        ),
+        (OverAnotherAxis(), "returns a model", "expected an estimate of stiffness over time, got stiffness"),
+        (WithoutCoordinates(), "returns a model", "more has the axis 'emg', for which the model has no coordinates"),
+        (WrongLength(), "returns a model", "reflex_gain over time must be of shape (200,), it is (7,)"),
+        (
+            SecondPathway(),
+            "has pathways that add up",
+            "expected pathways(ensemble) with predict(ensemble) as",
+        ),
         (Crashes(), "identifies a joint", "it stopped with ValueError: matmul"),
         (CrashesFarBelow(), "identifies a joint", "LinAlgError: Singular matrix (test_check.py, line "),
         (ReturnsNothing(), "returns a model", "identify returned None"),
@@ -276,8 +351,13 @@ def test_fault_is_found_and_told(method, name, words):
             "takes stiffness as constant can be compared",
         ),
         (Chatters(), "warns as the package does", "UserWarning: all is well"),
+        (
+            NoReflex(),
+            "tells intrinsic and reflex torque apart",
+            "% of the reflex torque; expected more than 50 %",
+        ),
     ],
-    ids=["constant", "chatters"],
+    ids=["constant", "chatters", "no reflex"],
 )
 def test_advice_is_no_requirement(method, name, words):
     (check,) = failed(method)

@@ -149,6 +149,20 @@ def _adds_up(subject: Subject) -> str:
     )
 
 
+def _tells_pathways_apart(subject: Subject) -> str:
+    model, ensemble = subject.model("constant"), subject.case("constant").ensemble
+    if not hasattr(model, "pathways") or not {"intrinsic", "reflex"} <= set(model.pathways(ensemble)):
+        return "it has no reflex pathway"
+    case, model = subject.case("reflex"), subject.model("reflex")
+    torques = model.pathways(case.ensemble)
+    shares = {name: _vaf(torque, torques[name]) for name, torque in case.pathways.items()}
+    return _expect(
+        min(shares.values()) > 50,
+        f"VAF {', '.join(f'{share:.1f} % of the {name} torque' for name, share in shares.items())}",
+        "expected more than 50 % of each",
+    )
+
+
 def _recovers_constant(subject: Subject) -> str:
     mean = float(np.nanmean(subject.first))
     came = f"{mean:.3g} N·m/rad in the mean, where {LEVEL:g} is true"
@@ -298,6 +312,7 @@ _RULES = (
     _Rule("leaves the ensemble untouched", _untouched, "identifies a joint"),
     _Rule(_MODEL, _returns_model, "identifies a joint"),
     _Rule("has pathways that add up", _adds_up, _MODEL),
+    _Rule("tells intrinsic and reflex torque apart", _tells_pathways_apart, "has pathways that add up", required=False),
     _Rule("recovers a constant stiffness", _recovers_constant, _MODEL),
     _Rule("predicts the torque", _predicts, _MODEL),
     _Rule("follows a changing stiffness", _follows_change, _MODEL, required=False),

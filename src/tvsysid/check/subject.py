@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -16,8 +16,18 @@ from tvsysid.errors import DataQualityWarning, describe_error
 from tvsysid.methods.apply import apply, inputs_of
 from tvsysid.methods.base import Input
 from tvsysid.preprocess import decimate, segment
-from tvsysid.signals import Ensemble
-from tvsysid.simulate import Constant, FilteredNoise, Joint, Profile, SineWave, System
+from tvsysid.signals import Ensemble, Recording
+from tvsysid.simulate import (
+    CompliantActuator,
+    Constant,
+    FilteredNoise,
+    Joint,
+    Profile,
+    ReflexJoint,
+    ScheduledJoint,
+    SineWave,
+    System,
+)
 
 Array = NDArray[np.float64]
 
@@ -30,6 +40,7 @@ CASES: dict[str, tuple[float, Profile, float, float, int]] = {
     "changing": (150.0, SineWave(), 100.0, 2.0, 2),
     "unseen": (40.0, Constant(LEVEL), 100.0, 2.0, 3),
     "other rate": (120.0, SineWave(period=1.5), 128.0, 1.5, 4),
+    "reflex": (150.0, Constant(LEVEL), 100.0, 2.0, 5),
 }
 """Duration in s, stiffness, sampling rate in Hz, period in s and seed of what is simulated."""
 
@@ -39,18 +50,14 @@ class FailedError(Exception):
 
 
 class Case(NamedTuple):
-    """A simulated joint and the truth about it."""
+    """A simulated joint and the truth about it; arrays of shape (realization, time)."""
 
     ensemble: Ensemble
     torque: Array
-    """Without noise, shape (realization, time)."""
+    """Without noise."""
     stiffness: Array
-    """Shape (realization, time)."""
-
-
-def _system(profile: Profile, inputs: tuple[Input, ...]) -> System:
-    """What has the channels of these inputs."""
-    return Joint(stiffness=profile)
+    pathways: dict[str, Array]
+    """What the torque is the sum of."""
 
 
 @cache
@@ -62,12 +69,35 @@ def simulated_case(name: str, inputs: tuple[Input, ...]) -> Case:
         bare = Ensemble(cores.pop("angle"), cores.pop("torque"), seen.sampling_rate, channels=cores)
         return whole._replace(ensemble=bare)
     duration, profile, rate, period, seed = CASES[name]
-    simulation = _system(profile, inputs).simulate(
-        duration, perturbation=FilteredNoise(), snr_db=SNR, seed=seed, rate=8 * rate
-    )
-    ensemble = segment(decimate(simulation.recording, rate), period)
-    noiseless = segment(decimate(simulation.noiseless, rate), period)
-    return Case(ensemble, noiseless.torque[:, noiseless.core], simulation.truth_of(ensemble)["stiffness"])
+    system = ReflexJoint(stiffness=profile) if name == "reflex" else _system(profile, inputs)
+    simulation = system.simulate(duration, perturbation=FilteredNoise(), snr_db=SNR, seed=seed, rate=8 * rate)
+    recording = replace(simulation.recording, channels=_channels(simulation.recording, inputs))
+
+    def segmented(torque: Array) -> Ensemble:
+        return segment(decimate(replace(recording, torque=torque), rate), period)
+
+    ensemble = segmented(recording.torque)
+    pathways = {each: segmented(torque).torque[:, ensemble.core] for each, torque in simulation.pathways.items()}
+    stiffness = simulation.truth_of(ensemble)["stiffness"]
+    return Case(ensemble, np.asarray(sum(pathways.values())), stiffness, pathways)
+
+
+def _system(profile: Profile, inputs: tuple[Input, ...]) -> System:
+    """What has channels of these kinds."""
+    kinds = {item.kind for item in inputs}
+    if "reference" in kinds:
+        return CompliantActuator(stiffness=profile)
+    return ScheduledJoint(stiffness=profile) if kinds else Joint(stiffness=profile)
+
+
+def _channels(recording: Recording, inputs: tuple[Input, ...]) -> dict[str, Array]:
+    """Channels of a simulated recording under the names that the inputs have."""
+    if len(inputs) > len(recording.channels):
+        raise FailedError(
+            f"no system that the package simulates has all of {', '.join(item.name for item in inputs)}; expected one "
+            "reference, or one scheduling variable or input"
+        )
+    return dict(zip((item.name for item in inputs), recording.channels.values(), strict=False))
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,112 @@
+"""Methods with pathways, further inputs and estimates of their own go wherever the package's own go."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+import xarray as xr
+from tests.contracts.toys import Cascade, Instrumental, Recursive, Scheduled
+
+import tvsysid as tv
+
+SYSTEMS = {
+    Cascade: tv.simulate.ReflexJoint(stiffness=tv.simulate.SineWave(), reflex_gain=tv.simulate.SineWave(8.0, 4.0)),
+    Scheduled: tv.simulate.ScheduledJoint(stiffness=tv.simulate.SineWave()),
+    Instrumental: tv.simulate.CompliantActuator(stiffness=tv.simulate.SineWave(), noise_bandwidth=2.0),
+    Recursive: tv.simulate.Joint(stiffness=tv.simulate.SineWave()),
+}
+"""What suits each."""
+ERROR = {"stiffness": 8.0, "viscosity": 0.3, "inertia": 0.004, "reflex_gain": 1.5}
+"""Root-mean-square error allowed on 150 s at 10 dB."""
+
+every_toy = pytest.mark.parametrize("toy", list(SYSTEMS), ids=lambda toy: toy.__name__)
+
+
+@cache
+def simulated(toy):
+    simulation = SYSTEMS[toy].simulate(150, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1)
+    ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 2.0)
+    return simulation, tv.preprocess.subtract_mean(ensemble, tv.methods.deviating_channels([toy()]))
+
+
+@every_toy
+def test_passes_every_check(toy):
+    checks = tv.check_method(toy())
+    assert [f"{check.name}: {check.message}" for check in checks if not check.passed] == []
+
+
+@every_toy
+def test_finds_what_the_simulation_knows(toy):
+    simulation, ensemble = simulated(toy)
+    model = tv.methods.apply(toy(), ensemble)
+    truth = simulation.truth_of(ensemble)
+    assert truth.keys() <= model.estimates.keys()
+    for name, values in truth.items():
+        found = np.broadcast_to(model.estimates[name].values, values.shape)
+        assert np.sqrt(np.nanmean((found - values) ** 2)) < ERROR[name], name
+    torques = model.pathways(ensemble)
+    assert torques.keys() == simulation.pathways.keys()
+    np.testing.assert_allclose(model.predict(ensemble), sum(torques.values()))
+
+
+def test_an_instrument_removes_the_bias_of_a_closed_loop():
+    simulation, ensemble = simulated(Instrumental)
+    truth = simulation.truth_of(ensemble)["stiffness"].mean()
+    biased = tv.BasisIRF().identify(ensemble).stiffness.mean() - truth
+    unbiased = np.nanmean(Instrumental().identify(ensemble).estimates["stiffness"].values) - truth
+    assert abs(unbiased) < abs(biased) / 4
+
+
+@every_toy
+def test_takes_part_in_a_comparison(toy):
+    _, ensemble = simulated(toy)
+    found = tv.compare(ensemble, [toy(), "sds"])
+    assert list(found.models) == [toy.__name__, "sds"]
+    model = found.models[toy.__name__]
+    assert found.vaf[toy.__name__].mean() > 80
+    for name, (lower, upper) in found.bands[toy.__name__].items():
+        assert lower.shape == upper.shape == model.over_time(name).shape
+    assert np.isfinite(found.summary()["stiffness (N·m/rad)"]).all()
+    assert set(found.over_time().columns) > {"time_s", "method", *found.bands[toy.__name__]}
+
+
+@pytest.mark.parametrize("toy", [Scheduled, Instrumental])
+def test_is_skipped_where_its_channel_is_missing(toy):
+    _, ensemble = simulated(Recursive)
+    (item,) = toy.inputs
+    found = tv.compare(ensemble, [toy(), "sds"])
+    assert list(found.models) == ["sds"]
+    assert f"it needs the channel {item.name!r} ({item.kind}, {item.unit})" in found.skipped[toy.__name__]
+    with pytest.raises(tv.InputError, match=f"it needs the channel {item.name!r}"):
+        tv.methods.apply(toy(), ensemble)
+
+
+@every_toy
+def test_comes_back_from_the_file_of_models(toy, tmp_path):
+    _, ensemble = simulated(toy)
+    model = tv.methods.apply(toy(), ensemble)
+    tv.recordings.write_models(tmp_path / "models.nc", {"toy": model}, ensemble)
+    with xr.open_datatree(tmp_path / "models.nc") as tree:
+        stored = tree["toy"].to_dataset().load()
+    for name, estimate in model.estimates.items():
+        assert stored[name].dims == estimate.axes
+        assert stored[name].attrs["units"] == estimate.unit
+        np.testing.assert_array_equal(stored[name].values, estimate.values)
+        if estimate.standard_error is not None:
+            np.testing.assert_array_equal(stored[f"{name}_standard_error"].values, estimate.standard_error.values)
+            for side, limit in zip(("lower", "upper"), estimate.band(), strict=True):
+                np.testing.assert_array_equal(stored[f"{name}_{side}"].values, limit)
+    for axis, values in model.coordinates.items():
+        np.testing.assert_array_equal(stored[axis].values, values)
+    for name, torque in model.pathways(ensemble).items():
+        np.testing.assert_array_equal(stored[f"torque_{name}"].values, torque)
+
+
+@every_toy
+def test_is_bootstrapped_with_its_channels(toy):
+    _, ensemble = simulated(toy)
+    found = tv.uncertainty.bootstrap(toy(), ensemble, 5, seed=1)
+    assert len(found) == 5
+    lower, upper = found.band("stiffness")
+    assert (lower <= upper)[np.isfinite(lower)].all()
+    assert np.isfinite(lower).mean() > 0.9

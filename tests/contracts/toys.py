@@ -1,0 +1,152 @@
+"""Four small methods, each of a kind that the package itself does not have; plain classes without a base class.
+
+They are no good estimators. They show that the contract holds what such methods need and what they return.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+from scipy.signal import bilinear, lfilter
+
+from tvsysid.estimates import IMPEDANCE, UNITS, Estimate, StandardError
+from tvsysid.methods import Input
+
+WINDOW = 11
+"""Samples over which a joint is taken as constant."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """What each of them returns."""
+
+    method: object
+    parameters: np.ndarray  # of the method's regressors, each constant or over time
+    estimates: dict[str, Estimate]
+    coordinates: dict[str, np.ndarray] = field(default_factory=dict)
+
+    def pathways(self, ensemble):
+        torques = self.parameters.reshape(len(self.parameters), 1, -1) * self.method.regressors(ensemble)
+        reflex = {"reflex": torques[3]} if "reflex_gain" in self.estimates else {}
+        return {"intrinsic": torques.sum(axis=0) - sum(reflex.values())} | reflex
+
+
+def over_time(names, values, errors):
+    return {
+        name: Estimate(estimate, UNITS[name], error=StandardError(error, np.inf))
+        for name, estimate, error in zip(names, values, errors, strict=True)
+    }
+
+
+def windowed(values, axis=0):
+    return WINDOW * uniform_filter1d(values, WINDOW, axis=axis, mode="constant")
+
+
+def sliding_fit(regressors, torque, instruments):
+    """Values and standard errors, each (regressor, time), from all realizations in a window that slides over time."""
+    known = np.isfinite(regressors).all(axis=0) & np.isfinite(instruments).all(axis=0)
+    x, z, y = (np.where(known, each, 0.0) for each in (regressors, instruments, torque))
+    inverse = np.linalg.pinv(windowed(np.einsum("irt,jrt->tij", z, x)))
+    values = np.einsum("tij,tj->it", inverse, windowed(np.einsum("irt,rt->ti", z, y)))
+    residual = np.where(known, y - np.einsum("it,irt->rt", values, x), 0.0)
+    noise = windowed(np.sum(residual**2, axis=0)) / np.maximum(windowed(known.sum(axis=0).astype(float)), 1.0)
+    spread = np.einsum("tij,tjk,tik->it", inverse, windowed(np.einsum("irt,jrt->tij", z, z)), inverse)
+    values[:, ~known.any(axis=0)] = np.nan
+    return values, np.sqrt(noise * np.maximum(spread, 0.0)) + 0 * values
+
+
+class Cascade:
+    """A joint of second order beside a stretch reflex: velocity, delayed, rectified, through a muscle."""
+
+    def regressors(self, ensemble):
+        rate, late = ensemble.sampling_rate, round(0.040 * ensemble.sampling_rate)
+        stretch = np.maximum(np.gradient(ensemble.angle, 1 / rate, axis=1), 0.0)
+        muscle = bilinear([15.6**2], [1.0, 2 * 0.62 * 15.6, 15.6**2], fs=rate)
+        reflex = lfilter(*muscle, np.pad(stretch, ((0, 0), (late, 0)))[:, : stretch.shape[1]])
+        reflex[:, : round(0.4 * rate)] = np.nan  # it depends on what came before, which is not known
+        if ensemble.mean_subtracted:
+            reflex -= reflex.mean(axis=0)
+        return np.concatenate([ensemble.derivatives(), reflex[None, :, ensemble.core]])
+
+    def identify(self, ensemble):
+        regressors = self.regressors(ensemble)
+        values, errors = sliding_fit(regressors, ensemble.torque[:, ensemble.core], regressors)
+        return Found(self, values, over_time((*IMPEDANCE, "reflex_gain"), values, errors))
+
+
+class Scheduled:
+    """A stiffness that rises in a straight line with the muscle's activity, whatever the time."""
+
+    inputs = (Input("emg", "scheduling", "1"),)
+
+    def regressors(self, ensemble):
+        angle, velocity, acceleration = ensemble.derivatives()
+        return np.stack([angle, velocity, acceleration, angle * ensemble.signal("emg")[:, ensemble.core]])
+
+    def identify(self, ensemble):
+        regressors, torque = self.regressors(ensemble), ensemble.torque[:, ensemble.core]
+        known = np.isfinite(regressors).all(axis=0)
+        x, y = regressors[:, known], torque[known]
+        inverse = np.linalg.inv(x @ x.T)
+        values = inverse @ (x @ y)
+        covariance = inverse * np.mean((y - values @ x) ** 2)
+
+        def stiffness(emg, *axes):
+            variance = covariance[0, 0] + 2 * emg * covariance[0, 3] + emg**2 * covariance[3, 3]
+            return Estimate(values[0] + values[3] * emg, "N m/rad", axes, StandardError(np.sqrt(variance), np.inf))
+
+        emg = ensemble.signal("emg")[:, ensemble.core]
+        levels = np.linspace(emg.min(), emg.max(), 20)
+        constants = (np.tile(each[1:3, None], ensemble.samples) for each in (values, np.sqrt(np.diag(covariance))))
+        estimates = {
+            "stiffness": stiffness(emg, "realization", "time"),
+            "stiffness_at_emg": stiffness(levels, "emg"),
+            **over_time(IMPEDANCE[1:], *constants),
+        }
+        return Found(self, values, estimates, {"emg": levels})
+
+
+class Instrumental:
+    """A joint in a closed loop, where noise moves the angle too: what the reference moves is the instrument."""
+
+    inputs = (Input("disturbance", "reference", "N m"),)
+
+    def regressors(self, ensemble):
+        return ensemble.derivatives()
+
+    def identify(self, ensemble):
+        reference, length = ensemble.signal("disturbance"), ensemble.angle.shape[1]
+        padded = np.pad(reference, ((0, 0), (30, 4)))
+        lagged = np.stack([padded[:, first : first + length].ravel() for first in range(35)])
+        weights = np.linalg.lstsq(lagged.T, ensemble.angle.ravel(), rcond=None)[0]
+        moved = replace(ensemble, angle=(weights @ lagged).reshape(ensemble.angle.shape))
+        torque = ensemble.torque[:, ensemble.core]
+        values, errors = sliding_fit(self.regressors(ensemble), torque, self.regressors(moved))
+        return Found(self, values, over_time(IMPEDANCE, values, errors))
+
+
+class Recursive:
+    """A joint that changes from one realization to the next: those before count less and less."""
+
+    contiguous = True
+
+    def skip(self, ensemble):
+        return None if len(ensemble) >= 3 else f"it needs 3 realizations, got {len(ensemble)}"
+
+    def regressors(self, ensemble):
+        return ensemble.derivatives()
+
+    def identify(self, ensemble):
+        regressors, torque = self.regressors(ensemble), ensemble.torque[:, ensemble.core]
+        known = np.isfinite(regressors).all(axis=0)
+        x = np.where(known, regressors, 0.0)
+
+        def so_far(products):
+            return lfilter([1.0], [1.0, -0.8], windowed(products, axis=1), axis=0)
+
+        left = so_far(np.einsum("irt,jrt->rtij", x, x))
+        values = np.einsum("rtij,rtj->irt", np.linalg.pinv(left), so_far(np.einsum("irt,rt->rti", x, torque)))
+        values[:, ~known] = np.nan
+        axes = ("realization", "time")
+        estimates = {name: Estimate(each, UNITS[name], axes) for name, each in zip(IMPEDANCE, values, strict=True)}
+        return Found(self, values.mean(axis=1), estimates)

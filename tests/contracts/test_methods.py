@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from tests.conftest import ensemble_of, standard_errors_of
+from tests.contracts.toys import TOYS
 
 import tvsysid as tv
 
@@ -59,8 +60,14 @@ def enough_for(method):
     return ensemble_of(20.0 if method.key == "kbr" else 150.0, "sine", "prbs")
 
 
-@parametrize()
-def test_contract_holds(method):
+@pytest.mark.parametrize(
+    "method",
+    [
+        *(pytest.param(method, id=name) for name, method in METHODS.items()),
+        *(pytest.param(toy(), id=toy.__name__) for toy in TOYS),
+    ],
+)
+def test_every_method_passes_every_check(method):
     checks = tv.check_method(method)
     assert [f"{check.name}: {check.message}" for check in checks if not check.passed] == []
 

@@ -30,12 +30,6 @@ def simulated(toy):
 
 
 @every_toy
-def test_passes_every_check(toy):
-    checks = tv.check_method(toy())
-    assert [f"{check.name}: {check.message}" for check in checks if not check.passed] == []
-
-
-@every_toy
 def test_finds_what_the_simulation_knows(toy):
     simulation, ensemble = simulated(toy)
     model = tv.methods.apply(toy(), ensemble)

@@ -150,3 +150,6 @@ class Recursive:
         axes = ("realization", "time")
         estimates = {name: Estimate(each, UNITS[name], axes) for name, each in zip(IMPEDANCE, values, strict=True)}
         return Found(self, values.mean(axis=1), estimates)
+
+
+TOYS = (Cascade, Scheduled, Instrumental, Recursive)

@@ -10,10 +10,11 @@ import ast
 import importlib
 import inspect
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from importlib.metadata import EntryPoint, distributions
+from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple, get_type_hints
 
@@ -71,12 +72,8 @@ def names() -> tuple[str, ...]:
 
 def clashes() -> tuple[str, ...]:
     """What installed packages offer under one of the package's own keys, in a sentence each."""
-    return tuple(
-        f"{name!r} is offered by the installed package {_package(point)} too; the package's own is used. Name the "
-        f"other {_place(point)}"
-        for name, point in installed().items()
-        if name in METHODS
-    )
+    sentence = "{!r} is offered by the installed package {} too; the package's own is used. Name the other {}"
+    return tuple(sentence.format(key, *_origin(point)) for key, point in installed().items() if key in METHODS)
 
 
 def installed() -> dict[str, EntryPoint]:
@@ -89,12 +86,9 @@ def installed() -> dict[str, EntryPoint]:
     return dict(sorted(found.items()))
 
 
-def _package(point: EntryPoint) -> str:
-    return getattr(point.dist, "name", None) or "without a name"
-
-
-def _place(point: EntryPoint) -> str:
-    return point.value.partition("[")[0].replace(" ", "")
+def _origin(point: EntryPoint) -> tuple[str, str]:
+    """Package that offers it, and where it is, as ``module:Class``."""
+    return getattr(point.dist, "name", None) or "without a name", point.value.partition("[")[0].replace(" ", "")
 
 
 def create(key: str, **settings: Any) -> Identifies:
@@ -161,35 +155,23 @@ def from_text(text: str, what: str) -> Any:
         if not equals:
             raise InputError(f"{what} {text!r}: expected setting=value, got {part!r}")
         settings[name] = value
-    if not isinstance(target, type):
-        return _made(key, target, settings, what)
-    kinds = _types_of(target)
     try:
-        values = {name: _converted(target, name, value, kinds.get(name, Any)) for name, value in settings.items()}
+        values = {name: _converted(target, name, value) for name, value in settings.items()}
     except InputError as error:
         raise InputError(f"{what} {text!r}: {error}") from error
     return _made(key, target, values, what)
 
 
 def load(name: str, what: str = "object") -> Any:
-    """Class or object of this name, as it is; imports its module.
+    """Class or object ``package.module:Object``, as it is; imports its module.
 
-    Parameters
-    ----------
-    name
-        As ``package.module:Object``.
-    what
-        What it is to be, for messages: one of :data:`VERBS`, or another word.
-
-    Raises
-    ------
-    InputError
-        If there is no such module, it fails while it is imported, or it has no such name.
+    ``what`` it is to be is for messages. Raises :class:`InputError` if there is no such module, if it fails while it is
+    imported, or if it has no such name.
     """
     where, _, path = name.partition(":")
     label = f"{what} {name!r}"
     if where.endswith(".py") or "/" in where or "\\" in where:
-        stem = where.replace("\\", "/").rpartition("/")[2].removesuffix(".py")
+        stem = Path(where.replace("\\", "/")).name.removesuffix(".py")
         raise InputError(f"{label}: expected the name of a module, got a file; go to its folder and give {stem}:{path}")
     if not all(word.isidentifier() for word in (*where.split("."), *path.split("."))):
         raise InputError(f"{label}: expected module:Class, as in mypackage.mymodule:My{what.title()}")
@@ -220,14 +202,10 @@ def typed(method: Method) -> str:
     >>> typed(ShortDataSegments(window=0.2)), typed(KernelRegression())
     ('sds:window=0.2', 'kbr')
     """
-    usual = type(method)()
-    changed = {item.name: getattr(method, item.name) for item in fields(method)}
-    words = [
-        f"{name}={value if isinstance(value, str) else repr(value)}".replace(" ", "")
-        for name, value in changed.items()
-        if value != getattr(usual, name)
-    ]
-    return ":".join(filter(None, (method.key, ",".join(words))))
+    usual, values = type(method)(), {item.name: getattr(method, item.name) for item in fields(method)}
+    changed = {name: value for name, value in values.items() if value != getattr(usual, name)}
+    words = [f"{name}={value if isinstance(value, str) else repr(value)}" for name, value in changed.items()]
+    return ":".join(filter(None, (method.key, ",".join(words).replace(" ", ""))))
 
 
 def label_of(item: object) -> str:
@@ -253,7 +231,7 @@ def describe(key: str) -> Description:
     target = _target(key, "method")
     kind = target if isinstance(target, type) else type(target)
     stated = getattr(target, "assumptions", ())
-    several = not isinstance(stated, str) and hasattr(stated, "__iter__")
+    assumptions = stated if isinstance(stated, Iterable) and not isinstance(stated, str) else [stated]
     settings = []
     if isinstance(target, type):
         made = None
@@ -262,8 +240,7 @@ def describe(key: str) -> Description:
         for name, item in _settings_of(target)[0].items():
             default = getattr(made, name, item.default)
             settings.append(f"{name} (must be given)" if item.default is item.empty else f"{name} = {default!r}")
-    assumptions = tuple(str(text) for text in (stated if several else [stated]))
-    return Description(str(getattr(target, "title", kind.__name__)), assumptions, tuple(settings))
+    return Description(str(getattr(target, "title", kind.__name__)), tuple(map(str, assumptions)), tuple(settings))
 
 
 def _target(key: str, what: str) -> Any:
@@ -277,12 +254,11 @@ def _target(key: str, what: str) -> Any:
         raise InputError(
             f"unknown method {key!r}; the methods are {', '.join(names())}; a method of your own is named module:Class"
         )
+    package, place = _origin(point)
     try:
-        return load(_place(point), what)
+        return load(place, what)
     except InputError as error:
-        raise InputError(
-            f"method {key!r} of the installed package {_package(point)} cannot be loaded: {error}"
-        ) from error
+        raise InputError(f"method {key!r} of the installed package {package} cannot be loaded: {error}") from error
 
 
 def _made(key: str, target: Any, settings: Mapping[str, Any], what: str) -> Any:
@@ -336,41 +312,31 @@ def _further_settings(target: type) -> dict[str, type]:
 
 def _settings_of(target: type) -> tuple[dict[str, inspect.Parameter], bool]:
     """Settings that a class takes by name, and whether it takes any others."""
-    parameters: list[inspect.Parameter] = []
+    found: dict[str, inspect.Parameter] = {}
     with suppress(TypeError, ValueError):  # compiled classes may not say
-        parameters = list(inspect.signature(target).parameters.values())
-    gathered = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
-    named = {item.name: item for item in parameters if item.kind not in gathered}
-    return named, any(item.kind is item.VAR_KEYWORD for item in parameters)
+        found = dict(inspect.signature(target).parameters)
+    named = {name: item for name, item in found.items() if item.kind not in (item.VAR_POSITIONAL, item.VAR_KEYWORD)}
+    return named, any(item.kind is item.VAR_KEYWORD for item in found.values())
 
 
-def _types_of(target: type) -> dict[str, Any]:
-    hints: dict[str, Any] = {}
-    if is_dataclass(target):
-        with suppress(Exception):  # names that are there for the type checker only
-            hints = get_type_hints(target, include_extras=True)
-    return hints | _further_settings(target)
-
-
-def _converted(target: type, name: str, text: str, kind: Any) -> Any:
+def _converted(target: Any, name: str, text: str) -> Any:
     """Setting from how it is typed, or shows itself: what the text reads as, or else the text, as the field's type."""
-    read = _read(text, kind)
-    adapter = _adapter(kind)
-    if adapter is None:
-        return read
-    errors = []
+    own, hints = isinstance(target, type) and issubclass(target, Method), {}
+    with suppress(Exception):  # names that are there for the type checker only
+        hints = get_type_hints(target, include_extras=True) if is_dataclass(target) else {}
+    kind = (hints | (_further_settings(target) if own else {})).get(name, Any)
+    read, errors = _read(text, kind), []
     for value in (read, text):
         try:
-            made = adapter.validate_python(value)
+            made = _adapter(kind).validate_python(value)
         except ValidationError as error:
             errors.append(error.errors()[0])
         else:
             if isinstance(made, bool) or not isinstance(value, bool):  # true is no number
                 return made
-    expected = _EXPECTED.get(errors[0]["type"])
-    if expected is None and issubclass(target, Method):
+    if own and errors[0]["type"] not in _EXPECTED:
         return read  # it checks its settings itself, and says more about them
-    expected = expected or errors[0]["msg"].removeprefix("Input should be ")
+    expected = _EXPECTED.get(errors[0]["type"], errors[0]["msg"].removeprefix("Input should be "))
     raise InputError(f"{name} must be {expected}, got {text!r}")
 
 
@@ -393,18 +359,21 @@ def _read(text: str, kind: Any) -> Any:
     return text
 
 
-def _adapter(kind: Any) -> TypeAdapter[Any] | None:
+def _adapter(kind: Any) -> TypeAdapter[Any]:
     for config in (ConfigDict(arbitrary_types_allowed=True), None):
         with suppress(PydanticUserError):  # a class with a configuration of its own, or no type at all
             return TypeAdapter(kind, config=config)
-    return None
+    return TypeAdapter(Any)
 
 
 def _contents(module: ModuleType, what: str) -> str:
     """What a module has that could be meant."""
     verb = VERBS[what][0] if what in VERBS else "__call__"
-    public = {name: value for name, value in vars(module).items() if not name.startswith("_")}
-    found = [n for n, value in public.items() if callable(getattr(value, verb, None)) and not inspect.isabstract(value)]
+    found = [
+        name
+        for name, value in vars(module).items()
+        if not name.startswith("_") and callable(getattr(value, verb, None)) and not inspect.isabstract(value)
+    ]
     return f"what it has with {verb}: {', '.join(found)}" if found else f"nothing in it has {verb}"
 
 

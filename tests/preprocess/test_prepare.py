@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.virtual import perfect, prepared, simulated
@@ -117,3 +119,26 @@ def test_steps_that_are_not_asked_for_are_not_taken():
     unaligned = prepare(recording, reference=None)
     assert unaligned.steps == (unaligned.task, unaligned.residual)
     assert unaligned.account.counts.keys() == {"task component", "residual"}
+
+
+def test_channels_pass_every_step():
+    """An EMG that is a multiple of the torque stays one, and loses its mean where it is asked to."""
+    recording = simulated(1, "noise").recording
+    recording = replace(
+        recording,
+        channels={**recording.channels, "emg": 0.1 * recording.torque, "posture": np.arange(len(recording)) / 1e3},
+    )
+    ensemble = tv.preprocess.prepare(recording, channels=("emg",)).ensemble
+    assert ensemble.mean_subtracted
+    assert list(ensemble.channels) == ["target", "emg", "posture"]
+    np.testing.assert_allclose(ensemble.channels["emg"], 0.1 * ensemble.torque, atol=1e-9)
+    assert ensemble.channels["posture"].mean(axis=0).min() > 1
+    drawn = next(tv.preprocess.bootstrap(ensemble, 1, seed=0))
+    np.testing.assert_allclose(drawn.channels["emg"], 0.1 * drawn.torque, atol=1e-9)
+    assert drawn.mean_subtracted
+
+
+def test_a_wrong_name_of_a_channel_gets_those_that_are_there():
+    recording = simulated(1, "noise").recording
+    with pytest.raises(tv.InputError, match="no 'EMG'; the signals are 'angle', 'torque', 'target'"):
+        tv.preprocess.prepare(recording, channels=("EMG",))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
 from tvsysid.preprocess.account import Account, Step
+from tvsysid.preprocess.steps import check_seconds, every_signal
 from tvsysid.signals import Ensemble
 
 Array = NDArray[np.float64]
@@ -53,9 +53,7 @@ def align(ensemble: Ensemble, reference: str, search: float = 0.5, max_shift: fl
     15 % for a virtual participant who follows the target perfectly. Where that matters, exclude by the shift but
     leave the realizations where they were: ``preparation.recorded.select(preparation.account.kept)``.
     """
-    for name, seconds in (("search", search), ("max_shift", max_shift)):
-        if not (isinstance(seconds, (int, float, np.number)) and math.isfinite(seconds) and seconds > 0):
-            raise InputError(f"align: {name} must be a positive number of seconds, got {seconds!r}")
+    check_seconds("align", positive=True, search=search, max_shift=max_shift)
     if reference not in ensemble.channels:
         raise InputError(
             f"align: there is no channel {reference!r} to align to; "
@@ -78,15 +76,9 @@ def align(ensemble: Ensemble, reference: str, search: float = 0.5, max_shift: fl
     def moved(x: Array) -> Array:
         return np.take_along_axis(x, index, axis=1)
 
-    channels = {name: moved(values) for name, values in ensemble.channels.items() if name != reference}
-    aligned = replace(
-        ensemble,
-        angle=moved(ensemble.angle),
-        torque=moved(ensemble.torque),
-        context=ensemble.context - reach,
-        onsets=ensemble.onsets + shifts / rate,
-        channels={**channels, reference: ensemble.channels[reference][:, reach : reach + left]},
-    )
+    signals = every_signal(ensemble, moved)
+    signals["channels"][reference] = ensemble.channels[reference][:, reach : reach + left]
+    aligned = replace(ensemble, **signals, context=ensemble.context - reach, onsets=ensemble.onsets + shifts / rate)
     judged = np.abs(shifts) / rate
     account = replace(Account.of(ensemble, "alignment", judged, max_shift, "s"), shifts=shifts / rate)
     if not account.kept.any():

@@ -69,21 +69,8 @@ def block_weights(realizations: int, size: int, count: int, seed: int) -> NDArra
     For methods that need a record in one piece. A block begins anywhere; after the last realization comes the first, so
     that each is drawn as often as any other (circular blocks, Politis & Romano 1992).
 
-    Parameters
-    ----------
-    realizations
-        How many there are, in the order of the record.
-    size
-        Length of a block; at most as many as there are.
-    count
-        Number of draws.
-    seed
-        The same one gives the same draws; a higher count only adds draws.
-
-    Returns
-    -------
-    Array
-        0 or 1, ``size`` ones in each row, shape (count, realizations).
+    Parameters as of :func:`bootstrap_weights`; ``size`` is the length of a block, at most as many as there are. Returns
+    0 or 1, ``size`` ones in each row, shape (count, realizations).
     """
     random = _checked(realizations, size, count, seed)
     if size > realizations:

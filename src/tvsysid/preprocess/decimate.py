@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy.signal import firwin, upfirdn
 
 from tvsysid.errors import InputError
+from tvsysid.preprocess.steps import every_signal
 from tvsysid.signals import Recording, checked_rate
 
 Array = NDArray[np.float64]
@@ -19,8 +20,8 @@ def decimate(recording: Recording, rate: float) -> Recording:
 
     The filter is a 31-tap Hamming-window FIR with -6 dB at the new Nyquist frequency; its delay is removed, so that the
     first sample stays the first. Ends (of each trial) are continued by odd reflection. Angle, torque and channels
-    all pass the same filter, which therefore cancels in the identification of what does not vary; a sudden
-    change is smeared over :math:`\pm 15` samples of the old rate.
+    (EMG as well: take its envelope before, if that is what counts) all pass the same filter, which therefore cancels in
+    the identification of what does not vary; a sudden change is smeared over :math:`\pm 15` samples of the old rate.
 
     Parameters
     ----------
@@ -65,14 +66,8 @@ def decimate(recording: Recording, rate: float) -> Recording:
         return np.concatenate([_filter_and_keep(x[trial], taps, factor) for trial in recording.trials])
 
     lengths = [-(-(trial.stop - trial.start) // factor) for trial in recording.trials]
-    return Recording(
-        angle=lower(recording.angle),
-        torque=lower(recording.torque),
-        sampling_rate=rate,
-        start=recording.start,
-        channels={name: lower(values) for name, values in recording.channels.items()},
-        trial_starts=tuple(int(first) for first in np.cumsum([0, *lengths[:-1]])),
-    )
+    starts = tuple(int(first) for first in np.cumsum([0, *lengths[:-1]]))
+    return Recording(**every_signal(recording, lower), sampling_rate=rate, start=recording.start, trial_starts=starts)
 
 
 def _filter_and_keep(x: Array, taps: Array, factor: int) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,8 +64,11 @@ def prepare(
     task_limit: float | None = 3.0,
     cutoff: float = 5.0,
     residual_limit: float | None = 3.0,
+    channels: Iterable[str] = (),
 ) -> Preparation:
     """Decimate, trim, cut, align, exclude what is unlike the rest, subtract the mean.
+
+    All channels of the recording pass every step.
 
     Parameters
     ----------
@@ -87,6 +91,8 @@ def prepare(
         See :func:`exclude_task_outliers`; None leaves that step out.
     cutoff, residual_limit
         See :func:`exclude_residual_outliers`; None leaves that step out.
+    channels
+        Channels that lose their mean with angle and torque; see :func:`subtract_mean`.
 
     Returns
     -------
@@ -116,8 +122,9 @@ def prepare(
     if task_limit is not None:
         task = exclude_task_outliers(kept, task_limit)
         kept = task.ensemble
-    kept = subtract_mean(kept)
+    channels = tuple(channels)
+    kept = subtract_mean(kept, channels)
     if residual_limit is not None:
         residual = exclude_residual_outliers(kept, cutoff, residual_limit)
-        kept = subtract_mean(residual.ensemble)
+        kept = subtract_mean(residual.ensemble, channels)
     return Preparation(kept, recorded, alignment, task, residual)

@@ -11,6 +11,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
+from tvsysid.preprocess.steps import check_seconds, every_signal
 from tvsysid.signals import Ensemble, Recording
 
 Array = NDArray[np.float64]
@@ -40,12 +41,10 @@ def segment(recording: Recording, period: float, context: float = 0.5) -> Ensemb
         If the period is not a whole number of samples, or longer than the record.
     """
     rate = recording.sampling_rate
-    for name, seconds in (("period", period), ("context", context)):
-        if not (isinstance(seconds, (int, float, np.number)) and math.isfinite(seconds) and seconds >= 0):
-            raise InputError(f"segment: {name} must be a number of seconds, zero or more, got {seconds!r}")
+    check_seconds("segment", period=period, context=context)
     if round(period * rate) < 1:
         raise InputError(f"segment: a period of {period!r} s is shorter than a sample at {rate:g} Hz")
-    samples, margin = _whole_samples("period", period, rate), round(context * rate)
+    samples, margin = _whole_samples(period, rate), round(context * rate)
     firsts: list[int] = []
     trials: list[int] = []
     left_out = 0
@@ -77,22 +76,20 @@ def segment(recording: Recording, period: float, context: float = 0.5) -> Ensemb
         return np.asarray(sliding_window_view(x, samples + 2 * margin)[index - margin])
 
     return Ensemble(
-        angle=cut(recording.angle),
-        torque=cut(recording.torque),
+        **every_signal(recording, cut),
         sampling_rate=rate,
         context=margin,
         onsets=recording.start + within / rate,
         trials=trial_of,
-        channels={name: cut(values) for name, values in recording.channels.items()},
         left_out=left_out,
     )
 
 
-def _whole_samples(name: str, seconds: float, rate: float) -> int:
-    samples = seconds * rate
+def _whole_samples(period: float, rate: float) -> int:
+    samples = period * rate
     if abs(samples - round(samples)) > 1e-6 * max(1.0, samples):
         raise InputError(
-            f"segment: {name} {seconds:g} s is not a whole number of samples at {rate:g} Hz ({samples:g}); "
+            f"segment: period {period:g} s is not a whole number of samples at {rate:g} Hz ({samples:g}); "
             "give a rate at which it is one, for with a period that is a little off realizations would drift"
         )
     return round(samples)

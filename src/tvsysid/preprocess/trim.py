@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
+from tvsysid.preprocess.steps import check_seconds, every_signal
 from tvsysid.signals import Recording
 
 Array = NDArray[np.float64]
@@ -35,9 +34,7 @@ def trim(recording: Recording, ends: float, margin: float = 0.0) -> Recording:
     InputError
         If the margin is longer than the ends, or a trial has nothing left.
     """
-    for name, seconds in (("ends", ends), ("margin", margin)):
-        if not (isinstance(seconds, (int, float, np.number)) and math.isfinite(seconds) and seconds >= 0):
-            raise InputError(f"trim: {name} must be a number of seconds, zero or more, got {seconds!r}")
+    check_seconds("trim", ends=ends, margin=margin)
     if margin > ends:
         raise InputError(f"trim: a margin of {margin:g} s cannot be kept of ends of {ends:g} s; give a shorter one")
     rate = recording.sampling_rate
@@ -52,11 +49,7 @@ def trim(recording: Recording, ends: float, margin: float = 0.0) -> Recording:
     def trimmed(x: Array) -> Array:
         return np.concatenate([x[trial] for trial in inner])
 
+    starts = tuple(int(first) for first in np.cumsum([0, *lengths[:-1]]))
     return Recording(
-        angle=trimmed(recording.angle),
-        torque=trimmed(recording.torque),
-        sampling_rate=rate,
-        start=-kept_outside / rate,
-        channels={name: trimmed(values) for name, values in recording.channels.items()},
-        trial_starts=tuple(int(first) for first in np.cumsum([0, *lengths[:-1]])),
+        **every_signal(recording, trimmed), sampling_rate=rate, start=-kept_outside / rate, trial_starts=starts
     )

@@ -108,14 +108,14 @@ class CompliantActuator(Joint):
 
         scale = setup.scale_of(motion[0, 0])
         imposed = scale * np.einsum("qt,qt->t", weights, motion[:, 0])
-        level = setup.noise_scale(imposed, noise)
-        motion = scale * motion[:, 0] + level * motion[:, 1]
+        motion = scale * motion[:, 0] + setup.noise_scale(imposed, noise) * motion[:, 1]
         return setup.simulation(
             motion[0],
-            level * noise,
+            noise,
             {"intrinsic": np.einsum("qt,qt->t", weights, motion)},
             {name: values[run_in:] for name, values in impedance.items()},
             {"disturbance": scale * reference[0]},
+            answered=imposed,
         )
 
     def _bandwidth(self, rate: float) -> float:

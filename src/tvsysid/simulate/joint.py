@@ -101,7 +101,6 @@ class Joint:
     def _simulated(self, setup: Setup) -> Simulation:
         truth = self._impedance(setup, setup.index)
         found = answer(setup, truth, setup.streams())
-        found.noise[:] *= setup.noise_scale(found.torque, found.noise)
         return setup.simulation(found.angle, found.noise, {"intrinsic": found.torque}, truth)
 
     def _impedance(self, setup: Setup, index: NDArray[np.int64]) -> dict[str, Array]:

@@ -111,6 +111,5 @@ class ReflexJoint(Joint):
         found = answer(setup, impedance, setup.streams())
         gain = over_time("ReflexJoint: reflex_gain", self.reflex_gain, setup.whole_index, setup.rate)
         reflex = self.reflex.torque(found.velocity, gain, setup.rate)[setup.run_in :]
-        found.noise[:] *= setup.noise_scale(found.torque + reflex, found.noise)
         pathways = {"intrinsic": found.torque, "reflex": reflex}
         return setup.simulation(found.angle, found.noise, pathways, impedance | {"reflex_gain": gain[setup.run_in :]})

@@ -85,7 +85,6 @@ class ScheduledJoint(Joint):
         variable = self._usual(impedance["stiffness"]) * self._strength(setup.index / setup.rate, streams[2])
         impedance["stiffness"] = np.asarray(self.relation(variable), dtype=np.float64)
         found = answer(setup, impedance, streams)
-        found.noise[:] *= setup.noise_scale(found.torque, found.noise)
         return setup.simulation(
             found.angle, found.noise, {"intrinsic": found.torque}, impedance, {self.variable: variable}
         )

@@ -109,16 +109,22 @@ class Setup:
         angle: Array,
         noise: Array,
         pathways: Mapping[str, Array],
-        truth: Mapping[str, Array | float],
+        truth: Mapping[str, Array],
         channels: Mapping[str, Array] | None = None,
+        answered: Array | None = None,
     ) -> Simulation:
-        """Simulation of these signals; the noise is overwritten by the noisy torque."""
-        noise += reduce(np.add, pathways.values())
-        over_time = {name: np.broadcast_to(values, len(angle)) for name, values in truth.items()}
+        """Simulation of these signals.
+
+        The noise, of any size, is sized by the torque ``answered`` (the sum of the pathways if not given) and becomes
+        the noisy torque in place.
+        """
+        torque = reduce(np.add, pathways.values())
+        noise *= self.noise_scale(torque if answered is None else answered, noise)
+        noise += torque
         for values in (angle, noise, *pathways.values()):
             values.flags.writeable = False
         recording = Recording(angle, noise, self.rate, self.index[0] / self.rate, channels or {})
-        return Simulation(recording, over_time, pathways)
+        return Simulation(recording, truth, pathways)
 
 
 class LowPassedNoise:

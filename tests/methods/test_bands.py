@@ -191,6 +191,7 @@ def scatter_of(name, quantity, perturbation):
     return 0.88, 1.14
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("perturbation", ["noise", "prbs"])
 @pytest.mark.parametrize("name", list(DEFAULTS))
 def test_bands_are_as_wide_as_estimates_scatter(name, perturbation):

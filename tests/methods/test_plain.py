@@ -80,7 +80,7 @@ def mean_over_realizations(values):
     [
         (tv.KernelRegression(), math.inf),
         (tv.KernelRegression.preset("experiment"), 30.0),
-        (tv.KernelRegression(length_decay=10.0, band=(0.5, 15.0)), 10.0),
+        pytest.param(tv.KernelRegression(length_decay=10.0, band=(0.5, 15.0)), 10.0, marks=pytest.mark.slow),
     ],
 )
 def test_low_rank_kernel_regression_equals_the_dense_one(ensemble_of, monkeypatch, perturbation, method, l2):

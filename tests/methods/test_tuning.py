@@ -1,4 +1,5 @@
 import dataclasses
+import functools
 import math
 import pickle
 import warnings
@@ -6,6 +7,7 @@ import warnings
 import numpy as np
 import pytest
 from benchmarks import plain
+from tests.conftest import ensemble_of
 
 import tvsysid as tv
 from tvsysid.methods.kbr.likelihood import Likelihood
@@ -17,7 +19,14 @@ from tvsysid.numerics.differentiation import differentiate
 from tvsysid.numerics.lowpass import low_pass
 from tvsysid.numerics.noise import white_share
 
-METHODS = [tv.EnsembleIRF(), tv.ShortDataSegments(), tv.BasisIRF(), tv.EnsembleSpectral(), tv.KernelRegression()]
+METHODS = [
+    tv.EnsembleIRF(),
+    tv.ShortDataSegments(),
+    tv.BasisIRF(),
+    tv.EnsembleSpectral(),
+    pytest.param(tv.KernelRegression(), marks=pytest.mark.slow, id="kbr"),
+]
+slow = pytest.mark.slow  # tuning a kernel takes several seconds
 
 
 @pytest.fixture(autouse=True)
@@ -36,10 +45,15 @@ def few_deals(monkeypatch):
 each_method = pytest.mark.parametrize("method", METHODS, ids=lambda method: method.key)
 
 
+@functools.cache
+def tuned_to_a_square_wave(method):
+    return method.tuned(ensemble_of(40.0, "square", "noise"))
+
+
 @each_method
-def test_a_tuned_method_is_the_method_with_other_settings_and_the_evidence_for_them(ensemble_of, method):
+def test_a_tuned_method_is_the_method_with_other_settings_and_the_evidence_for_them(method):
     ensemble = ensemble_of(40.0, "square", "noise")
-    tuned = method.tuned(ensemble)
+    tuned = tuned_to_a_square_wave(method)
     evidence = tuned.evidence
     assert method.evidence is None
     assert tuned == dataclasses.replace(method, **evidence.settings)
@@ -63,8 +77,8 @@ def test_a_tuned_method_is_the_method_with_other_settings_and_the_evidence_for_t
 
 
 @each_method
-def test_tuning_repeats_and_leaves_its_input_alone(ensemble_of, few_deals, method):
-    ensemble = ensemble_of(40.0, "sine", "prbs")
+def test_tuning_repeats_and_leaves_its_input_alone(few_deals, method):
+    ensemble = ensemble_of(20.0 if method.key == "kbr" else 40.0, "sine", "prbs")
     angle, torque = ensemble.angle.copy(), ensemble.torque.copy()
     first, second = method.tuned(ensemble, seed=3), method.tuned(ensemble, seed=3)
     np.testing.assert_array_equal(first.evidence.values, second.evidence.values)
@@ -77,14 +91,15 @@ def test_tuning_repeats_and_leaves_its_input_alone(ensemble_of, few_deals, metho
         first.evidence.values[0] = 0
 
 
-def test_the_seed_deals_the_halves(ensemble_of, few_deals):
+def test_the_seed_deals_the_halves(few_deals):
     ensemble = ensemble_of(40.0, "sine", "prbs")
     one, other = (tv.EnsembleSpectral().tuned(ensemble, seed).evidence.values for seed in (0, 1))
     assert not np.array_equal(one, other)
 
 
+@slow
 @pytest.mark.parametrize(("perturbation", "limit"), [("noise", 1.2), ("prbs", 2.0)])
-def test_a_sine_wave_is_followed_nearly_as_if_its_shape_were_known(ensemble_of, perturbation, limit):
+def test_a_sine_wave_is_followed_nearly_as_if_its_shape_were_known(perturbation, limit):
     truth = tv.simulate.SineWave()
     for method in (tv.BasisIRF(), tv.KernelRegression()):
         errors = []
@@ -133,7 +148,7 @@ def dense_log_density(ensemble, theta, decay, near):
 
 
 @pytest.mark.parametrize("decay", [math.inf, 15.0])
-def test_marginal_likelihood_is_that_of_the_dense_kernel(ensemble_of, decay):
+def test_marginal_likelihood_is_that_of_the_dense_kernel(decay):
     ensemble = ensemble_of(20.0, "sine", "noise")
     record = Record.of(ensemble, (0.0, 20.0), 2)
     kernel = record.kernel(2.0, 0.05, decay)
@@ -166,7 +181,7 @@ def dense_log_evidence(ensemble, theta, near, order, lag):
     return density - 0.5 * (order + 1 + (lag > 0)) * math.log(count)
 
 
-def test_evidence_of_orders_and_lags_is_that_of_the_dense_kernel_with_a_proper_prior(ensemble_of):
+def test_evidence_of_orders_and_lags_is_that_of_the_dense_kernel_with_a_proper_prior():
     ensemble = ensemble_of(20.0, "sine", "noise")
     theta = np.log([0.1, 0.5, 1e-4, 1e-8, 0.15])
     found, expected = [], []
@@ -183,7 +198,7 @@ def test_evidence_of_orders_and_lags_is_that_of_the_dense_kernel_with_a_proper_p
     np.testing.assert_allclose(np.subtract(found, found[0]), np.subtract(expected, expected[0]), atol=0.02)
 
 
-def test_evidence_of_constants_does_not_depend_on_their_units(ensemble_of):
+def test_evidence_of_constants_does_not_depend_on_their_units():
     record = Record.of(ensemble_of(20.0, "sine", "noise"), (0.0, 20.0), 2)
     other = record._replace(
         stacks=[
@@ -210,6 +225,7 @@ def joint_of(duration, lag=0.0, **settings):
     return tv.preprocess.segment(tv.preprocess.decimate(behind, 100), 2.0, 0.5)
 
 
+@slow
 @pytest.mark.parametrize(
     ("order", "given", "joint"),
     [
@@ -225,6 +241,7 @@ def test_as_many_terms_as_the_joint_has(order, given, joint):
     assert {f"order {other}" for other in range(3) if other != given} <= set(tuned.evidence.lines)
 
 
+@slow
 def test_a_lag_of_the_torque_is_found():
     ensemble = joint_of(40, lag=0.008, perturbation=tv.simulate.FilteredNoise(), snr_db=15)
     given = tv.KernelRegression()
@@ -243,7 +260,8 @@ def test_a_lag_of_the_torque_is_found():
     assert tv.KernelRegression(lag=0.02).tuned(joint_of(40)).lag == 0.0
 
 
-def test_an_order_or_a_lag_must_be_clearly_better(ensemble_of, monkeypatch):
+@slow
+def test_an_order_or_a_lag_must_be_clearly_better(monkeypatch):
     ensemble = joint_of(40, inertia=1e-12)
     evidence = tv.KernelRegression().tuned(ensemble).evidence
     gain = evidence.values[evidence.chosen] - max(
@@ -255,6 +273,7 @@ def test_an_order_or_a_lag_must_be_clearly_better(ensemble_of, monkeypatch):
     assert tv.KernelRegression().tuned(ensemble).order == 2
 
 
+@slow
 def test_a_joint_that_drifts_keeps_its_decay_with_another_order():
     def profile(time):
         return 100 + 30 * np.sin(np.pi * time) + 0.8 * time
@@ -264,10 +283,11 @@ def test_a_joint_that_drifts_keeps_its_decay_with_another_order():
     assert tuned.length_decay < 300
 
 
-def test_chosen_kernel_is_at_the_top_of_the_likelihood(ensemble_of):
+@slow
+def test_chosen_kernel_is_at_the_top_of_the_likelihood():
     ensemble = ensemble_of(40.0, "square", "noise")
     method = tv.KernelRegression()
-    evidence = method.tuned(ensemble).evidence
+    evidence = tuned_to_a_square_wave(method).evidence
     settings = evidence.settings
     record = Record.of(ensemble, (0.0, 20.0), 2)
     kernel = record.kernel(2.0, 0.5 * settings["length_periodic"])
@@ -281,6 +301,7 @@ def test_chosen_kernel_is_at_the_top_of_the_likelihood(ensemble_of):
             assert likelihood(top + step * (np.arange(5) == number))[0] < best + 0.02
 
 
+@slow
 def test_a_drift_asks_for_a_decay():
     def profile(time):
         return 100 + 30 * np.sin(np.pi * time) + 0.8 * time
@@ -296,7 +317,7 @@ def test_a_drift_asks_for_a_decay():
     assert np.sqrt(np.mean((stiffness - truth) ** 2)) < 2.5
 
 
-def test_one_gamma_is_three_alike(ensemble_of):
+def test_one_gamma_is_three_alike():
     ensemble = ensemble_of(20.0, "sine", "noise")
     one, three = (tv.KernelRegression(gamma=gamma).identify(ensemble) for gamma in (2.0, (2.0, 2.0, 2.0)))
     np.testing.assert_array_equal(one.stiffness, three.stiffness)
@@ -336,7 +357,7 @@ def test_halves_tell_the_mean_square_error(random, monkeypatch):
     assert errors[:, 1].mean() == pytest.approx(0.25 * np.mean(truth**2) + 0.25 * variance, rel=0.05)
 
 
-def test_evidence_is_shown_in_words_and_as_a_table(ensemble_of):
+def test_evidence_is_shown_in_words_and_as_a_table():
     tuned = tv.ShortDataSegments().tuned(ensemble_of(40.0))
     shown = tuned.evidence._repr_html_()
     assert str(tuned.evidence) in shown
@@ -345,7 +366,7 @@ def test_evidence_is_shown_in_words_and_as_a_table(ensemble_of):
     assert str(unchanged).startswith("max_lag=0.12, window=0.1 as given: nothing else has a clearly better mean square")
 
 
-def test_halves_are_identified_from_alone(ensemble_of):
+def test_halves_are_identified_from_alone():
     ensemble = ensemble_of(40.0, "sine", "noise")
     compared = halves.Halves(ensemble, 0.12, 5)
     method = tv.EnsembleSpectral()
@@ -358,7 +379,7 @@ def test_halves_are_identified_from_alone(ensemble_of):
     np.testing.assert_array_equal(np.sort(onsets), ensemble.onsets)
 
 
-def test_the_reference_is_short_data_segments_with_a_window_that_determines_it(ensemble_of):
+def test_the_reference_is_short_data_segments_with_a_window_that_determines_it():
     ensemble = ensemble_of(40.0, "sine", "noise")  # 20 realizations: 5 samples make 100 for 25 lags
     expected = tv.ShortDataSegments(window=0.04).identify(ensemble).stiffness
     np.testing.assert_allclose(halves.reference_stiffness(ensemble, 0.12), expected)
@@ -372,7 +393,7 @@ def test_settings_that_do_not_fit_the_data_are_not_tried(few_deals):
     assert max(settings["window"] for settings in tried) < 0.3
 
 
-def test_settings_are_compared_over_the_times_that_all_of_them_know(ensemble_of):
+def test_settings_are_compared_over_the_times_that_all_of_them_know():
     whole = ensemble_of(40.0, "sine", "prbs")
     bare = tv.Ensemble(whole.angle[:, whole.core], whole.torque[:, whole.core], whole.sampling_rate)
     compared = halves.Halves(bare, 0.12, 0)
@@ -395,7 +416,7 @@ def test_settings_are_compared_over_the_times_that_all_of_them_know(ensemble_of)
         tv.EnsembleIRF(max_lag=1.6),
     ],
 )
-def test_settings_given_that_do_not_fit_are_refused_as_by_identification(ensemble_of, method):
+def test_settings_given_that_do_not_fit_are_refused_as_by_identification(method):
     ensemble = ensemble_of(40.0)
     for verb in (method.identify, method.tuned):
         with pytest.raises(tv.InputError, match=r"\d+ samples.* a realization (has|of) 200 .*give (a )?shorter one"):
@@ -409,7 +430,7 @@ def test_settings_given_that_do_not_fit_are_refused_as_by_identification(ensembl
         (tv.BasisIRF(prior="none"), "least squares has no evidence"),
     ],
 )
-def test_what_cannot_be_tuned_is_refused(ensemble_of, method, message):
+def test_what_cannot_be_tuned_is_refused(method, message):
     with pytest.raises(tv.InputError, match=message):
         method.tuned(ensemble_of(40.0).select(np.arange(5)))
     with pytest.raises(tv.InputError, match="tuned: expected an Ensemble, got ndarray"):
@@ -421,7 +442,7 @@ def test_what_cannot_be_tuned_is_refused(ensemble_of, method, message):
 # In a study.
 
 
-def test_a_method_that_tunes_itself(ensemble_of):
+def test_a_method_that_tunes_itself():
     ensemble = ensemble_of(40.0, "square", "noise")
     itself = tv.methods.parse("birf:tuned=true")
     assert itself == tv.methods.Tuned(tv.BasisIRF()) == tv.methods.create("birf", tuned=True)
@@ -430,7 +451,7 @@ def test_a_method_that_tunes_itself(ensemble_of):
         "Basis impulse response function, tuned",
         tv.BasisIRF.assumptions,
     )
-    tuned = tv.BasisIRF().tuned(ensemble)
+    tuned = tuned_to_a_square_wave(tv.BasisIRF())
     model = itself.identify(ensemble)
     np.testing.assert_array_equal(model.stiffness, tuned.identify(ensemble).stiffness)
     assert model.method == repr(tuned)
@@ -475,7 +496,7 @@ def test_samples_of_noise_that_lasts_are_worth_less(random, alike, share):
     assert independent_share(ensemble, edges, (0.0, 50.0)) == independent_share(inner, edges[:, 10:], (0.0, 50.0))
 
 
-def test_a_basis_is_chosen_by_its_function_not_by_its_size(ensemble_of):
+def test_a_basis_is_chosen_by_its_function_not_by_its_size():
     # With noise that lasts, the torque of a person, evidence of as many independent samples asks for every wiggle.
     ensemble = ensemble_of(80.0, "sine", "noise", 40.0)
     random = np.random.default_rng(8)

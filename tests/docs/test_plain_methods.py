@@ -1,0 +1,39 @@
+"""The page on the plain methods shows the code that the package is checked against."""
+
+import ast
+import re
+from pathlib import Path
+
+from benchmarks import plain
+
+import tvsysid as tv
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "plain-methods.md").read_text(encoding="utf-8")
+EXAMPLE, *CODE = re.findall(r"^```python\n(.+?)\n```$", PAGE, re.MULTILINE | re.DOTALL)
+
+
+def functions(source):
+    """Text of each function by name, without its docstring."""
+    found = {}
+    for node in ast.parse(source).body:
+        if isinstance(node, ast.FunctionDef):
+            body = node.body[1:] if ast.get_docstring(node) else node.body
+            found[node.name] = [ast.unparse(part) for part in (node.args, *body)]
+    return found
+
+
+def test_the_page_shows_every_function_of_the_file():
+    assert functions("\n\n".join(CODE)) == functions(Path(plain.__file__).read_text(encoding="utf-8"))
+
+
+def test_every_method_has_its_section():
+    assert set(re.findall(r"`(\w+)`", " ".join(re.findall(r"^## .+", PAGE, re.MULTILINE)))) == set(
+        tv.methods.names()[:5]
+    )
+
+
+def test_the_example_runs(monkeypatch):
+    monkeypatch.chdir(ROOT)
+    monkeypatch.syspath_prepend("")  # so that what the example adds to sys.path is taken away again
+    exec(EXAMPLE, {})

@@ -16,6 +16,7 @@ def undrawn(monkeypatch):
 IDENTIFY = ("--angle", "angle", "--torque", "torque", "--rate", 1000, "--decimate", 100, "--period", 2)
 
 
+@pytest.mark.slow
 def test_benchmark(tvsysid, tmp_path, request):
     code, out, err = tvsysid(
         "benchmark", "--trials", 2, "--duration", 60, "--method", "sds", "--method", "esm:window=0.4", "--workers", 1
@@ -370,6 +371,7 @@ def test_errors_are_one_line(tvsysid, words, message):
     assert "Traceback" not in err
 
 
+@pytest.mark.slow
 def test_identify_with_settings_from_the_data(tvsysid, tmp_path):
     tvsysid("simulate", "joint.mat", "--duration", 40)
     methods = ("--method", "birf", "--method", "kbr")

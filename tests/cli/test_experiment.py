@@ -11,6 +11,8 @@ from tests.study.recorded.conftest import write_trials
 
 import tvsysid as tv
 
+pytestmark = pytest.mark.slow
+
 FILES = """
 methods = ["birf", "esm"]
 realizations = [10, 20]

@@ -50,6 +50,7 @@ def tvsysid(folder, command, *more):
     return run(folder, "-P", "-m", "tvsysid.cli", *words, *more)
 
 
+@pytest.mark.slow
 def test_the_method_passes_as_the_page_shows(folder):
     done = tvsysid(folder, CHECK)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -60,6 +61,7 @@ def test_the_method_passes_as_the_page_shows(folder):
         assert "✗" not in line
 
 
+@pytest.mark.slow
 def test_the_method_is_in_the_benchmark(folder):
     command = re.sub(r"--trials \d+", "--trials 2", BENCHMARK)
     done = tvsysid(folder, command, "--duration", "40", "--perturbation", "noise", "--workers", "2")
@@ -70,6 +72,7 @@ def test_the_method_is_in_the_benchmark(folder):
     assert total["mymethod:SlidingFit"] < total["sds"]
 
 
+@pytest.mark.slow
 def test_the_script_compares_the_object(folder):
     script = SCRIPT.replace("trials=5", 'trials=2, duration_s=[40], perturbation=["noise"]')
     assert script != SCRIPT

@@ -13,6 +13,8 @@ import xarray as xr
 
 import tvsysid as tv
 
+pytestmark = pytest.mark.slow
+
 DOCS = Path(__file__).parents[2] / "docs"
 PACKAGE = Path(tv.__file__).parents[1]
 

@@ -10,7 +10,7 @@ from tvsysid.studies.verdicts import COLUMNS, Claim, judged
 from tvsysid.study import Study, run, score
 from tvsysid.study.scores import UNITS
 
-DRAWS = 500
+DRAWS = 200
 
 
 def scores_of(values, errors=0.01, study=None):

@@ -53,6 +53,7 @@ def test_a_trial_is_what_its_parts_give(results):
     assert found.parameters == model.diagnostics.parameters
 
 
+@pytest.mark.slow
 def test_the_number_of_workers_changes_no_number(results):
     same(run(Study(**SMALL), workers=2), results)
 
@@ -101,7 +102,7 @@ def test_few_trials_are_under_way_at_a_time():
 
 
 def test_own_method_enters(results):
-    both = run(Study(**SMALL | {"methods": ["sds", Mine()]}), workers=2)
+    both = run(Study(**SMALL | {"methods": ["sds", Mine()]}), workers=1)
     assert list(both.method_key.values) == ["sds", "Mine(fault='')"]
     xr.testing.assert_equal(both.stiffness.sel(method_key="sds"), results.stiffness.sel(method_key="sds"))
     table = summarize(score(both))
@@ -132,6 +133,7 @@ def test_a_method_that_fails_is_marked_and_spoils_no_other(fault, reason):
         assert np.isfinite(found.stiffness.sel(method_key=label, scenario="square-prbs-40s-10dB")).all()
 
 
+@pytest.mark.slow
 def test_a_method_that_kills_its_worker_is_found_and_spoils_no_other():
     study = Study(duration_s=40, trials=3, perturbation="prbs", methods=["sds", Mine("dies"), "birf"])
     found = run(study, workers=2)
@@ -141,6 +143,7 @@ def test_a_method_that_kills_its_worker_is_found_and_spoils_no_other():
     same(others, run(Study(**study.model_dump() | {"methods": ["sds", "birf"]}), workers=1).assign_attrs(found.attrs))
 
 
+@pytest.mark.slow
 def test_a_method_that_kills_its_worker_does_not_kill_this_process_with_one_trial_left():
     found = run(Study(duration_s=40, trials=1, perturbation="prbs", methods=["sds", Mine("dies")]), workers=2)
     assert [bool(text) for text in found.failure.values.ravel()] == [False, True]

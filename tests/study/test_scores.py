@@ -82,6 +82,7 @@ def test_replicates_of_equal_weights_are_the_metrics_themselves(monkeypatch, ran
         np.testing.assert_allclose(at.replicates, factor * at.value.item(), rtol=1e-9, err_msg=name)
 
 
+@pytest.mark.slow
 def test_standard_errors_are_the_spread_of_repeated_studies(random):
     repeated = [score(made_up(noisy(random, 40))).sel(scenario="cell", method_key="mine") for _ in range(100)]
     told = {name: np.mean([float(one.standard_error.sel(metric=name)) for one in repeated]) for name in UNITS}

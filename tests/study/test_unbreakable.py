@@ -17,6 +17,8 @@ from tests.study.conftest import TIMES
 
 from tvsysid.study import Study, read_results, run
 
+pytestmark = pytest.mark.slow
+
 TRIALS = 80
 TOTAL = 2 * TRIALS
 STUDY = {"duration_s": 40, "methods": ["sds", "birf"], "trials": TRIALS}
@@ -26,7 +28,7 @@ COMMAND += ["--trials", str(TRIALS), "--out", "out"]
 
 @pytest.fixture(scope="module")
 def uninterrupted():
-    return run(Study(**STUDY), workers=2)
+    return run(Study(**STUDY), workers=1)
 
 
 SCRIPT = f"""
@@ -119,7 +121,7 @@ def test_interrupted_with_a_key_and_gone_on_with(tmp_path, uninterrupted):
         assert told, errors
         # It may have been interrupted between writing a trial and counting it.
         assert trials_in(tmp_path) - int(told[1]) in (0, 1)
-    finished(start(tmp_path))
+    finished(start_script(tmp_path))  # draws no figures
     same_to_the_last_bit(tmp_path, uninterrupted)
 
 

@@ -50,12 +50,12 @@ def mean_left(values: Array) -> MeanLeft:
     Parameters
     ----------
     values
-        Shape (realization, time), at least two realizations.
+        Shape (realization, time).
     """
     count = len(values)
     mean, offsets = values.mean(axis=0), values.mean(axis=1)
     size = float(np.sqrt(np.mean(mean**2)))
-    variance = float(np.mean(np.einsum("rt,rt->t", values, values) - count * mean**2)) / (count - 1)
+    variance = float(np.mean(np.einsum("rt,rt->t", values, values) - count * mean**2)) / max(count - 1, 1)
     expected = math.sqrt(max(0.0, variance) / count)
     if count < TOLD_BY_FEW:
         return MeanLeft(size, expected, math.nan, False)

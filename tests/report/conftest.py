@@ -18,7 +18,7 @@ BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
 @pytest.fixture(scope="session")
 def study():
-    """Results with failures and doubts, and a method whose label is no good."""
+    """Results with failures and warnings, and a method whose label is no good."""
     results = results_of(
         [*SQUARE[:2], ("sine", "noise", 150.0, 10.0)], ("eirf", "sds:window=0.2", "kbr", HOSTILE), trials=3
     )
@@ -39,7 +39,7 @@ def page(study, tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def experiment():
-    """An experiment with a recording that failed, a method that did so once, doubts, and remarks."""
+    """An experiment with a recording that failed, a method that did so once, warnings, and remarks."""
     made = experiment_of(methods=("eirf", "birf", "kbr", HOSTILE))
     fail_recording(made.results, "InputError: every file of <P3> is unreadable", recording="P3-prbs")
     fail_recording(made.results, "KernelRegression: no convergence", recording="P1-noise", analysis="kbr-40")

@@ -33,3 +33,7 @@ class Elements(HTMLParser):
 
 def table(elements, caption):
     return next(text for _, text in elements.of("table") if text.startswith(caption))
+
+
+def section(elements, name):
+    return next(text for attrs, text in elements.of("section") if attrs["aria-labelledby"] == name)

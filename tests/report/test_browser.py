@@ -11,9 +11,9 @@ CHECKS = """
   seen.images = [...page.images].map((image) => image.complete && image.naturalWidth > 0);
   const rows = () => [...page.querySelectorAll("#ranking-table tbody tr")];
   const buttons = [...page.querySelectorAll("#ranking-table thead button")];
-  const count = page.getElementById("count");
+  const count = page.querySelector(".chooser [role=status]");
   seen.chosen = [rows().filter((row) => !row.hidden).length, count.textContent];
-  const choice = page.getElementById("scenario");
+  const choice = page.getElementById("ranking-table-choice");
   choice.value = ""; choice.dispatchEvent(new Event("change"));
   seen.all = rows().filter((row) => !row.hidden).length;
   seen.sorted = buttons.map((button, column) => [1, 2].map(() => {

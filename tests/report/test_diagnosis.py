@@ -85,7 +85,7 @@ def test_pictures_are_inside(elements):
 def test_the_command_is_told_if_there_is_one(elements, diagnoses, tmp_path):
     assert [text for _, text in elements.of("pre")] == ["tvsysid inspect ankle.mat --diagnose && echo"]
     write_diagnosis(tmp_path / "page.html", {"clean": diagnoses["clean"]})
-    assert "This page was made by" not in (tmp_path / "page.html").read_text()
+    assert "This command made the page" not in (tmp_path / "page.html").read_text()
 
 
 @pytest.mark.parametrize("given", [{}, {"ankle": None}, "diagnosis"])

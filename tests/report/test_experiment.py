@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from tests.experimental import claims, exclusions_of, experiment_of, fail, results_of, summary_of
 from tests.report.conftest import HOSTILE
-from tests.report.elements import Elements, table
+from tests.report.elements import Elements, section, table
 
 from tvsysid.figures import draw_all
-from tvsysid.report import experiment_troubles, write_experiment_report
-from tvsysid.report.experiment_tables import metrics, outcome, recordings
+from tvsysid.report import problems, write_experiment_report
+from tvsysid.report.experiment import metrics, outcome, recordings
 from tvsysid.studies.van_de_ruit_2021 import COUNTS, experiment_figures
 
 
@@ -20,10 +20,6 @@ def elements(experiment_page):
     elements = Elements(experiment_page.read_text())
     assert elements.open == []
     return elements
-
-
-def section(elements, name):
-    return next(text for attrs, text in elements.of("section") if attrs["aria-labelledby"] == name)
 
 
 def test_nothing_comes_from_elsewhere(experiment_page, elements):
@@ -92,11 +88,11 @@ def test_metrics_are_means_and_deviations_over_participants(experiment, elements
         & (experiment.summary.realizations == 150)
     ].value
     assert f"{rows.mean():.1f} ± {rows.std():.1f}" in text
-    found = metrics(experiment.summary, 6)["rows"]
+    found = metrics(experiment.summary, 6)[0].rows
     assert len(found) == 16
-    failed = {(row["perturbation"], row["method"], row["realizations"]): row["failed"] for row in found}
-    assert failed["filtered noise", "kbr", 40] == 6
-    assert failed["PRBS", "eirf", 75] == 6
+    failed = {(row.cells[1], row.cells[0], row.cells[2].value): row.cells[-1].text for row in found}
+    assert failed["filtered noise", "kbr", 40] == "6 of 18"
+    assert failed["PRBS", "eirf", 75] == "6 of 18"
 
 
 def test_each_participant_by_itself(experiment, elements):
@@ -123,8 +119,7 @@ def test_the_papers_counts_stand_beside_the_papers_numbers_only():
     results = results_of(("S1",), ("steps", "noise"), ("sds",), (30,))
     results["recorded"][:] = 200
     found = recordings(results, exclusions_of(results), COUNTS)
-    assert found["paper"] == []
-    assert found["means"] == []
+    assert not [row for row in found.rows if row.total]
     assert "the paper" not in " ".join(outcome(results, summary_of(results), claims().iloc[:0], COUNTS))
 
 
@@ -143,20 +138,20 @@ def test_remarks_about_files(elements):
     assert len([item for _, item in elements.of("li") if item == "angle is clipped"]) == 1
 
 
-def test_troubles_name_the_recording_or_the_analysis(experiment, elements):
-    text = section(elements, "troubles")
+def test_problems_name_the_recording_or_the_analysis(experiment, elements):
+    text = section(elements, "problems")
     assert "P3-prbs failed 8 of 8 InputError: every file of <P3> is unreadable" in text
     assert "kbr-40 failed 1 of 5 P1-noise: KernelRegression: no convergence" in text
-    assert "birf-75 doubtful 2 of 5 P1-noise: few realizations" in text
-    assert len(experiment_troubles(experiment.results)) == 3
-    assert experiment_troubles(results_of(("P1",), methods=("sds",))) == []
+    assert "birf-75 warning 2 of 5 P1-noise: few realizations" in text
+    assert len(problems(experiment.results)) == 3
+    assert problems(results_of(("P1",), methods=("sds",))) == []
 
 
 def test_draws_that_failed_in_every_analysis_are_no_failed_recording():
     results = results_of(("P1",), ("noise",), ("sds",))
     results["failure"][:] = "2 of 6 draws failed, the first: no"
     results["vaf"][:, :, :2] = np.nan
-    found = [(each["method"], each["count"], each["trials"]) for each in experiment_troubles(results)]
+    found = [(each["method"], each["count"], each["trials"]) for each in problems(results)]
     assert found == [("sds-75", 1, 1), ("sds-150", 1, 1)]
 
 
@@ -188,7 +183,7 @@ def test_what_was_run_and_how_to_do_it_again(elements):
 def test_hostile_labels_are_only_text(experiment_page, elements):
     assert HOSTILE not in experiment_page.read_text()
     assert len(elements.of("script")) == 1
-    assert f"{HOSTILE} A method of the user's own" in section(elements, "methods")
+    assert f"{HOSTILE} This is your own method" in section(elements, "methods")
 
 
 @pytest.mark.parametrize("truth", [True, False])
@@ -202,8 +197,8 @@ def test_one_record_without_claims_figures_command_or_attributes(tmp_path, truth
     elements = Elements((tmp_path / "report.html").read_text())
     text = elements.of("main")[0][1]
     assert "nan" not in text
-    assert "None was looked at." in text
-    assert "Nothing was left out, and nothing was doubtful." in text
+    assert "No claim was examined." in text
+    assert "Nothing was left out, and there were no warnings." in text
     assert "6 identifications in all, of which none failed" in text
     assert "perturbation: steps" in table(elements, "Metrics of each method")
     assert "the paper’s" not in text

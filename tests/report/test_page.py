@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 import xarray as xr
 from tests.report.conftest import HOSTILE
-from tests.report.elements import Elements, table
+from tests.report.elements import Elements, section, table
 from tests.synthetic import claims, results_of, summary_of
 
 from tvsysid.figures import draw_all
 from tvsysid.methods import names
 from tvsysid.report import write_report
-from tvsysid.report.page import _content
-from tvsysid.report.tables import main_scenario, outcome, scenarios
+from tvsysid.report.sections import methods_section
+from tvsysid.report.study import main_scenario, outcome, traits_of
 from tvsysid.studies.van_de_ruit_2021 import study_figures
 
 
@@ -68,12 +68,12 @@ def test_figures_are_inside_with_their_descriptions(elements, study):
 def test_hostile_labels_are_only_text(page, elements):
     assert HOSTILE not in page.read_text()
     assert len(elements.of("script")) == 1
-    assert f"{HOSTILE} A method of the user's own" in elements.of("section")[5][1]
+    assert f"{HOSTILE} This is your own method" in section(elements, "methods")
 
 
 def test_ranking_has_every_method_in_every_scenario(elements, study):
     results, summary = study
-    rows = [attrs for attrs, _ in elements.of("tr") if "data-scenario" in attrs]
+    rows = [attrs for attrs, _ in elements.of("tr") if "data-group" in attrs]
     assert len(rows) == results.sizes["scenario"] * results.sizes["method_key"]
     text = table(elements, "Metrics of each method")
     for heading in (
@@ -99,12 +99,12 @@ def test_claims_with_verdicts_in_words_and_symbols(elements):
     assert "nan" not in text
 
 
-def test_assumptions_failures_and_doubts(elements):
-    sections = [text for _, text in elements.of("section")]
-    assert "sds:window=0.2: Short data segments" in sections[5]
-    assert "Behaviour is the same in all realizations." in sections[5]
-    assert "kbr failed 9 of 9 KernelRegression: the record is <too short>" in sections[6]
-    assert "eirf doubtful 2 of 9 few realizations" in sections[6]
+def test_assumptions_failures_and_warnings(elements):
+    assert "sds:window=0.2: Short data segments" in section(elements, "methods")
+    assert "Behaviour is the same in all realizations." in section(elements, "methods")
+    text = section(elements, "problems")
+    assert "kbr failed 9 of 9 KernelRegression: the record is <too short>" in text
+    assert "eirf warning 2 of 9 few realizations" in text
 
 
 def test_what_was_run_can_be_run_again(elements, study):
@@ -117,7 +117,7 @@ def test_what_was_run_can_be_run_again(elements, study):
 
 def test_outcome_says_who_is_best_and_how_surely(study):
     results, summary = study
-    label = main_scenario(scenarios(results))
+    label = main_scenario(traits_of(results))
     rows = summary[(summary.scenario == label) & (summary.metric == "bias_error")]
     best = rows.loc[rows.value.idxmin()]
     first, second, third = outcome(results, summary, claims())
@@ -140,7 +140,7 @@ def test_one_trial_without_claims_figures_command_or_attributes(tmp_path):
     results.attrs = {}
     write_report(tmp_path / "report.html", results, summary_of(results), claims().iloc[:0], {})
     elements = Elements((tmp_path / "report.html").read_text())
-    assert "None was looked at." in elements.of("main")[0][1]
+    assert "No claim was examined." in elements.of("main")[0][1]
     assert "1 scenario with 1 trial each" in elements.of("main")[0][1]
     assert "nan" not in elements.of("main")[0][1]
     assert [text for _, text in elements.of("h3")] == ["esm: Ensemble spectral method"]
@@ -149,16 +149,19 @@ def test_one_trial_without_claims_figures_command_or_attributes(tmp_path):
 def test_a_report_appears_whole_or_not_at_all(tmp_path, study):
     class Broken:
         title = description = "broken"
+        svg = None
 
-    with pytest.raises(AttributeError):
+    with pytest.raises(TypeError):
         write_report(tmp_path / "report.html", *study, claims(), {"broken": Broken()})
     assert list(tmp_path.iterdir()) == []
 
 
 def test_all_methods_of_the_package_are_explained():
-    results = results_of([("square", "noise", 150.0, 10.0)], names(), 2)
-    told = _content(results, summary_of(results), claims(), {}, "")["methods"]
-    assert all(method["title"] and method["assumptions"] for method in told)
+    blocks = methods_section(names()).blocks
+    assert len(blocks) == 2 * len(names())
+    for name, heading, assumptions in zip(names(), blocks[::2], blocks[1::2], strict=True):
+        assert heading.text.startswith(f"{name}: ")
+        assert assumptions.items
 
 
 def test_results_from_a_store_give_the_same_page(tmp_path, study):
@@ -185,4 +188,4 @@ def test_constant_and_covarying_viscosity_in_one_study(tmp_path):
     text = table(elements, "Metrics of each method")
     assert "viscosity" in text
     assert "covarying" in text
-    assert "In all: square-wave stiffness, filtered noise, 150 s, 10 dB." in text
+    assert "The same in all: square-wave stiffness, filtered noise, 150 s, 10 dB." in text

@@ -172,7 +172,7 @@ def write_study(results: Any, out: Path, command: str) -> bool:
     """Write tables, figures and report, and print the essence; whether every method gave a result in every trial."""
     from tvsysid.figures import draw_all
     from tvsysid.recordings import whole_file
-    from tvsysid.report import write_report
+    from tvsysid.report import problems, write_report
     from tvsysid.studies.van_de_ruit_2021 import example_responses, judge, study_figures
     from tvsysid.study import cores, score, summarize
 
@@ -197,16 +197,9 @@ def write_study(results: Any, out: Path, command: str) -> bool:
     if (claims.verdict != "not studied").any():
         show_claims(claims, "simulations", "other scenarios: --preset paper, snr, viscosity")
     _show_times(results)
-    complete = _print_troubles(results)
+    complete = print_met(results, problems(results), "trials", "trials")
     say_written(out, ["report.html", "summary.csv", "claims.csv", f"figures/ ({len(illustrations)})", STORE])
     return complete
-
-
-def _print_troubles(results: Any) -> bool:
-    """Print doubts, failures and missing trials; whether no method failed."""
-    from tvsysid.report import troubles
-
-    return print_met(results, troubles(results), "trials", "trials")
 
 
 def _scenario_title(row: Any) -> str:

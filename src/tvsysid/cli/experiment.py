@@ -125,7 +125,7 @@ def write_experiment(experiment: Any, results: Any, prepared: Any, out: Path, co
 
     from tvsysid.quality import diagnose
     from tvsysid.recordings import whole_file, write_ensemble
-    from tvsysid.report import experiment_troubles, write_diagnosis, write_experiment_report
+    from tvsysid.report import problems, write_diagnosis, write_experiment_report
     from tvsysid.studies.van_de_ruit_2021 import COUNTS, judge
     from tvsysid.study import cores, exclusions, stiffness_over_time, summarize
 
@@ -155,7 +155,7 @@ def write_experiment(experiment: Any, results: Any, prepared: Any, out: Path, co
     if claims.verdict.isin(["holds", "does not hold"]).any():
         show_claims(claims, "experiment", "what the report says")
     labels = set(results.recording.values.tolist())  # those that failed altogether were told before
-    met = [trouble for trouble in experiment_troubles(results) if trouble["method"] not in labels]
+    met = [problem for problem in problems(results) if problem["method"] not in labels]
     complete = print_met(results, met, "analyses", "recordings") and not any(item.failure for item in prepared)
     for label, diagnosis in diagnoses.items():
         if diagnosis.findings:

@@ -16,6 +16,8 @@ from tvsysid.errors import InputError
 if TYPE_CHECKING:
     import pandas as pd
 
+    from tvsysid.report.sections import Problem
+
 INTERRUPTED = 130
 """Exit code after Ctrl-C."""
 STORE = "results.zarr"
@@ -93,18 +95,18 @@ def _executor(scheduler: str | None) -> Iterator[tuple[Any, int | None]]:
         yield client.get_executor(pure=False), threads
 
 
-def print_met(results: Any, met: list[dict[str, Any]], units: str, counted: str) -> bool:
+def print_met(results: Any, met: list[Problem], units: str, counted: str) -> bool:
     """Print failures, warnings and what is missing; return whether no method failed."""
     there = results.checksums.values.any(axis=-1)
     if not there.all():
         text = f"{there.sum()} of {there.size} {units} are done so far; the command that started them resumes"
         remark("warning", text)
-    for trouble in met:
-        failed = trouble["kind"] == "failed"
+    for problem in met:
+        failed = problem["kind"] == "failed"
         what = "failed and are left out" if failed else "gave warnings"
         text = "{method}: {count} of {trials} {counted} {what}; the first: {first}"
-        remark("error" if failed else "warning", text.format(what=what, counted=counted, **trouble))
-    return not any(trouble["kind"] == "failed" for trouble in met)
+        remark("error" if failed else "warning", text.format(what=what, counted=counted, **problem))
+    return not any(problem["kind"] == "failed" for problem in met)
 
 
 def show_claims(claims: pd.DataFrame, of: str, need: str) -> None:

@@ -2,15 +2,7 @@
 
 from tvsysid.report.diagnosis import diagnosis_section, write_diagnosis
 from tvsysid.report.experiment import write_experiment_report
-from tvsysid.report.experiment_tables import experiment_troubles
-from tvsysid.report.page import write_report
-from tvsysid.report.tables import troubles
+from tvsysid.report.sections import problems
+from tvsysid.report.study import write_report
 
-__all__ = [
-    "diagnosis_section",
-    "experiment_troubles",
-    "troubles",
-    "write_diagnosis",
-    "write_experiment_report",
-    "write_report",
-]
+__all__ = ["diagnosis_section", "problems", "write_diagnosis", "write_experiment_report", "write_report"]

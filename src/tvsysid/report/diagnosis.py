@@ -5,16 +5,48 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
-from tvsysid import __version__
 from tvsysid.errors import InputError
-from tvsysid.figures import diagnosis_illustration, draw_all
-from tvsysid.quality import Diagnosis, Finding
-from tvsysid.report.rendering import embedded_one, filled, write_page
-from tvsysid.report.tables import number
+from tvsysid.figures import Picture, diagnosis_illustration, draw_all
+from tvsysid.figures.words import count
+from tvsysid.quality import Diagnosis
+from tvsysid.report.page import (
+    Block,
+    Box,
+    Code,
+    Column,
+    Figure,
+    Heading,
+    Page,
+    Row,
+    Section,
+    Table,
+    html,
+    number,
+    write_page,
+)
 
 SYMBOLS = {"found": "✗", "uncertain": "?", "in order": "✓", "not judged": "–"}
+HOW = (
+    "A joint of second order, with stiffness and viscosity free in bins of 50 ms, is fitted to the deviations from the "
+    "mean over realizations. What it explains tells of units, signs and rates; what it does not explain tells of "
+    "reflexes, feedback and lost signals; how both vary over realizations tells of drift and misalignment."
+)
+FOUND = (
+    Column("found", kind="label"),
+    Column("what was seen", kind="long"),
+    Column("how strong"),
+    Column("what it does to the result", kind="long"),
+    Column("what to do", kind="long"),
+)
+CHECKED = (
+    Column("what", kind="label"),
+    Column("verdict", kind="verdict"),
+    Column("how strong"),
+    Column("what was seen", kind="long"),
+    Column("what its number is", kind="long"),
+)
+MEASURED = (Column("measure"), Column("value", kind="number"), Column("unit"))
 
 
 def write_diagnosis(path: str | Path, diagnoses: Mapping[str, Diagnosis], command: str = "", workers: int = 1) -> None:
@@ -36,8 +68,24 @@ def write_diagnosis(path: str | Path, diagnoses: Mapping[str, Diagnosis], comman
     InputError
         For what is no mapping of names to diagnoses, and for none.
     """
-    content = {**_content(diagnoses, workers), "command": command, "version": __version__}
-    write_page(path, "diagnosis.html", content)
+    from markupsafe import Markup  # noqa: PLC0415  # only a page needs it
+
+    blocks = _blocks(diagnoses, workers)
+    lines = []
+    for (name, each), anchor in zip(diagnoses.items(), _anchors(diagnoses), strict=True):
+        found = "; ".join(f"{_lower(one.fault.title)} ({one.strength})" for one in each.findings)
+        text = f"{each.verdict}{': ' if found else ''}{found}."
+        lines.append(Markup('<a href="#{}">{}</a>: {}').format(anchor, name, text))
+    sections = [
+        Section("outcome", "Outcome", [Box(lines), HOW]),
+        Section("seen", "What was seen", blocks),
+    ]
+    if command:
+        sections.append(Section("again", "How to repeat it", ["This command made the page:", Code("Command", command)]))
+    title = f"Diagnosis of {next(iter(diagnoses))}" if len(diagnoses) == 1 else "Diagnosis"
+    ensembles = count(len(diagnoses), "ensemble")
+    subtitle = f"What may be wrong with {ensembles} of realizations, before stiffness is identified."
+    write_page(path, Page(title, subtitle, sections))
 
 
 def diagnosis_section(diagnoses: Mapping[str, Diagnosis]) -> str:
@@ -53,10 +101,10 @@ def diagnosis_section(diagnoses: Mapping[str, Diagnosis]) -> str:
     str
         HTML, escaped, whose headings are of the third and fourth level; it takes the style of the report's pages.
     """
-    return filled("diagnosis_section.html", _content(diagnoses))
+    return html(_blocks(diagnoses, 1))
 
 
-def _content(diagnoses: Mapping[str, Diagnosis], workers: int = 1) -> dict[str, Any]:
+def _blocks(diagnoses: Mapping[str, Diagnosis], workers: int) -> list[Block]:
     if not isinstance(diagnoses, Mapping) or not all(isinstance(each, Diagnosis) for each in diagnoses.values()):
         raise InputError(
             f"write_diagnosis: expected diagnoses by name, got {type(diagnoses).__name__}; give "
@@ -65,30 +113,44 @@ def _content(diagnoses: Mapping[str, Diagnosis], workers: int = 1) -> dict[str, 
     if not diagnoses:
         raise InputError("write_diagnosis: expected diagnoses by name, got none; give {'ankle': diagnosis}")
     pictures = draw_all({name: diagnosis_illustration(each, name) for name, each in diagnoses.items()}, None, workers)
-    return {
-        "diagnoses": [
-            {
-                "name": name,
-                "anchor": f"diagnosis-{index}",
-                "ensemble": each.ensemble,
-                "verdict": each.verdict,
-                "notes": each.notes,
-                "findings": [_row(check) for check in each.findings],
-                "checks": [_row(check) for check in each.checks],
-                "measures": [
-                    (key, number(value).text, "" if unit == "1" else unit) for key, (value, unit) in _known(each)
-                ],
-                "figure": embedded_one(pictures[name]),
-            }
-            for index, (name, each) in enumerate(diagnoses.items(), start=1)
-        ]
-    }
+    each = zip(diagnoses.items(), _anchors(diagnoses), strict=True)
+    return [block for (name, diagnosis), anchor in each for block in _one(name, diagnosis, anchor, pictures[name])]
 
 
-def _known(diagnosis: Diagnosis) -> list[tuple[str, tuple[float, str]]]:
-    return [(key, measure) for key, measure in diagnosis.measures.items() if math.isfinite(measure[0])]
+def _anchors(diagnoses: Mapping[str, Diagnosis]) -> list[str]:
+    return [f"diagnosis-{number}" for number in range(1, len(diagnoses) + 1)]
 
 
-def _row(finding: Finding) -> dict[str, Any]:
-    row = {name: getattr(finding, name) for name in ("name", "what", "state", "strength")}
-    return row | finding.fault._asdict() | {"symbol": SYMBOLS[finding.state]}
+def _one(name: str, diagnosis: Diagnosis, anchor: str, picture: Picture) -> list[Block]:
+    """Blocks about one ensemble."""
+    found = [
+        Row((f"{each.fault.title} ({each.name})", each.what, each.strength, each.fault.effect, each.fault.remedy))
+        for each in diagnosis.findings
+    ]
+    checks = [
+        Row((each.name, f"{SYMBOLS[each.state]} {each.state}", each.strength, each.what, each.fault.measure))
+        for each in diagnosis.checks
+    ]
+    measures = [
+        Row((key, number(value).text, "" if unit == "1" else unit))
+        for key, (value, unit) in diagnosis.measures.items()
+        if math.isfinite(value)
+    ]
+    caption = f"What was found in {name}, what it does to the result, and what to do."
+    looked_at = f"All that was looked at in {name}"
+    limits = "Everything that was looked for. What is found is beyond its limit, and significant (p < 0.00001)."
+    values = f"Useful values about {name}; its impedance is taken as constant over time, and fitted by least squares."
+    return [
+        Heading(name, anchor),
+        f"{diagnosis.ensemble}: {diagnosis.verdict}.",
+        *(f"{line[:1].upper()}{line[1:]}." for line in diagnosis.notes),
+        *([Table(f"Findings in {name}", caption, FOUND, found)] if found else []),
+        Figure(f"{anchor}-figure", picture),
+        Heading(looked_at, f"{anchor}-checks", 4),
+        Table(looked_at, limits, CHECKED, checks),
+        Table(f"Values about {name}", values, MEASURED, measures),
+    ]
+
+
+def _lower(title: str) -> str:
+    return title[:1].lower() + title[1:]

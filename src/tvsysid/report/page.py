@@ -1,92 +1,240 @@
-"""The page of a simulation study."""
+"""What a page is made of, and how it becomes a file: sections of text, tables and pictures."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping
+import base64
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import tomli_w
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 from tvsysid import __version__
 from tvsysid.figures import Picture
-from tvsysid.report import tables
-from tvsysid.report.rendering import embedded, settings_of, words, write_page
+from tvsysid.recordings import whole_file
 
 if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
-
-OBJECT = re.compile(r"\w+\(.*\)")
-"""Label of a method that was given as an object, which no file can name."""
-SETTINGS = {
-    "stiffness": "stiffness profiles",
-    "perturbation": "perturbations",
-    "duration_s": "data (s)",
-    "snr_db": "signal-to-noise ratio of the torque (dB)",
-    "methods": "methods",
-    "trials": "trials of each scenario",
-    "seed": "seed",
-    "viscosity": "viscosity",
-}
+    from jinja2 import Template
 
 
-def write_report(
-    path: str | Path,
-    results: xr.Dataset,
-    summary: pd.DataFrame,
-    claims: pd.DataFrame,
-    pictures: Mapping[str, Picture],
-    command: str = "",
-) -> None:
-    """Write one HTML file that holds all of a study's outcome and needs nothing else.
+@dataclass(frozen=True)
+class Cell:
+    """A number as text, and for sorting; ``value`` is None where there is none."""
+
+    text: str
+    value: float | None
+
+
+@dataclass(frozen=True)
+class Column:
+    """Column of a table.
 
     Parameters
     ----------
-    path
-        Of the file, which appears whole or not at all.
-    results
-        As of :func:`tvsysid.study.run`.
-    summary
-        Of these results, as of :func:`tvsysid.study.summarize`.
-    claims
-        What the paper says and whether it holds here; may have no rows.
-    pictures
-        As of :func:`tvsysid.figures.draw_all`.
-    command
-        What was typed to run the study; the page says nothing of it if empty.
+    heading
+        What it holds.
+    unit
+        In brackets below the heading.
+    kind
+        ``"number"`` is set to the right, ``"label"`` may be broken anywhere, ``"long"`` is wide, ``"verdict"`` is bold.
     """
-    write_page(path, "page.html", _content(results, summary, claims, pictures, command))
+
+    heading: str
+    unit: str = ""
+    kind: Literal["", "number", "label", "long", "verdict"] = ""
 
 
-def _content(
-    results: xr.Dataset,
-    summary: pd.DataFrame,
-    claims: pd.DataFrame,
-    pictures: Mapping[str, Picture],
-    command: str,
-) -> dict[str, Any]:
-    """What the template is filled with."""
-    study = settings_of(results, "study")
-    there = results.checksums.values.any(axis=-1)
-    known = results.failure.values[there]
-    return {
-        "outcome": tables.outcome(results, summary, claims),
-        "sizes": {str(name): size for name, size in results.sizes.items()},
-        "unfinished": [int(there.sum()), there.size] if not there.all() else None,
-        "identifications": known.size,
-        "failed": sum(text != "" for text in known.ravel()),
-        "version": settings_of(results, "versions").get("tvsysid", __version__),
-        "versions": {name: each for name, each in settings_of(results, "versions").items() if name != "tvsysid"},
-        "machine": results.attrs.get("machine", ""),
-        "seconds": round(float(results.seconds.sum() + results.stage_seconds.sum())),
-        "settings": {SETTINGS.get(name, name.replace("_", " ")): words(value) for name, value in study.items()},
-        "ranking": tables.ranking(results, summary),
-        "figures": embedded(pictures),
-        "claims": tables.claim_rows(claims),
-        "methods": tables.methods(map(str, results.method_key.values)),
-        "troubles": tables.troubles(results),
-        "command": command,
-        "toml": "" if any(OBJECT.fullmatch(label) for label in study.get("methods", ())) else tomli_w.dumps(study),
-    }
+@dataclass(frozen=True)
+class Row:
+    """Row of a table; its first cell is its heading.
+
+    Parameters
+    ----------
+    cells
+        One for each column: text, a number, or a :class:`Cell`.
+    group
+        What it belongs to, if the table can be narrowed down.
+    total
+        Whether it sums up others.
+    """
+
+    cells: Sequence[Cell | str | float]
+    group: str = ""
+    total: bool = False
+
+
+@dataclass(frozen=True)
+class Table:
+    """Table with a caption.
+
+    Parameters
+    ----------
+    label
+        What a screen reader calls it.
+    caption
+        Full sentences.
+    columns, rows
+        What it holds.
+    anchor
+        Its identifier.
+    sortable
+        Whether a click on a heading sorts it.
+    narrow
+        Whether headings of numbers may be broken.
+    groups
+        Words for each group of rows, by its name; the reader chooses one or all.
+    chosen
+        Group that is shown first.
+    """
+
+    kind: ClassVar = "table"
+    label: str
+    caption: str
+    columns: Sequence[Column]
+    rows: Sequence[Row]
+    anchor: str = ""
+    sortable: bool = False
+    narrow: bool = False
+    groups: Mapping[str, str] = field(default_factory=dict)
+    chosen: str = ""
+
+
+@dataclass(frozen=True)
+class Heading:
+    """Heading within a section."""
+
+    kind: ClassVar = "heading"
+    text: str
+    anchor: str = ""
+    level: int = 3
+
+
+@dataclass(frozen=True)
+class Bullets:
+    """List of short texts."""
+
+    kind: ClassVar = "bullets"
+    items: Sequence[str]
+
+
+@dataclass(frozen=True)
+class Box:
+    """Paragraphs that stand out."""
+
+    kind: ClassVar = "box"
+    paragraphs: Sequence[str]
+
+
+@dataclass(frozen=True)
+class Code:
+    """Something to type, with what a screen reader calls it."""
+
+    kind: ClassVar = "code"
+    label: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Fold:
+    """Blocks that are shown on demand."""
+
+    kind: ClassVar = "fold"
+    summary: str
+    blocks: Sequence[Block]
+
+
+@dataclass(frozen=True)
+class Figure:
+    """Picture with its title and description; a number of 0 is not told."""
+
+    kind: ClassVar = "figure"
+    anchor: str
+    picture: Picture
+    number: int = 0
+
+    @property
+    def source(self) -> str:
+        """The picture itself as the address of an image."""
+        return "data:image/svg+xml;base64," + base64.b64encode(self.picture.svg).decode()
+
+
+Block = str | Table | Heading | Bullets | Box | Code | Fold | Figure
+"""A piece of a section; text is a paragraph, escaped unless it is ``markupsafe.Markup``."""
+
+
+@dataclass(frozen=True)
+class Section:
+    """Part of a page with a heading; ``contents`` is what the page's contents call it, if not the same."""
+
+    anchor: str
+    title: str
+    blocks: Sequence[Block]
+    contents: str = ""
+    wide: bool = False
+
+
+@dataclass(frozen=True)
+class Page:
+    """A whole page.
+
+    Parameters
+    ----------
+    title, subtitle
+        What it is about, and in one sentence what it says of that.
+    sections
+        In order.
+    version
+        Of this package when the results came about.
+    """
+
+    title: str
+    subtitle: str
+    sections: Sequence[Section]
+    version: str = __version__
+
+    @property
+    def sortable(self) -> bool:
+        """Whether it has a table that can be sorted."""
+        return any(isinstance(block, Table) and block.sortable for part in self.sections for block in part.blocks)
+
+
+def write_page(path: str | Path, page: Page) -> None:
+    """Write a page as one HTML file, which appears whole or not at all and needs nothing else."""
+    content = _template("base.html").render(page=page)
+    with whole_file(path) as temporary:
+        temporary.write_text(content, encoding="utf-8")
+
+
+def html(blocks: Iterable[Block]) -> str:
+    """Blocks as part of another page, escaped; they take the style of this package's pages."""
+    show = getattr(_template("blocks.html").module, "show")  # noqa: B009  # a macro
+    return "".join(str(show(block)) for block in blocks)
+
+
+def _template(name: str) -> Template:
+    from jinja2 import Environment, PackageLoader, StrictUndefined  # noqa: PLC0415  # heavy
+
+    environment = Environment(
+        loader=PackageLoader("tvsysid.report", ""),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template(name)
+
+
+def number(value: float, error: float = math.nan, decimals: int | None = None) -> Cell:
+    """Value ± standard error with so many decimals, or to three digits.
+
+    Examples
+    --------
+    >>> number(9.8765, 0.1234, 2).text, number(1234.5).text, number(float("nan")).text
+    ('9.88 ± 0.12', '1230', '–')
+    """
+    if not math.isfinite(value):
+        return Cell("–", None)
+    if decimals is None:
+        decimals = 2 - math.floor(math.log10(abs(value))) if value else 0
+    texts = [f"{round(each, decimals):.{max(decimals, 0)}f}" for each in (value, error) if math.isfinite(each)]
+    return Cell(" ± ".join(texts).replace("-", "−"), value)

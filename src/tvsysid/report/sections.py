@@ -1,0 +1,240 @@
+"""Sections that the page of every study has, and what they are made of."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any, TypedDict
+
+import numpy as np
+
+from tvsysid import __version__
+from tvsysid.figures import Picture
+from tvsysid.figures.results import warnings_of
+from tvsysid.figures.words import count
+from tvsysid.methods import METHODS
+from tvsysid.report.page import Block, Bullets, Code, Column, Figure, Fold, Heading, Row, Section, Table, number
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+SYMBOLS = {"holds": "✓", "does not hold": "✗", "undecided": "?", "not studied": "–"}
+
+
+class Problem(TypedDict):
+    """Identifications of one method that failed or gave warnings."""
+
+    method: str
+    kind: str
+    count: int
+    trials: int
+    first: str
+
+
+def problems(results: xr.Dataset) -> list[Problem]:
+    """What failed or gave warnings: how often, and the first reason.
+
+    Parameters
+    ----------
+    results
+        Of a simulation study or an experiment: ``failure`` and the warnings are empty texts where there is none.
+
+    Returns
+    -------
+    list
+        A dict for each: ``method`` (label of the method, of the analysis, or of a recording of which nothing could be
+        identified), ``kind`` (``"failed"`` or ``"warning"``), ``count`` of how many ``trials``, and the ``first``
+        reason.
+    """
+    found: list[Problem] = []
+    if "recording" not in results.dims:
+        trials = int(results.checksums.any("variable").sum())
+        for label in map(str, results.method_key.values):
+            for kind, texts in _texts(results, method_key=label):
+                reasons = [str(text) for text in texts.values.ravel() if text]
+                if reasons:
+                    found.append(_problem(label, kind, reasons, trials))
+        return found
+    failure = results.failure.transpose("recording", "analysis").values
+    numbers = np.isfinite(results.vaf.transpose("recording", ...).values)
+    lost = (failure != "").all(axis=1) & ~numbers.any(axis=(1, 2))
+    for label, reasons in zip(results.recording.values[lost], failure[lost], strict=True):
+        found.append(_problem(str(label), "failed", [str(reason) for reason in reasons], len(reasons)))
+    left = results.isel(recording=~lost)
+    for label in map(str, left.analysis.values):
+        for kind, texts in _texts(left, analysis=label):
+            pairs = zip(left.recording.values, texts.values, strict=True)
+            reasons = [f"{recording}: {text}" for recording, text in pairs if text]
+            if reasons:
+                found.append(_problem(label, kind, reasons, left.sizes["recording"]))
+    return found
+
+
+def _texts(results: xr.Dataset, **where: str) -> Iterator[tuple[str, xr.DataArray]]:
+    yield "failed", results.failure.sel(where)
+    yield "warning", warnings_of(results).sel(where)
+
+
+def _problem(method: str, kind: str, reasons: list[str], trials: int) -> Problem:
+    return {"method": method, "kind": kind, "count": len(reasons), "trials": trials, "first": reasons[0]}
+
+
+def problems_section(found: Iterable[Problem], what: str) -> Section:
+    """Failures and warnings of a study."""
+    rows = [
+        Row((each["method"], each["kind"], f"{each['count']} of {each['trials']}", each["first"])) for each in found
+    ]
+    columns = (
+        Column(what, kind="label"),
+        Column("what"),
+        Column("how many", kind="number"),
+        Column("first reason", kind="long"),
+    )
+    caption = "Identifications that failed are left out of the metrics; those that gave a warning count."
+    table = Table("Failures and warnings", caption, columns, rows)
+    blocks = [table] if rows else ["No identification failed, and none gave a warning."]
+    return Section("problems", "Failures and warnings", blocks)
+
+
+def claims_section(claims: pd.DataFrame, caption: str, fold: bool = False) -> Section:
+    """What a paper claims, and whether the study confirms it; claims that it does not bear on may be folded away."""
+    folded = claims[claims.verdict == "not studied"] if fold else claims[:0]
+    shown = claims.drop(folded.index)
+    blocks: list[Block] = [_claims("Claims of the paper", caption, shown)] if len(shown) else ["No claim was examined."]
+    if len(folded):
+        table = _claims("Claims that were not studied", "Claims that these recordings do not bear on.", folded)
+        blocks.append(Fold(f"{count(len(folded), 'claim')} not studied, and why", [table]))
+    return Section("claims", "Claims of the paper", blocks, contents="Claims")
+
+
+def _claims(label: str, caption: str, claims: pd.DataFrame) -> Table:
+    rows = []
+    for claim in claims.fillna({"remark": "", "finding": "", "source": "", "unit": ""}).to_dict("records"):
+        low, high, estimate = (number(float(claim[name])) for name in ("low", "high", "estimate"))
+        limits = f"{low.text} to {high.text}" if low.value is not None and high.value is not None else ""
+        verdict = f"{SYMBOLS.get(claim['verdict'], '')} {claim['verdict']}".strip()
+        said = f"{claim['claim']} ({claim['source']})"
+        rows.append(Row((said, verdict, claim["finding"], estimate.text, limits, claim["unit"], claim["remark"])))
+    columns = (
+        Column("claim", kind="long"),
+        Column("verdict", kind="verdict"),
+        Column("finding", kind="long"),
+        Column("estimate", kind="number"),
+        Column("limits", kind="number"),
+        Column("unit"),
+        Column("remark", kind="long"),
+    )
+    return Table(label, caption, columns, rows)
+
+
+def verdicts(claims: pd.DataFrame) -> list[str]:
+    """How many claims hold, in a sentence; none if there are no claims."""
+    if not len(claims):
+        return []
+    counts = claims.verdict.value_counts()
+    parts = ", ".join(f"{verdict}: {counts[verdict]}" for verdict in SYMBOLS if verdict in counts)
+    return [f"Of {len(claims)} claims of the paper: {parts}."]
+
+
+def methods_section(labels: Iterable[str]) -> Section:
+    """What each method is called and assumes; nothing is known of those that are not this package's."""
+    blocks: list[Block] = []
+    for label in labels:
+        method = METHODS.get(label.partition(":")[0])
+        if method is None:
+            blocks += [Heading(label), "This is your own method: its assumptions are not known here."]
+        else:
+            blocks += [Heading(f"{label}: {method.title}"), Bullets(method.assumptions)]
+    return Section("methods", "What each method assumes", blocks, contents="Assumptions")
+
+
+def run_section(results: xr.Dataset, settings: Mapping[str, Any], seconds: float, failed: str) -> Section:
+    """Settings of a study, and where it ran."""
+    versions = settings_of(results, "versions")
+    rows = [(name, in_words(value)) for name, value in settings.items()]
+    rows.append(("version of tvsysid", version_of(results)))
+    rows += [(f"version of {name}", str(each)) for name, each in versions.items() if name != "tvsysid"]
+    if results.attrs.get("machine"):
+        rows.append(("machine", str(results.attrs["machine"])))
+    rows += [("computing time", f"{round(seconds):,} s on one core"), ("failed identifications", failed)]
+    columns = (Column("setting"), Column("value"))
+    caption = "Settings of the study, and the machine that it ran on."
+    return Section("run", "What was run", [Table("What was run", caption, columns, [Row(row) for row in rows])])
+
+
+def again_section(command: str, selection: str, toml: str = "", same: str = "") -> Section:
+    """How to repeat a study, and how to read its results in Python."""
+    blocks: list[Block] = []
+    if command:
+        blocks += ["This command made the page:", Code("Command", command)]
+    if toml:
+        again = "The study as TOML. The same settings and version give the same numbers, except for computing times:"
+        blocks += [again, Code("Study as TOML", toml)]
+    if same:
+        blocks.append(same)
+    reading = f'import xarray as xr\n\nresults = xr.open_zarr("results.zarr")\n{selection}'
+    blocks += [
+        "All results are in the folder results.zarr beside this page. To read them in Python:",
+        Code("Reading the results", reading),
+    ]
+    return Section("again", "How to repeat it", blocks)
+
+
+def numbered(pictures: Mapping[str, Picture], first: int = 1) -> list[Block]:
+    """Pictures as the figures of a page."""
+    return [Figure(stem, picture, place) for place, (stem, picture) in enumerate(pictures.items(), start=first)]
+
+
+def metrics_there(summary: pd.DataFrame, metrics: Mapping[str, Any]) -> list[str]:
+    """Metrics that have a value somewhere, in their order."""
+    known = summary[np.isfinite(summary.value.astype(float))]
+    return [name for name in metrics if (known.metric == name).any()]
+
+
+def version_of(results: xr.Dataset) -> str:
+    """Version of this package when the results came about."""
+    return str(settings_of(results, "versions").get("tvsysid", __version__))
+
+
+def unfinished(results: xr.Dataset, what: str) -> list[str]:
+    """How much of a study is missing, in a sentence; none if it is complete."""
+    from markupsafe import Markup  # noqa: PLC0415  # only a page needs it
+
+    there = results.checksums.values.any(axis=-1)
+    if there.all():
+        return []
+    text = "<strong>The study is not finished:</strong> {} of {} {} are there."
+    return [Markup(text).format(int(there.sum()), there.size, what)]
+
+
+def settings_of(results: xr.Dataset, name: str) -> dict[str, Any]:
+    """Attribute that holds settings as JSON text; empty where it is missing or is something else."""
+    try:
+        settings = json.loads(results.attrs.get(name, "{}"))
+    except (TypeError, ValueError):
+        return {}
+    return settings if isinstance(settings, dict) else {}
+
+
+def in_words(value: Any) -> str:
+    """Setting as text.
+
+    Examples
+    --------
+    >>> in_words([1.0, "eirf", None]), in_words({"alignment": 2})
+    ('1, eirf, none', 'alignment 2')
+    """
+    if isinstance(value, list):
+        return ", ".join(map(in_words, value))
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {in_words(each)}" for name, each in value.items())
+    if value is None:
+        return "none"
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def finite(value: float) -> float:
+    """Value, or 0 where it is not known."""
+    return value if math.isfinite(value) else 0.0

@@ -1,0 +1,232 @@
+"""The page of a simulation study."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import tomli_w
+
+from tvsysid.figures import Picture
+from tvsysid.figures.words import TRAITS, count, described, trait
+from tvsysid.report.page import Box, Cell, Column, Page, Row, Section, Table, number, write_page
+from tvsysid.report.sections import (
+    again_section,
+    claims_section,
+    finite,
+    methods_section,
+    metrics_there,
+    numbered,
+    problems,
+    problems_section,
+    run_section,
+    settings_of,
+    unfinished,
+    verdicts,
+    version_of,
+)
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+OBJECT = re.compile(r"\w+\(.*\)")
+"""Label of a method that was given as an object, which no file can name."""
+SETTINGS = {
+    "stiffness": "stiffness profiles",
+    "perturbation": "perturbations",
+    "duration_s": "data (s)",
+    "snr_db": "signal-to-noise ratio of the torque (dB)",
+    "methods": "methods",
+    "trials": "trials of each scenario",
+    "seed": "seed",
+    "viscosity": "viscosity",
+}
+RANKED = {
+    "bias_error": ("bias error", "N·m/rad", 2),
+    "random_error": ("random error", "N·m/rad", 2),
+    "total_error": ("total error", "N·m/rad", 2),
+    "rise_time": ("rise time", "s", 3),
+    "vaf": ("VAF", "%", 2),
+    "bandpassed_vaf": ("VAF 1-10 Hz", "%", 2),
+    "coverage": ("in 95 % band", "%", 1),
+    "seconds": ("time", "ms", 1),
+}
+"""Heading, unit and decimals of each column of the ranking."""
+BEST = {
+    "bias_error": "lowest bias error",
+    "random_error": "lowest random error",
+    "total_error": "lowest total error",
+    "rise_time": "shortest rise time",
+    "vaf": "highest VAF",
+}
+TRAIT_COLUMNS = {
+    "profile": Column("stiffness"),
+    "perturbation": Column("perturbation"),
+    "duration_s": Column("data (s)", kind="number"),
+    "snr_db": Column("signal-to-noise (dB)", kind="number"),
+    "viscosity": Column("viscosity"),
+}
+USUAL = {"profile": "square", "duration_s": 150.0, "snr_db": 10.0, "viscosity": "constant"}
+METRICS = (
+    "Bias is the error of the mean estimate over trials, random error the spread about that mean, and total error both "
+    "together. The mean of a finite number of trials still varies; the claims compare the bias without that part. Rise "
+    "time is the time from 10 to 90 % of a step in stiffness. VAF (variance accounted for) is the share of the "
+    "noiseless torque that the identified model predicts. “In 95 % band” is the share of times and trials at which the "
+    "method’s own band holds the true stiffness: a band covers noise, not what a method smooths away, so it misses the "
+    "truth near a switch. After ± stands one standard error of the Monte-Carlo estimate."
+)
+CLAIMS = (
+    "What van de Ruit et al. (2021) say, and whether this study finds it. Estimate and limits (95 %) are those of the "
+    "comparison that decides: a difference above 0 or a ratio above 1 speaks for the claim. For “does not hold” the "
+    "confidence is 95 % for all comparisons together."
+)
+
+
+def write_report(
+    path: str | Path,
+    results: xr.Dataset,
+    summary: pd.DataFrame,
+    claims: pd.DataFrame,
+    pictures: Mapping[str, Picture],
+    command: str = "",
+) -> None:
+    """Write one HTML file that holds all of a study's outcome and needs nothing else.
+
+    Parameters
+    ----------
+    path
+        Of the file, which appears whole or not at all.
+    results
+        As of :func:`tvsysid.study.run`.
+    summary
+        Of these results.
+    claims
+        What the paper says and whether it holds here; may have no rows.
+    pictures
+        As of :func:`tvsysid.figures.draw_all`.
+    command
+        What was typed to run the study; the page says nothing of it if empty.
+    """
+    sizes, study = results.sizes, settings_of(results, "study")
+    failure = results.failure.values[results.checksums.values.any(axis=-1)]
+    failed = int(np.count_nonzero(failure != ""))
+    methods, scenarios = (count(sizes[dim], word) for dim, word in (("method_key", "method"), ("scenario", "scenario")))
+    done = (
+        f"{methods} identified the same simulated data: {scenarios} with {count(sizes['trial'], 'trial')} each, "
+        f"{count(failure.size, 'identification')} in all, of which {failed or 'none'} failed."
+    )
+    settings = {SETTINGS.get(name, name.replace("_", " ")): value for name, value in study.items()}
+    seconds = float(results.seconds.sum() + results.stage_seconds.sum())
+    main = main_scenario(traits_of(results))
+    nameless = any(OBJECT.fullmatch(label) for label in study.get("methods", ()))
+    lines = [done, *unfinished(results, "trials"), *outcome(results, summary, claims)]
+    sections = [
+        Section("outcome", "Outcome", [Box(lines), METRICS]),
+        run_section(results, settings, seconds, f"{failed} of {failure.size}"),
+        Section("ranking", "Ranking", [ranking(results, summary)], wide=True),
+        *([Section("figures", "Figures", numbered(pictures))] if pictures else []),
+        claims_section(claims, CLAIMS),
+        methods_section(map(str, results.method_key.values)),
+        problems_section(problems(results), "method"),
+        again_section(
+            command,
+            f'results.stiffness.sel(scenario="{main}")  # N·m/rad, over trial, method_key and time',
+            "" if nameless else tomli_w.dumps(study),
+        ),
+    ]
+    title = "Comparison of time-varying identification methods"
+    subtitle = f"How well {methods} found the stiffness of a simulated joint, whose true stiffness is known."
+    write_page(path, Page(title, subtitle, sections, version_of(results)))
+
+
+def traits_of(results: xr.Dataset) -> dict[str, dict[str, Any]]:
+    """Traits of each scenario by its label."""
+    return {
+        str(label): {name: results[name].sel(scenario=label).item() for name in TRAITS}
+        for label in results.scenario.values
+    }
+
+
+def main_scenario(traits: Mapping[str, Mapping[str, Any]]) -> str:
+    """Label of the scenario to look at first: the one most like the paper's."""
+    return max(traits, key=lambda label: sum(traits[label][name] == usual for name, usual in USUAL.items()))
+
+
+def ranking(results: xr.Dataset, summary: pd.DataFrame) -> Table:
+    """Metrics of every method in every scenario, those with the lowest total error first within a scenario."""
+    traits = traits_of(results)
+    varying = [name for name in TRAITS if len({each[name] for each in traits.values()}) > 1]
+    table = summary.set_index(["scenario", "method", "metric"]).sort_index()
+    metrics = metrics_there(summary, RANKED)
+    rows = []
+    for label, each in traits.items():
+        mine = []
+        for method in map(str, results.method_key.values):
+            cells = {name: _cell(table, label, method, name) for name in metrics}
+            total = cells.get("total_error", Cell("", None)).value
+            texts = [_trait(name, each[name]) for name in varying]
+            mine.append((math.inf if total is None else total, Row((method, *texts, *cells.values()), label)))
+        rows += [row for _, row in sorted(mine, key=lambda pair: pair[0])]
+    shared = described(traits[next(iter(traits))], [name for name in TRAITS if name not in varying])
+    caption = (
+        "Metrics of each method, value ± standard error; the lowest total error comes first in each scenario. Click a "
+        f"heading to sort.{f' The same in all: {shared}.' if shared else ''}"
+    )
+    columns = [
+        Column("method", kind="label"),
+        *(TRAIT_COLUMNS[name] for name in varying),
+        *(Column(heading, unit, "number") for heading, unit, _ in (RANKED[name] for name in metrics)),
+    ]
+    groups = {label: described(each) for label, each in traits.items()}
+    return Table(
+        "Ranking of methods", caption, columns, rows, "ranking-table", True, groups=groups, chosen=main_scenario(traits)
+    )
+
+
+def _trait(name: str, value: Any) -> Cell | str:
+    """Trait as it stands under its heading."""
+    if TRAIT_COLUMNS[name].kind == "number":
+        return Cell(f"{value:g}", value)
+    return trait(name, value).removeprefix("b ")
+
+
+def _cell(table: pd.DataFrame, *key: str) -> Cell:
+    """A metric of one scenario and method, times in ms."""
+    if key not in table.index:
+        return number(math.nan)
+    value, error = table[["value", "standard_error"]].to_numpy(dtype=float)[table.index.get_loc(key)]
+    factor = 1000 if key[-1] == "seconds" else 1
+    return number(factor * value, factor * error, RANKED[key[-1]][2])
+
+
+def outcome(results: xr.Dataset, summary: pd.DataFrame, claims: pd.DataFrame) -> list[str]:
+    """The main outcome in sentences."""
+    traits = traits_of(results)
+    label = main_scenario(traits)
+    here, sentences, parts = summary[summary.scenario == label], [], []
+    for name, words in BEST.items():
+        rows = here[(here.metric == name) & here.value.notna()].sort_values("value", ascending=name != "vaf")
+        if len(rows) > 1:
+            first: Any = rows.iloc[0]
+            value = number(float(first.value), float(first.standard_error), RANKED[name][2]).text
+            parts.append(f"{first.method} has the {words} ({value} {first.unit}){_runner_up(first, rows.iloc[1])}")
+    if parts:
+        sentences.append(f"With {described(traits[label])}: {'; '.join(parts)}.")
+    total = summary[(summary.metric == "total_error") & summary.value.notna()]
+    if len(traits) > 1 and len(total):
+        best = total.loc[total.groupby("scenario", sort=False).value.idxmin()].method.value_counts()
+        wins = ", ".join(f"{method} in {times}" for method, times in best.items())
+        sentences.append(f"Of all {len(traits)} scenarios the total error is lowest for {wins}.")
+    return [*sentences, *verdicts(claims)]
+
+
+def _runner_up(first: Any, second: Any) -> str:
+    noise = math.hypot(finite(float(first.standard_error)), finite(float(second.standard_error)))
+    if abs(float(second.value) - float(first.value)) <= 2 * noise:
+        return f", though not clearly {'lower' if first.value <= second.value else 'higher'} than {second.method}"
+    return ""

@@ -16,6 +16,10 @@ from tvsysid.errors import InputError
 from tvsysid.recordings.channel import Channel, in_memory, stated, stored
 from tvsysid.recordings.memory import check_fits
 
+_PANDAS = tuple(int(part) for part in pd.__version__.split(".")[:2])
+# Earlier pandas are off in the last digits unless told otherwise; from 3.1 on, the option is deprecated.
+EXACTLY: dict[str, Any] = {"float_precision": "round_trip"} if _PANDAS < (3, 1) else {}
+
 
 def read_text(file: Path, separator: str) -> dict[str, Channel]:
     """Columns of a text file by the names in its first line."""
@@ -24,7 +28,13 @@ def read_text(file: Path, separator: str) -> dict[str, Channel]:
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)  # rows longer than the header
             table = pd.read_csv(
-                file, sep=separator, skipinitialspace=True, encoding="utf-8-sig", index_col=False, low_memory=False
+                file,
+                sep=separator,
+                skipinitialspace=True,
+                encoding="utf-8-sig",
+                index_col=False,
+                low_memory=False,
+                **EXACTLY,
             )
     except (pd.errors.ParserWarning, ValueError) as error:  # which the parser's errors and those of decoding are
         reason = str(error).strip().splitlines()[0]

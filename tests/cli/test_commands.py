@@ -189,6 +189,7 @@ def test_inspect_lists_and_draws(tvsysid, tmp_path):
     assert "torque" in (tmp_path / "deep" / "joint.svg").read_text()
 
 
+@pytest.mark.slow
 def test_inspect_diagnoses(tvsysid, tmp_path):
     tvsysid("simulate", "joint.mat", "--duration", 100)
     code, out, err = tvsysid("inspect", "joint.mat", "--diagnose", *IDENTIFY)

@@ -42,6 +42,7 @@ def test_every_variable_of_the_store_is_named():
     assert all(stage in text for stage in STAGES)
 
 
+@pytest.mark.slow
 def test_every_kind_of_figure_is_named():
     results = results_of()
     kinds = {stem.partition("-")[0] for stem in study_figures(results, summary_of(results), responses_of())}

@@ -146,6 +146,7 @@ def test_a_single_trial_of_a_single_method(profile):
     assert legend == ["truth", "the only trial"]
 
 
+@pytest.mark.slow
 def test_eight_methods_with_long_labels_do_not_overlap():
     methods = (
         "eirf", "sds", "sds:window=0.2,max_lag=0.1", "mine:AMethodWithANameThatHardlyEverSeemsToEnd", "birf", "esm",
@@ -168,6 +169,7 @@ def test_dollar_signs_are_no_mathematics():
     assert "mine:a$\\frac$b" in content
 
 
+@pytest.mark.slow
 def test_results_that_were_stored_are_drawn_too(results, summary, tmp_path):
     import xarray as xr
 

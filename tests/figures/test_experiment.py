@@ -20,6 +20,7 @@ def shown(experiment):
     return experiment_figures(experiment.results, experiment.summary, experiment.excerpts, preparations)
 
 
+@pytest.mark.slow
 def test_all_figures_of_an_experiment(shown):
     assert list(shown) == ALL
     for each in shown.values():
@@ -75,6 +76,7 @@ def test_a_single_record_of_walking():
     assert "The grey line is the mean torque." in shown["stiffness"].description
 
 
+@pytest.mark.slow
 def test_when_everything_failed(experiment):
     failed = fail(experiment.results.copy(deep=True), "no")
     shown = experiment_figures(failed, summary_of(failed), {}, {})
@@ -84,6 +86,7 @@ def test_when_everything_failed(experiment):
     assert list(shown) == ["participants", "participant", "variance-and-spread"]
 
 
+@pytest.mark.slow
 def test_some_recordings_failed(experiment):
     failed = fail(experiment.results.copy(deep=True), "no", recording="P1-prbs")
     shown = experiment_figures(failed, summary_of(failed), {}, {})
@@ -93,6 +96,7 @@ def test_some_recordings_failed(experiment):
         assert "nan" not in each.description
 
 
+@pytest.mark.slow
 def test_results_that_were_stored_are_drawn_too(experiment, tmp_path):
     import xarray as xr
 

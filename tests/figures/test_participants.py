@@ -98,6 +98,7 @@ def test_without_truth_and_target_neither_is_mentioned():
     assert len(participant_in_detail(nothing, "S1").axes) == 2 * len(METHODS)
 
 
+@pytest.mark.slow
 def test_many_participants_are_shown_six_abreast():
     results = results_of(tuple(f"P{n}" for n in range(1, 14)), ("noise",), ("sds",), (75,), bootstraps=2)
     figure = stiffness_of_participants(results)

@@ -5,6 +5,7 @@ from tvsysid.figures.saving import drawn
 from tvsysid.studies.van_de_ruit_2021 import study_figures
 
 
+@pytest.mark.slow
 def test_all_figures_of_a_study(results, summary):
     shown = study_figures(results, summary, responses_of())
     assert list(shown) == [
@@ -26,6 +27,7 @@ def test_descriptions_hold_the_main_figures(results, summary):
     assert "mean and two standard deviations over 6 trials" in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scenarios", "stems"),
     [

@@ -33,6 +33,7 @@ def test_the_sequence_accounts_for_all_300_realizations():
     assert table.reached[table.excluded_by == ""].isna().all()
 
 
+@pytest.mark.slow
 def test_survivors_are_as_many_as_in_the_paper():
     noise, prbs = ([len(prepared(number, which).ensemble) for number in PEOPLE] for which in PERTURBATIONS)
     assert abs(np.mean(noise) - 260) < 12

@@ -95,6 +95,7 @@ def test_what_is_no_diagnosis_by_name_is_told(given, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_a_section_for_another_page(diagnoses):
     section = Elements(f"<main>{diagnosis_section(diagnoses)}</main>")
     assert section.open == []

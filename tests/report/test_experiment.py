@@ -155,6 +155,7 @@ def test_draws_that_failed_in_every_analysis_are_no_failed_recording():
     assert found == [("sds-75", 1, 1), ("sds-150", 1, 1)]
 
 
+@pytest.mark.slow
 def test_an_unfinished_study_says_so(tmp_path):
     made = experiment_of(participants=("P1", "P2"), methods=("sds", "esm"))
     fail(made.results, "", analysis="esm-150")
@@ -209,6 +210,7 @@ def test_one_record_without_claims_figures_command_or_attributes(tmp_path, truth
     assert "standard deviation over participants" not in text
 
 
+@pytest.mark.slow
 def test_when_everything_failed(tmp_path):
     made = experiment_of(methods=("sds", "esm"))
     failed = fail(made.results, "InputError: nothing to read")
@@ -220,6 +222,7 @@ def test_when_everything_failed(tmp_path):
     assert "144 identifications in all, of which 144 failed" in text
 
 
+@pytest.mark.slow
 def test_results_from_a_store_give_the_same_page(tmp_path, experiment):
     import xarray as xr
 

@@ -164,6 +164,7 @@ def test_all_methods_of_the_package_are_explained():
         assert assumptions.items
 
 
+@pytest.mark.slow
 def test_results_from_a_store_give_the_same_page(tmp_path, study):
     results, summary = study
     results.to_zarr(tmp_path / "results.zarr", zarr_format=2)
@@ -173,6 +174,7 @@ def test_results_from_a_store_give_the_same_page(tmp_path, study):
     assert (tmp_path / "one.html").read_bytes() == (tmp_path / "two.html").read_bytes()
 
 
+@pytest.mark.slow
 def test_constant_and_covarying_viscosity_in_one_study(tmp_path):
     scenarios = [("square", "noise", 150.0, 10.0)]
     both = [results_of(scenarios, ("sds", "esm"), 2, viscosity) for viscosity in ("constant", "covarying")]

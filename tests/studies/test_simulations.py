@@ -50,6 +50,7 @@ def verdicts(scores):
 BIAS = {(method, "debiased_bias_error"): level for method, level in zip(FIVE, (4, 9, 15, 11, 10), strict=True)}
 
 
+@pytest.mark.slow
 def test_a_claim_holds_fails_or_is_undecided_as_the_figures_say():
     told = verdicts(scores_of(BIAS))
     assert told["eirf has the lowest bias"] == told["birf has the largest bias"] == "holds"
@@ -94,6 +95,7 @@ def test_sensitivity_to_the_amount_of_data():
     assert told["eirf improves strongly above 40 s"] == "holds"
 
 
+@pytest.mark.slow
 def test_what_hardly_depends_is_a_matter_of_its_size():
     claim = "Under most conditions the total error hardly depends on the perturbation (less than 25 %)"
     assert verdicts(scores_of({}))[claim] == "holds"
@@ -186,6 +188,7 @@ def test_few_trials_decide_nothing(trials):
     assert set(table.verdict) == {"undecided", "not studied"}
 
 
+@pytest.mark.slow
 def test_the_quick_study_judges_what_it_can():
     table = judge(score(run(Study(trials=12, duration_s=60.0), workers=1))).set_index("claim")
     assert table.loc["eirf has the highest random error"].verdict == "holds"

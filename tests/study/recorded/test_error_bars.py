@@ -27,6 +27,7 @@ def long_recordings():
     return [simulated(600.0, number) for number in range(2)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("key", METHODS)
 def test_bootstraps_of_a_recording_vary_as_recordings_do(key, recordings, long_recordings):
     method, in_one_piece = METHODS[key], key == "kbr"

@@ -85,6 +85,7 @@ def test_the_same_draw_is_identified_once(tmp_path):
     assert np.isfinite(results.stiffness).all()
 
 
+@pytest.mark.slow
 def test_workers_and_stores_do_not_change_the_numbers(small, tmp_path):
     seen = []
     path = tmp_path / "results.zarr"
@@ -95,6 +96,7 @@ def test_workers_and_stores_do_not_change_the_numbers(small, tmp_path):
     same(read_results(path), small.results)
 
 
+@pytest.mark.slow
 def test_an_experiment_is_gone_on_with(small, tmp_path):
     path = tmp_path / "results.zarr"
     run(small.experiment, prepared=small.prepared, store=path, workers=1)
@@ -178,6 +180,7 @@ def test_a_doubt_is_told_once_with_how_often_it_was_met(small):
     assert "(4 of 4 draws)" in text
 
 
+@pytest.mark.slow
 def test_killed_at_any_moment_it_goes_on_with_the_same_results(small, tmp_path):
     path = tmp_path / "results.zarr"
     script = tmp_path / "script.py"

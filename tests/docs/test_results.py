@@ -3,6 +3,7 @@
 import re
 from pathlib import Path
 
+import pytest
 from tests.synthetic import responses_of, results_of, summary_of
 
 from tvsysid.studies.van_de_ruit_2021 import study_figures

@@ -1,13 +1,18 @@
 """Methods with pathways, further inputs and estimates of their own go wherever the package's own go."""
 
+import sys
 from functools import cache
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
+from tests.contracts import toys
 from tests.contracts.toys import Cascade, Instrumental, Recursive, Scheduled
 
 import tvsysid as tv
+from tvsysid import cli
 
 SYSTEMS = {
     Cascade: tv.simulate.ReflexJoint(stiffness=tv.simulate.SineWave(), reflex_gain=tv.simulate.SineWave(8.0, 4.0)),
@@ -94,6 +99,32 @@ def test_comes_back_from_the_file_of_models(toy, tmp_path):
         np.testing.assert_array_equal(stored[axis].values, values)
     for name, torque in model.pathways(ensemble).items():
         np.testing.assert_array_equal(stored[f"torque_{name}"].values, torque)
+
+
+@every_toy
+def test_takes_part_in_identify(toy, tmp_path, monkeypatch, capsys):
+    (tmp_path / "mytoys.py").write_bytes(Path(toys.__file__).read_bytes())
+    monkeypatch.chdir(tmp_path)
+    system = {Cascade: "reflex", Scheduled: "scheduled", Instrumental: "compliant", Recursive: "joint"}[toy]
+    channels = [f"--channel={item.name}={item.name}" for item in getattr(toy, "inputs", ())]
+    signals = ["--angle=angle", "--torque=torque", "--rate=1000", "--decimate=100", "--period=2", *channels]
+    label = f"mytoys:{toy.__name__}"
+    for words in (
+        ["simulate", "ankle.mat", f"--system={system}", "--duration=40"],
+        ["identify", "ankle.mat", *signals, f"--method={label}", "--method=sds"],
+    ):
+        monkeypatch.setattr(sys, "argv", ["tvsysid", *words])
+        with pytest.raises(SystemExit) as stopped:
+            cli.main()
+        assert stopped.value.code == 0, capsys.readouterr().err
+    with xr.open_datatree(tmp_path / "tvsysid-identify" / "models.nc") as tree:
+        stored = tree[label].to_dataset().load()
+    assert "torque_intrinsic" in stored
+    assert ("torque_reflex" in stored) == ("reflex_gain" in stored) == (toy is Cascade)
+    assert stored.stiffness.dims == (("time",) if toy in (Cascade, Instrumental) else ("realization", "time"))
+    assert ("stiffness_lower" in stored) == (toy is not Recursive)
+    table = pd.read_csv(tmp_path / "tvsysid-identify" / "stiffness.csv")
+    assert set(table.method) == {label, "sds"}
 
 
 @every_toy

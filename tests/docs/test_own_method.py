@@ -6,8 +6,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
+import xarray as xr
 
 import tvsysid as tv
 
@@ -19,7 +21,7 @@ def blocks(language):
     return [text for name, text in found if name == language]
 
 
-METHOD, SCRIPT = blocks("python")
+METHOD, SCRIPT, SCHEDULED = blocks("python")
 CHECK, BENCHMARK = blocks("")
 PACKAGE = Path(tv.__file__).parents[1]
 
@@ -80,6 +82,26 @@ def test_the_script_compares_the_object(folder):
     done = run(folder, "compare.py")
     assert done.returncode == 0, done.stderr
     assert "SlidingFit(window=0.1)" in done.stdout
+
+
+def test_the_method_that_reads_a_channel(folder):
+    (folder / "scheduled.py").write_text(SCHEDULED, encoding="utf-8")
+    (commands,) = blocks("sh")
+    check, *others = commands.splitlines()
+    done = tvsysid(folder, check)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "✗" not in done.stdout
+    assert "states its inputs: angle, torque, emg (scheduling)" in done.stdout
+    for command in others:
+        done = tvsysid(folder, command)
+        assert done.returncode == 0, done.stdout + done.stderr
+    with xr.open_datatree(folder / "tvsysid-identify" / "models.nc") as tree:
+        stored = tree["scheduled:ScheduledFit"].to_dataset().load()
+    assert stored.stiffness.dims == ("realization", "time")
+    assert stored.stiffness_at_emg.dims == ("emg",)
+    # The joint that is simulated has 20 + 200 x EMG, in N·m/rad.
+    np.testing.assert_allclose(stored.stiffness_at_emg, 20 + 200 * stored.emg, atol=10)
+    assert stored.torque_intrinsic.dims == ("realization", "time")
 
 
 def test_the_entry_point_is_of_the_group_that_is_read():

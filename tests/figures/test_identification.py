@@ -5,6 +5,7 @@ import pytest
 from tests.conftest import ensemble_of
 
 import tvsysid as tv
+from tvsysid.estimates import StandardError
 from tvsysid.figures import identified_impedance
 from tvsysid.figures.style import lines
 
@@ -18,7 +19,7 @@ def drawn():
         for label, model in models.items()
     }
     vaf = {label: np.full(ensemble.samples, 90.0) for label in models}
-    figure = identified_impedance(models, bands, vaf, "a recording")
+    figure = identified_impedance(models, vaf, "a recording")
     return models, bands, {axes.get_ylabel().split(" (")[0]: axes for axes in figure.axes}
 
 
@@ -43,7 +44,6 @@ def test_lines_are_the_estimates_and_shades_the_bands(drawn, name):
 
 def test_what_no_method_identified_is_said():
     time = np.arange(200) / 100
-    nothing = np.full(200, np.nan)
     model = tv.methods.apply(
         type(
             "Mine",
@@ -56,8 +56,29 @@ def test_what_no_method_identified_is_said():
         )(),
         ensemble_of(40.0),
     )
-    bands = {"mine": dict.fromkeys(("stiffness", "viscosity", "inertia"), (nothing, nothing))}
-    figure = identified_impedance({"mine": model}, bands, {"mine": np.full_like(time, 90.0)})
+    figure = identified_impedance({"mine": model}, {"mine": np.full_like(time, 90.0)})
     told = {axes.get_ylabel().split(" (")[0]: [text.get_text() for text in axes.texts] for axes in figure.axes}
     assert told["viscosity"] == told["inertia"] == ["not identified"]
     assert told["stiffness"] == []
+
+
+def test_any_quantity_is_drawn_over_its_own_axis():
+    time, levels = np.arange(200) / 100, np.linspace(0.0, 1.0, 11)
+
+    class Further(tv.models.Model):
+        def _pathways(self, ensemble):
+            return {}
+
+    estimates = {
+        "stiffness": tv.Estimate(100 + time, "N m/rad"),
+        "reflex_gain": tv.Estimate(np.stack([time, 3 * time]), "N m s/rad", ("realization", "time")),
+        "slope": tv.Estimate(2 * levels, "kg m2", ("emg",), StandardError(0.1 + 0 * levels, np.inf)),
+    }
+    model = Further("own", 100.0, time, estimates, tv.models.Diagnostics(1.0), {"emg": levels})
+    figure = identified_impedance({"own": model}, {"own": np.full(200, 90.0)})
+    axes = {each.get_ylabel(): each for each in figure.axes}
+    gain, slope = axes["reflex gain (N·m·s/rad)"], axes["slope (kg·m²)"]
+    np.testing.assert_allclose(gain.lines[0].get_ydata(), 2 * time)
+    np.testing.assert_array_equal(slope.lines[0].get_xdata(), levels)
+    assert slope.get_xlabel() == "emg"
+    assert slope.collections[0].get_paths()[0].vertices[:, 1].max() == pytest.approx(2.0 + 1.96 * 0.1, abs=1e-3)

@@ -115,7 +115,7 @@ def identify(
         found.over_time().to_csv(table, index=False, float_format="%.6g")
     write_models(out / "models.nc", {label.replace("/", "_"): each for label, each in found.models.items()}, ensemble)
     title = f"{file.name}: {len(ensemble)} realizations of {period:g} s, with 95 % bands"
-    figure = identified_impedance(found.models, found.bands, found.time_varying_vaf, title)
+    figure = identified_impedance(found.models, found.time_varying_vaf, title)
     for ending in ("png", "pdf"):
         save(figure, out / f"stiffness.{ending}")
     _show_impedance(found)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tvsysid.errors import DataQualityWarning
+from tvsysid.estimates import IMPEDANCE, UNITS
 from tvsysid.figures.style import (
     REALIZATION_TIME,
     Array,
@@ -18,34 +21,24 @@ from tvsysid.figures.style import (
     remark,
     styled,
 )
+from tvsysid.figures.words import unit_name
 from tvsysid.models import Model
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Bands = Mapping[str, tuple[Array, Array]]
-"""Lower and upper band over time, shape (time,) each, by quantity."""
-
-PANELS = {
-    "stiffness": "stiffness (N·m/rad)",
-    "viscosity": "viscosity (N·m·s/rad)",
-    "inertia": "inertia (kg·m²)",
-}
+OVER_TIME = (("time",), ("realization", "time"))
 
 
 @styled
-def identified_impedance(
-    models: Mapping[str, Model], bands: Mapping[str, Bands], vaf: Mapping[str, Array], title: str = ""
-) -> Figure:
-    """Stiffness over time by each method, above its time-varying VAF; viscosity and inertia beside them.
+def identified_impedance(models: Mapping[str, Model], vaf: Mapping[str, Array], title: str = "") -> Figure:
+    """Every quantity that the models estimate, with 95 % bands: stiffness above the time-varying VAF, others beside it.
 
     Parameters
     ----------
     models
         By label.
-    bands
-        Of ``"stiffness"``, ``"viscosity"`` and ``"inertia"``, by label; drawn as shades.
     vaf
         Time-varying VAF in per cent, shape (time,), by label.
     title
@@ -54,31 +47,59 @@ def identified_impedance(
     Returns
     -------
     matplotlib.figure.Figure
-        Four axes. Viscosity and inertia say so where no method identified them.
+        Axes for stiffness, VAF, viscosity, inertia, and each further quantity, which is drawn over its own axis. A
+        quantity of the impedance says so where no method identified it. Estimates of single realizations are averaged.
     """
-    figure = blank(11.0, 6.0, title)
-    # Stiffness has two thirds of the height, viscosity a half: six rows.
-    places = figure.subplot_mosaic("KB;KB;KB;KI;VI;VI", sharex=True, width_ratios=[1.6, 1])
-    axes = dict(zip((*PANELS, "vaf"), (places[letter] for letter in "KBIV"), strict=True))
+    further = [name for model in models.values() for name in model.estimates if name not in IMPEDANCE]
+    beside = [*IMPEDANCE[1:], *dict.fromkeys(further)]
+    figure = blank(11.0, max(6.0, 2.2 * len(beside) + 0.8), title)
+    grid = figure.add_gridspec(3 * len(beside), 2, width_ratios=[1.6, 1])
+    largest = figure.add_subplot(grid[: 2 * len(beside), 0])
+    below = figure.add_subplot(grid[2 * len(beside) :, 0], sharex=largest)
     looks = lines(list(models))
+    _quantity(largest, "stiffness", models)
+    largest.tick_params(labelbottom=False)
     for label, model in models.items():
         hue, style = looks[label]
-        for name in PANELS:
-            values = getattr(model, name)
-            if np.isfinite(values).any():
-                curve_with_band(axes[name], model.time, values, bands[label][name], hue, linestyle=style)
-        axes["vaf"].plot(model.time, vaf[label], color=hue, linestyle=style, linewidth=1.4)
-    for name, words in PANELS.items():
-        axes[name].set_ylabel(words)
-        _limit(axes[name], np.concatenate([getattr(model, name) for model in models.values()]))
-    axes["vaf"].set_ylabel("time-varying VAF (%)")
-    axes["vaf"].set_ylim(0, 102)
-    for name in ("vaf", "inertia"):
-        axes[name].set_xlabel(REALIZATION_TIME)
-    for name in ("stiffness", "viscosity"):
-        axes[name].tick_params(labelbottom=False)
+        below.plot(model.time, vaf[label], color=hue, linestyle=style, linewidth=1.4)
+    below.set_ylabel("time-varying VAF (%)")
+    below.set_ylim(0, 102)
+    below.set_xlabel(REALIZATION_TIME)
+    for place, name in enumerate(beside):
+        axes = figure.add_subplot(grid[3 * place : 3 * place + 3, 1])
+        over = _quantity(axes, name, models)
+        axes.set_xlabel(REALIZATION_TIME if over == "time" else over)
+        if over == "time":
+            axes.sharex(largest)
+            if place < len(beside) - 1:
+                axes.set_xlabel("")
+                axes.tick_params(labelbottom=False)
     legend_below(figure, [line_key(label, color=hue, linestyle=style) for label, (hue, style) in looks.items()])
     return figure
+
+
+def _quantity(axes: Axes, name: str, models: Mapping[str, Model]) -> str:
+    """Draw what every model says of a quantity; return the axis that it is over."""
+    shown, unit, over = [np.array([np.nan])], UNITS.get(name, ""), "time"
+    for (label, model), (hue, style) in zip(models.items(), lines(list(models)).values(), strict=True):
+        estimate = model.estimates.get(name)
+        if estimate is None or not np.isfinite(estimate.values).any():
+            continue
+        unit = estimate.unit
+        values, where = model.over_time(name), model.time
+        if estimate.axes not in OVER_TIME:
+            over = estimate.axes[-1]
+            values, where = np.atleast_2d(estimate.values).mean(axis=0), np.asarray(model.coordinates[over])
+        band = None
+        if estimate.values.ndim == 1:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", DataQualityWarning)  # that there is none
+                band = estimate.band()
+        curve_with_band(axes, where, values, band, hue, linestyle=style, label=label)
+        shown.append(values)
+    axes.set_ylabel(f"{name.replace('_', ' ')} ({unit_name(unit)})")
+    _limit(axes, np.concatenate(shown))
+    return over
 
 
 def _limit(axes: Axes, shown: Array) -> None:

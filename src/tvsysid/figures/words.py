@@ -108,3 +108,14 @@ def wrapped(label: str, width: int = 20, rows: int = 4) -> str:
         lines = [*lines[: rows - 1], lines[rows - 1][: width - 1] + "…"]
     # Matplotlib would take what stands between two dollar signs for mathematics.
     return "\n".join(line.rstrip() for line in lines).replace("$", r"\$")
+
+
+def unit_name(unit: str) -> str:
+    """SI unit as it is printed.
+
+    Examples
+    --------
+    >>> unit_name("N m s/rad"), unit_name("kg m2"), unit_name("1")
+    ('N·m·s/rad', 'kg·m²', '–')
+    """
+    return "–" if unit in ("", "1") else unit.replace(" ", "·").replace("2", "²")

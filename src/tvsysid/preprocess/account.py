@@ -9,12 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
-from tvsysid.signals import Ensemble
+from tvsysid.signals import Array, Ensemble
 
 if TYPE_CHECKING:
     import pandas as pd
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -55,20 +53,9 @@ class Account:
 
     @classmethod
     def of(cls, ensemble: Ensemble, step: str, reached: Array, limit: float, unit: str) -> Account:
-        """Account of a step that excludes the realizations that reach beyond a limit.
+        """Account of a step that was given an ensemble and excludes the realizations that reach beyond a limit.
 
-        Parameters
-        ----------
-        ensemble
-            What the step was given.
-        step
-            Its name.
-        reached
-            How far out each realization is, shape (realization,).
-        limit
-            How far out it may be, in the same unit.
-        unit
-            ``"s"`` or ``"SD"``.
+        ``reached`` is of shape (realization,); both it and the limit are in ``unit``, ``"s"`` or ``"SD"``.
         """
         assert ensemble.trials is not None
         assert ensemble.onsets is not None

@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 from tvsysid.errors import InputError
 from tvsysid.preprocess.account import Account, Step
 from tvsysid.preprocess.steps import check_seconds, every_signal
-from tvsysid.signals import Ensemble
-
-Array = NDArray[np.float64]
+from tvsysid.signals import Array, Ensemble
 
 
 def align(ensemble: Ensemble, reference: str, search: float = 0.5, max_shift: float = 0.25) -> Step:
@@ -90,19 +88,10 @@ def align(ensemble: Ensemble, reference: str, search: float = 0.5, max_shift: fl
 
 
 def best_shifts(torque: Array, target: Array) -> NDArray[np.int64]:
-    """Shift in samples that brings each torque nearest to its target.
+    """Shift in samples that brings each torque nearest to its target, positive where the torque comes late.
 
-    Parameters
-    ----------
-    torque
-        Shape (realization, reach + time + reach).
-    target
-        Shape (realization, time).
-
-    Returns
-    -------
-    Array
-        From -reach to reach, shape (realization,); positive where the torque comes late.
+    Of shape (realization,) and from -reach to reach, for torques (realization, reach + time + reach) and targets
+    (realization, time).
     """
     samples = target.shape[1]
     windows = sliding_window_view(torque, samples, axis=1)

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import firwin, upfirdn
 
 from tvsysid.errors import InputError
 from tvsysid.preprocess.steps import every_signal
-from tvsysid.signals import Recording, checked_rate
-
-Array = NDArray[np.float64]
+from tvsysid.signals import Array, Recording, checked_rate
 
 TAPS = 31
 

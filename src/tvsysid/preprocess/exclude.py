@@ -5,14 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
 from tvsysid.errors import InputError
 from tvsysid.preprocess.account import Account, Step
-from tvsysid.signals import Ensemble
-
-Array = NDArray[np.float64]
+from tvsysid.signals import Array, Ensemble
 
 ORDER = 3
 
@@ -29,11 +26,6 @@ def exclude_task_outliers(ensemble: Ensemble, limit: float = 3.0) -> Step:
         Aligned; the voluntary torque still in it.
     limit
         Largest distance from the mean over realizations, in standard deviations, at any time.
-
-    Returns
-    -------
-    Step
-        The realizations kept, and why the others were not.
 
     Raises
     ------
@@ -64,20 +56,13 @@ def exclude_residual_outliers(ensemble: Ensemble, cutoff: float = 5.0, limit: fl
     limit
         Largest distance from the mean over realizations, in standard deviations, at any time.
 
-    Returns
-    -------
-    Step
-        The realizations kept, unfiltered, and why the others were not.
-
     Raises
     ------
     InputError
-        If the limit is not positive, the cut-off not below half the sampling rate, or there are fewer than two
-        realizations, or none is left.
+        As of :func:`exclude_task_outliers`, and for a cut-off that is not below half the sampling rate.
 
     Notes
     -----
-    Mean and standard deviation are those of all realizations given, and are not computed again without the outliers.
     Two seconds of torque below 5 Hz hold some 20 independent values, so that 10 % of Gaussian realizations reach 3 SD
     somewhere though none is unlike the others: 30 of 300, where van de Ruit et al. 2021 excluded 15 to 29. A limit of
     4 SD takes 0.4 % of them.

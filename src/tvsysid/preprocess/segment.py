@@ -8,13 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
 from tvsysid.preprocess.steps import check_seconds, every_signal
-from tvsysid.signals import Ensemble, Recording
-
-Array = NDArray[np.float64]
+from tvsysid.signals import Array, Ensemble, Recording
 
 
 def segment(recording: Recording, period: float, context: float = 0.5) -> Ensemble:

@@ -7,12 +7,9 @@ from collections.abc import Callable
 from typing import TypedDict
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
-from tvsysid.signals import Ensemble, Recording
-
-Array = NDArray[np.float64]
+from tvsysid.signals import Array, Ensemble, Recording
 
 
 class Signals(TypedDict):

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
 from tvsysid.preprocess.steps import check_seconds, every_signal
-from tvsysid.signals import Recording
-
-Array = NDArray[np.float64]
+from tvsysid.signals import Array, Recording
 
 
 def trim(recording: Recording, ends: float, margin: float = 0.0) -> Recording:

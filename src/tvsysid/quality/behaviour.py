@@ -12,8 +12,7 @@ from scipy.ndimage import uniform_filter1d
 from tvsysid.quality.finding import NotJudged, Seen
 from tvsysid.quality.fitted import ANSWERED, NO_ANSWER, FittedEnsemble
 from tvsysid.quality.statistics import LEAST_REALIZATIONS, SIGNIFICANT, p_value
-
-Array = NDArray[np.float64]
+from tvsysid.signals import Array
 
 SLOWEST, FASTEST = 0.3, 3.3
 """Cycles in a realization that are looked for as another period: the clock of a PRBS is faster."""

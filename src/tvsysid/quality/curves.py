@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tvsysid.numerics.spectra import hann, short_time_spectra
 from tvsysid.quality.fit import fit_motion
 from tvsysid.quality.fitted import FittedEnsemble
 from tvsysid.quality.statistics import innovations
-
-Array = NDArray[np.float64]
+from tvsysid.signals import Array
 
 SEGMENT = 0.64
 """Length in s of the segments whose coherence is shown."""

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
-
-Array = NDArray[np.float64]
+from tvsysid.signals import Array
 
 ROWS = 100
 """Samples of all realizations together that a bin should have at least."""
@@ -73,24 +72,11 @@ def time_bins(samples: int, realizations: int, sampling_rate: float) -> NDArray[
 
 
 def fit_second_order(angle: Array, torque: Array, sampling_rate: float, context: int) -> SecondOrder:
-    r"""Fit the model to deviations from the mean over realizations.
+    """Fit the model to deviations from the mean, shape (realization, context + time + context).
 
-    Stiffness and viscosity are free in each bin of time and the inertia is common to all, which is a partitioned
-    least-squares problem: what stiffness and viscosity explain of torque and acceleration is taken from both first.
-
-    Parameters
-    ----------
-    angle, torque
-        In rad and N·m, shape (realization, context + time + context).
-    sampling_rate
-        In Hz.
-    context
-        Samples on either side.
-
-    Returns
-    -------
-    SecondOrder
-        The fit over the samples whose derivatives are known.
+    Over the samples whose derivatives are known. Stiffness and viscosity are free in each bin of time and the inertia
+    is common to all, which is a partitioned least-squares problem: what stiffness and viscosity explain of torque and
+    acceleration is taken from both first.
     """
     width = angle.shape[1]
     region = moving_region(context, width - 2 * context, width)

@@ -14,9 +14,7 @@ from tvsysid.quality.finding import NotJudged
 from tvsysid.quality.fit import SecondOrder, fit_motion, fit_second_order
 from tvsysid.quality.resampling import between, lowered
 from tvsysid.quality.statistics import prediction_error
-from tvsysid.signals import Ensemble
-
-Array = NDArray[np.float64]
+from tvsysid.signals import Array, Ensemble
 
 WHITENING = 0.1
 """Seconds of the past from which noise is predicted."""

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from tvsysid.quality.catalogue import FAULTS
 from tvsysid.quality.statistics import LEAST_REALIZATIONS, SIGNIFICANT, p_value, p_value_of
-
-Array = NDArray[np.float64]
+from tvsysid.signals import Array
 
 STILL = 1e-6
 """Share of the angle's mean power over realizations below which it does not move."""

@@ -12,8 +12,7 @@ from tvsysid.quality.catalogue import FAULTS
 from tvsysid.quality.finding import NotJudged, Seen
 from tvsysid.quality.fitted import FittedEnsemble
 from tvsysid.quality.statistics import innovations, over_usual
-
-Array = NDArray[np.float64]
+from tvsysid.signals import Array
 
 ALIKE = 3
 """Realizations that must be at the limit at one time."""

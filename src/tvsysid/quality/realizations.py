@@ -13,8 +13,7 @@ from tvsysid.quality.fit import fit_motion
 from tvsysid.quality.fitted import ANSWERED, NO_ANSWER, FittedEnsemble
 from tvsysid.quality.limits import mean_left as left_mean
 from tvsysid.quality.statistics import FOLDS, LEAST_REALIZATIONS, SIGNIFICANT, p_value, p_value_of, without
-
-Array = NDArray[np.float64]
+from tvsysid.signals import Array
 
 UNITS = {"angle": "rad", "torque": "N·m"}
 FAR_OUT = 6.0

@@ -6,16 +6,13 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 from scipy.ndimage import correlate1d
 from scipy.signal import firwin, oaconvolve
 
 from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.preprocess import decimate
-from tvsysid.signals import Ensemble, Recording
-
-Array = NDArray[np.float64]
+from tvsysid.signals import Array, Ensemble, Recording
 
 LOWEST_RATE = 100.0
 """Rate in Hz that the checks need; what is above is taken down to it or little more."""

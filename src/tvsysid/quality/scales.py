@@ -6,7 +6,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tvsysid.quality.amount import narrow_excitation
 from tvsysid.quality.catalogue import FAULTS
@@ -15,8 +14,7 @@ from tvsysid.quality.fit import fit_motion
 from tvsysid.quality.fitted import ANSWERED, NO_ANSWER, FittedEnsemble, left_by
 from tvsysid.quality.resampling import between
 from tvsysid.quality.statistics import LEAST_REALIZATIONS, SIGNIFICANT, p_value_of
-
-Array = NDArray[np.float64]
+from tvsysid.signals import Array
 
 SURE = 5.0
 """Standard errors from which on a value's sign is sure."""

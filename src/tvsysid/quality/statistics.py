@@ -6,11 +6,10 @@ import math
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.special import stdtr
 
-Array = NDArray[np.float64]
+from tvsysid.signals import Array
 
 LEAST_REALIZATIONS = 8
 """Fewer have no scatter to judge by."""
@@ -44,19 +43,8 @@ def p_value_of(scores: Array) -> float:
 def gained(target: Array, regressors: Array) -> tuple[float, float]:
     """Share of a signal's variance that regressors predict in realizations they were not fitted to, and its p-value.
 
-    Parameters
-    ----------
-    target
-        Shape (realization, time).
-    regressors
-        Shape (regressor, realization, time).
-
-    Returns
-    -------
-    share : float
-        Below zero where they predict nothing.
-    probability : float
-        That so much is gained by chance, from the scatter of the gain over realizations.
+    The signal is of shape (realization, time), regressors of shape (regressor, realization, time). The share is below
+    zero where they predict nothing; the p-value comes from the scatter of the gain over realizations.
     """
     if len(target) < LEAST_REALIZATIONS or not target.shape[1]:
         return math.nan, 1.0

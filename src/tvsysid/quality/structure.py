@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
 from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.quality.finding import NotJudged, Seen
 from tvsysid.quality.fitted import FittedEnsemble
 from tvsysid.quality.statistics import LEAST_REALIZATIONS, SIGNIFICANT, gained, gains, p_value_of, without
-
-Array = NDArray[np.float64]
+from tvsysid.signals import Array
 
 AHEAD = 0.03
 """Seconds ahead that the angle is predicted: within them the derivatives' filters tell even of an imposed one."""

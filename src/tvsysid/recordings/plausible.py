@@ -10,9 +10,7 @@ from numpy.typing import NDArray
 
 from tvsysid.quality.catalogue import FAULTS
 from tvsysid.recordings.channel import Channel
-from tvsysid.signals import Recording
-
-Array = NDArray[np.float64]
+from tvsysid.signals import Array, Recording
 
 UNLIKE = 10.0
 """Ratio of a trial's size to that of the others from which on it is probably in another unit."""

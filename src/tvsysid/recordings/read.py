@@ -10,16 +10,14 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.recordings.channel import TIMES_ITS_SIZE, Channel, listed
 from tvsysid.recordings.formats import describe_file
 from tvsysid.recordings.memory import check_fits
 from tvsysid.recordings.plausible import contradictions, implausible, unlike_trials
-from tvsysid.signals import Recording, checked_array
+from tvsysid.signals import Array, Recording, checked_array
 
-Array = NDArray[np.float64]
 Columns = Literal["contiguous", "trials"]
 
 ANGLE_UNITS = {"rad": 1.0, "deg": math.pi / 180}
@@ -156,14 +154,8 @@ class _Request:
 class UsableTrials(NamedTuple):
     """What could be read of many trials.
 
-    Parameters
-    ----------
-    recording
-        The trials that can be used; None if there is none.
-    names
-        What each of them is called: its file, or file and number of the trial.
-    refused
-        Why the others cannot, by file, or by file and number of the trial.
+    ``recording`` holds those that can be used (None if there is none), ``names`` says what each of them is called (its
+    file, or file and number of the trial), and ``refused`` why the others cannot be used, by the same names.
     """
 
     recording: Recording | None
@@ -181,22 +173,12 @@ def read_usable_trials(paths: Mapping[str, Path], shortest: float = 0.0, **setti
     shortest
         Seconds that a trial must last.
     **settings
-        As of :func:`read_recording`, the same for all files.
-
-    Returns
-    -------
-    UsableTrials
-        With a trial for each file, or for each column of each with ``columns="trials"``.
+        As of :func:`read_recording`, which also says what warns.
 
     Raises
     ------
     InputError
         If the settings are wrong by themselves.
-
-    Warns
-    -----
-    DataQualityWarning
-        As :func:`read_recording` does.
     """
     request = _Request(**settings)
     usable: dict[str, Recording] = {}

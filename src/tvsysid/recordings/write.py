@@ -71,16 +71,11 @@ def write_simulation(path: str | Path, columns: Mapping[str, NDArray[np.float64]
     Parameters
     ----------
     path
-        Ending in .mat, .csv or .tsv.
+        Ending in .mat, .csv or .tsv; an InputError for another.
     columns
         Signals by name, each of shape (time,); in a MAT file (time, trial) as well.
     sampling_rate
         In Hz; kept in a MAT file as ``sampling_rate``.
-
-    Raises
-    ------
-    InputError
-        For another ending.
     """
     file = _checked(path, ".mat", ".csv", ".tsv")
     with whole_file(file) as temporary:

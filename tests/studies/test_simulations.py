@@ -50,7 +50,6 @@ def verdicts(scores):
 BIAS = {(method, "debiased_bias_error"): level for method, level in zip(FIVE, (4, 9, 15, 11, 10), strict=True)}
 
 
-@pytest.mark.slow
 def test_a_claim_holds_fails_or_is_undecided_as_the_figures_say():
     told = verdicts(scores_of(BIAS))
     assert told["eirf has the lowest bias"] == told["birf has the largest bias"] == "holds"
@@ -95,7 +94,6 @@ def test_sensitivity_to_the_amount_of_data():
     assert told["eirf improves strongly above 40 s"] == "holds"
 
 
-@pytest.mark.slow
 def test_what_hardly_depends_is_a_matter_of_its_size():
     claim = "Under most conditions the total error hardly depends on the perturbation (less than 25 %)"
     assert verdicts(scores_of({}))[claim] == "holds"

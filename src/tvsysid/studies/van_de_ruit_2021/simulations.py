@@ -119,15 +119,16 @@ def _cells(scores: Any, stiffness: str = "square", viscosity: str = "constant", 
 
 
 def _where(scores: Any, cell: str) -> str:
-    at = scores.sel(scenario=cell)
-    perturbation = "PRBS" if at.perturbation == "prbs" else "noise"
-    return f"{perturbation}, {float(at.duration_s):g} s"
+    place = scores.indexes["scenario"].get_loc(cell)
+    perturbation = "PRBS" if scores.perturbation.values[place] == "prbs" else "noise"
+    return f"{perturbation}, {scores.duration_s.values[place]:g} s"
 
 
 def _figures(scores: Any, cell: str, method: str, metric: str) -> Array:
     """A metric and its replicates behind it, so that what is done with the one is done with the others."""
-    at = scores.sel(scenario=cell, method_key=method, metric=metric)
-    return np.append(at.value.item(), at.replicates.values)
+    labels = {"scenario": cell, "method_key": method, "metric": metric}
+    place = tuple(scores.indexes[name].get_loc(label) for name, label in labels.items())
+    return np.append(scores.value.values[place], scores.replicates.values[place])
 
 
 def _margin(words: str, figures: Array) -> Replicated:

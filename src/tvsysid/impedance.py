@@ -7,18 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.numerics.differentiation import derivative_weights
+from tvsysid.numerics.differentiation import HALF_WIDTH, derivative_weights
+from tvsysid.numerics.moments import lagged_moments, time_chunks
 
 Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-
-
-class Impedance(NamedTuple):
-    """Stiffness in N·m/rad, viscosity in N·m·s/rad and inertia in kg·m², each of shape (time,)."""
-
-    stiffness: Array
-    viscosity: Array
-    inertia: Array
 
 
 def static_stiffness(impulse_response: Array, sample_time: float) -> Array:
@@ -112,6 +104,56 @@ def second_order_fit(moments: Array, cross: Array) -> MomentFit:
     return MomentFit((inverse @ cross[..., None])[..., 0], inverse)
 
 
+class DerivativeMoments(NamedTuple):
+    """Second moments over realizations of angle, velocity and acceleration at each time, and of the torque.
+
+    ``regressors`` (time, 3, 3) of the three with each other, ``cross`` (time, 3) with the torque, ``square`` (time,) of
+    the torque; those of the lagged angles that the three are made of: ``mixed`` (time, lag, 3) with the three,
+    ``answers`` (time, lag) with the torque, and ``lagged`` (lag, lag) with each other, averaged over time.
+    """
+
+    regressors: Array
+    cross: Array
+    square: Array
+    mixed: Array
+    answers: Array
+    lagged: Array
+
+    def second_order_agreement(self, impedance: Array, realizations: int) -> float:
+        """Agreement of an impedance (time, 3) with the moments; see :func:`agreement_of_moments`."""
+        explained = float(np.sum(self.cross * impedance))
+        fitted = float(np.einsum("tm,tmk,tk->", impedance, self.regressors, impedance))
+        times = len(impedance)
+        return agreement_of_moments(
+            fitted / times,
+            np.mean(self.answers - (self.mixed @ impedance[..., None])[..., 0], axis=0),
+            self.lagged,
+            (float(self.square.sum()) - 2 * explained + fitted) / times,
+            realizations * times,
+        )
+
+
+def derivative_moments(angle: Array, torque: Array, sampling_rate: float) -> DerivativeMoments:
+    """Moments of angle, velocity and acceleration, which are sums of lagged angles; no derivative is formed.
+
+    Parameters
+    ----------
+    angle, torque
+        Shape (realization, time); the moments are those of the times :data:`HALF_WIDTH` from both ends.
+    sampling_rate
+        In Hz.
+    """
+    filters = derivative_filters(HALF_WIDTH, sampling_rate)
+    parts, lagged = [], np.zeros((filters.shape[1],) * 2)
+    for chunk in time_chunks(angle.shape[1] - 2 * HALF_WIDTH, filters.shape[1]):
+        within = slice(chunk.start, chunk.stop + 2 * HALF_WIDTH)
+        phi_uu, phi_uy, square, _ = lagged_moments(angle[:, within], torque[:, within], HALF_WIDTH)
+        parts.append((phi_uu @ filters.T, phi_uy, square))
+        lagged += phi_uu.sum(axis=0)
+    mixed, answers, square = (np.concatenate(values) for values in zip(*parts, strict=True))
+    return DerivativeMoments(filters @ mixed, answers @ filters.T, square, mixed, answers, lagged / len(square))
+
+
 def derivative_filters(lags: int, sampling_rate: float) -> Array:
     """Filters that give a signal and its first and second derivative from so many lags to either side.
 
@@ -146,6 +188,33 @@ def agreement(fitted: Array, beyond: Array, chance: Array) -> float:
     return 100 * min(1.0, 1 - float(np.sum((beyond - chance)[known])) / total)
 
 
+def agreement_of_moments(fitted: float, cross: Array, moments: Array, left: float, samples: int) -> float:
+    """Agreement of a second-order fit with the torque's mean response to lagged angles.
+
+    The response is taken as the same at all times: what a fit leaves because it smooths a change of stiffness has no
+    mean response, and does not count.
+
+    Parameters
+    ----------
+    fitted, left
+        Mean squares of the fit, and of what it leaves of the torque.
+    cross
+        Mean products of lagged angles and what the fit leaves, shape (lag,).
+    moments
+        Mean products of lagged angles, shape (lag, lag).
+    samples
+        How many there are, realizations times times.
+
+    Returns
+    -------
+    float
+        In per cent; see :func:`agreement`.
+    """
+    answer = float(cross @ np.linalg.pinv(moments, rcond=ROUNDING, hermitian=True) @ cross)
+    chance = len(cross) * left / samples
+    return agreement(*(np.array([value]) for value in (fitted, answer, chance)))
+
+
 def _inverses(matrices: Array) -> Array:
     """Inverses of symmetric matrices, shape (time, 3, 3); NaN where there is none."""
     power = np.diagonal(matrices, axis1=1, axis2=2)
@@ -157,5 +226,7 @@ def _inverses(matrices: Array) -> Array:
     return np.where(determined[:, None, None], np.linalg.inv(scaled) / scales, np.nan)
 
 
+ROUNDING = 1e-9
+"""Share of the largest eigenvalue below which directions of lagged angles are rounding."""
 SINGULAR = 1e-9
 """Determinant of three regressors' correlation matrix below which they cannot be told apart."""

@@ -16,6 +16,7 @@ import tvsysid as tv
 from tvsysid.methods.shared import correlations, residuals
 from tvsysid.numerics.bases import evaluate
 from tvsysid.numerics.differentiation import differentiate
+from tvsysid.numerics.noise import autocovariance
 from tvsysid.numerics.spectra import hann
 
 DEFAULTS = {
@@ -91,7 +92,8 @@ def test_short_segments_have_the_variance_of_the_dense_sandwich(context, subtrac
     model = tv.ShortDataSegments().identify(ensemble)
     windows = correlations.solve_windows(ensemble, lags, half, lambda _, *moments: correlations_of(*moments))
     taken = np.eye(2 * half + 1)[0] * np.mean(windows.rank / windows.samples) * 20 / (20 - subtracted)
-    colour = residuals.correlation(residuals.residual(ensemble, windows.weights, lags), taken)
+    left = autocovariance(residuals.residual(ensemble, windows.weights), 2 * half)
+    colour = residuals.noise_correlation(left, taken)
     missing = max(0, lags - ensemble.context)
     margin = min(half, max(0, ensemble.context - lags))
     for time in (missing, missing + 2, 100, 199 - missing):

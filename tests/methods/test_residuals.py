@@ -9,8 +9,8 @@ from scipy.signal import lfilter
 from tests.conftest import ensemble_of
 
 import tvsysid as tv
+from tvsysid.impedance import agreement_of_moments
 from tvsysid.methods.shared import correlations
-from tvsysid.methods.shared.residuals import second_order_agreement
 from tvsysid.numerics.bases import CubicBSplines
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 
@@ -85,4 +85,4 @@ def test_the_agreement_error_is_its_scatter(monkeypatch):
 
 
 def test_nothing_left_agrees_entirely():
-    assert second_order_agreement(2.0, np.zeros(3), np.eye(3), 0.0, 100) == 100
+    assert agreement_of_moments(2.0, np.zeros(3), np.eye(3), 0.0, 100) == 100

@@ -12,6 +12,10 @@ DECAY = 0.6
 FILTERS = derivative_weights(4)
 
 
+def covariances_of(filters, angle, lags):
+    return noise.regressor_covariances(filters, noise.angle_products(angle, filters.shape[1], lags))
+
+
 def coloured(random, shape, decay=DECAY):
     """First-order autoregressive noise of unit variance, started in its stationary state."""
     white = np.sqrt(1 - decay**2) * random.normal(size=shape)
@@ -37,7 +41,7 @@ def test_covariances_are_sums_of_products_over_all_samples(random, lags):
 @pytest.mark.parametrize("lags", [0, 3, 30])
 def test_regressors_covariances_are_sums_of_products_over_all_samples(random, lags):
     angle = random.normal(size=(3, 40))
-    found = noise.regressor_covariances(FILTERS, angle, lags)
+    found = covariances_of(FILTERS, angle, lags)
     signals = np.array([[np.convolve(row, weights, mode="valid") for row in angle] for weights in FILTERS])
     count = signals.shape[2]
     assert found.shape == (lags + 1, 3, 3)
@@ -59,9 +63,7 @@ def test_no_filter_of_an_autocovariance_has_a_negative_power(seed, realizations,
 @given(*short)
 def test_factors_of_short_realizations_are_bounded_by_the_noise(seed, realizations, samples, decay):
     random = np.random.default_rng(seed)
-    regressors = noise.regressor_covariances(
-        FILTERS, np.cumsum(random.normal(size=(realizations, samples)), axis=1), 25
-    )
+    regressors = covariances_of(FILTERS, np.cumsum(random.normal(size=(realizations, samples)), axis=1), 25)
     correlation = noise.autocovariance(coloured(random, (realizations, samples), decay), 25)
     correlation /= correlation[0]
     factors = noise.colour_factors(regressors, correlation)
@@ -72,14 +74,14 @@ def test_factors_of_short_realizations_are_bounded_by_the_noise(seed, realizatio
 
 def test_an_angle_shorter_than_the_filters_is_continued(random):
     ramp = np.arange(6.0)[None] * [[1.0], [2.0]]
-    regressors = noise.regressor_covariances(FILTERS, ramp, 5)
+    regressors = covariances_of(FILTERS, ramp, 5)
     assert np.isfinite(regressors).all()
     slope = np.convolve(np.arange(9.0), FILTERS[1], mode="valid")[0]
     assert regressors[0, 1, 1] == pytest.approx((1 + 4) / 2 * slope**2, rel=1e-9)
 
 
 def test_white_noise_changes_no_variance(random):
-    regressors = noise.regressor_covariances(FILTERS, coloured(random, (5, 200), 0.95), 10)
+    regressors = covariances_of(FILTERS, coloured(random, (5, 200), 0.95), 10)
     np.testing.assert_allclose(noise.colour_factors(regressors, np.eye(11)[0]), 1.0, atol=1e-9)
 
 
@@ -98,7 +100,7 @@ def test_factors_are_those_of_the_dense_sandwich(random):
     inverse = np.linalg.inv(np.einsum("jri,kri->jk", signals, signals))
     middle = np.einsum("jri,il,krl->jk", signals, dense, signals)
     expected = np.diag(inverse @ middle @ inverse) / np.diag(inverse)
-    regressors = noise.regressor_covariances(FILTERS, angle, 11)
+    regressors = covariances_of(FILTERS, angle, 11)
     np.testing.assert_allclose(noise.colour_factors(regressors, correlation[:12]), expected, rtol=1e-6)
 
 
@@ -106,7 +108,7 @@ def test_the_variance_of_a_fit_is_foretold(random):
     angle = coloured(random, (4, 400), 0.9)
     regressors = angle.ravel()
     errors = [float(coloured(random, (4, 400)).ravel() @ regressors / (regressors @ regressors)) for _ in range(1500)]
-    covariances = noise.regressor_covariances(np.ones((1, 1)), angle, 29)
+    covariances = covariances_of(np.ones((1, 1)), angle, 29)
     factor = noise.colour_factors(covariances, DECAY ** np.arange(30))[0]
     assert factor > 2
     assert np.var(errors) * (regressors @ regressors) == pytest.approx(factor, rel=0.1)
@@ -118,8 +120,8 @@ def test_units_of_angle_and_time_do_not_matter(size, rate):
     correlation = 0.6 ** np.arange(12)
     scaled = FILTERS * rate ** np.arange(3.0)[:, None]
     np.testing.assert_allclose(
-        noise.colour_factors(noise.regressor_covariances(scaled, size * angle, 11), correlation),
-        noise.colour_factors(noise.regressor_covariances(FILTERS, angle, 11), correlation),
+        noise.colour_factors(covariances_of(scaled, size * angle, 11), correlation),
+        noise.colour_factors(covariances_of(FILTERS, angle, 11), correlation),
         rtol=1e-6,
     )
 
@@ -128,7 +130,7 @@ def test_regressor_correlation_is_what_a_fit_takes_from_the_residual(random):
     # White noise, two regressors: products of the residual at a distance are lowered by that much in the mean.
     filters = derivative_weights(3)[:2]
     angle = coloured(random, (1, 2000), 0.9)
-    correlation = noise.regressor_correlation(noise.regressor_covariances(filters, angle, 5))
+    correlation = noise.regressor_correlation(covariances_of(filters, angle, 5))
     assert correlation[0] == pytest.approx(1.0, abs=1e-9)
     regressors = np.stack([np.convolve(angle[0], row, mode="valid") for row in filters], axis=1)
     count = len(regressors)

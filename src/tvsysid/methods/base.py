@@ -8,17 +8,19 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import ClassVar, Literal, Self, TypeVar, get_args
+from typing import TYPE_CHECKING, ClassVar, Literal, Self, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid.errors import DataQualityWarning, InputError
-from tvsysid.methods.tuning.evidence import Evidence
 from tvsysid.models import Model
 from tvsysid.numerics.spectra import power_share
 from tvsysid.quality.limits import LEAST_POWER, MOSTLY_NEGATIVE, mean_left, still_samples
 from tvsysid.signals import Ensemble
+
+if TYPE_CHECKING:
+    from tvsysid.methods.tuning.evidence import Evidence
 
 Array = NDArray[np.float64]
 Number = TypeVar("Number", np.float64, np.complex128)

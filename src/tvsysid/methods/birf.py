@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
-from typing import ClassVar, Literal
+from dataclasses import dataclass, field
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.errors import InputError
-from tvsysid.estimates import StandardError, impedance_estimates, standard_errors
-from tvsysid.impedance import agreement, derivative_filters, second_order_fit
 from tvsysid.methods.base import (
     EXCITED_ABOVE,
     Method,
@@ -22,38 +18,33 @@ from tvsysid.methods.base import (
     missing_edge,
     padded,
 )
-from tvsysid.methods.shared.correlations import impulse_response_model
-from tvsysid.methods.shared.residuals import (
-    colour,
+from tvsysid.methods.shared import (
+    HALF_WIDTH,
+    PRIORS,
+    Colour,
+    DerivativeMoments,
+    Posterior,
+    PosteriorErrors,
+    agreement,
+    derivative_filters,
+    derivative_moments,
+    impedance_estimates,
+    impulse_response_model,
     independent_realizations,
     independent_share,
+    lagged_moments,
     residual,
-    second_order_agreement,
+    second_order_fit,
+    time_chunks,
 )
-from tvsysid.methods.tuning.evidence import Evidence
+from tvsysid.methods.tuning import Evidence, evidence_of_bases
 from tvsysid.models import Diagnostics, ImpulseResponseModel, Model, SecondOrderModel
-from tvsysid.numerics.bands import arc_length
-from tvsysid.numerics.bases import Basis, CubicBSplines, FourierSeries, HaarWavelets, evaluate
-from tvsysid.numerics.bayes import PRIORS, Posterior
-from tvsysid.numerics.differentiation import HALF_WIDTH
-from tvsysid.numerics.moments import lagged_moments, time_chunks
+from tvsysid.numerics.bases import Basis, CubicBSplines, check_basis, evaluate
 from tvsysid.signals import Ensemble
 
 Array = NDArray[np.float64]
 Prior = Literal["ard", "ridge", "none"]
 Structure = Literal["parametric", "irf"]
-
-BASES: tuple[Basis, ...] = (
-    *(CubicBSplines(functions) for functions in (4, 6, 8, 10, 12, 16, 20, 28, 40)),
-    *(CubicBSplines(functions, periodic=True) for functions in (6, 8, 10, 12, 16, 20, 28, 40)),
-    *(FourierSeries(harmonics) for harmonics in (0, 1, 2, 3, 4, 6, 8, 12, 16)),
-    *(HaarWavelets(functions) for functions in (2, 4, 8, 16, 32)),
-)
-"""Bases of which a tuned one is the best."""
-MOST = 500
-"""Coefficients of the largest model that is tried."""
-CLEARLY = 3.0
-"""Log evidence by which a basis must be better than the one given to be chosen: 20 to 1."""
 
 
 @dataclass(frozen=True)
@@ -114,150 +105,29 @@ class BasisIRF(Method):
         check_positive(self, max_lag=self.max_lag)
         check_choice(self, "model", Structure)
         check_choice(self, "prior", Prior)
-        if not callable(self.basis):
-            raise InputError(
-                f"BasisIRF: basis must be a callable from normalised time to values, got {self.basis!r}; "
-                "for example CubicBSplines(10)"
-            )
+        check_basis(self, self.basis)
 
     def _identify(self, ensemble: Ensemble) -> Model:
-        return self._from_share(ensemble, 1.0)
-
-    def _from_share(self, ensemble: Ensemble, share: float) -> Model:
-        """Model identified as if only a share of the samples were there; all of them are, but weigh less."""
         functions = evaluate(self.basis, ensemble.samples)
-        identify = self._parametric if self.model == "parametric" else self._irf
-        return identify(ensemble, functions, share)
+        return self._parametric(ensemble, functions) if self.model == "parametric" else self._irf(ensemble, functions)
 
-    def _evidence(self, ensemble: Ensemble, seed: int) -> Evidence:
-        """Evidence of bases, less the number of precisions that were fitted to the data.
-
-        Noise that is not white makes samples worth less than as many independent ones, and is told by the residual.
-        ``seed`` is not needed: nothing is drawn at random.
-        """
-        if self.prior == "none":
-            raise InputError(
-                "BasisIRF: least squares has no evidence to choose a basis by; set prior to 'ard' or 'ridge'"
-            )
-        per_function = 2 if self.model == "parametric" else 2 * fitting_lags("BasisIRF", self.max_lag, ensemble) + 1
-        nyquist = ensemble.sampling_rate / 2
-        share = independent_share(ensemble, self._identify(ensemble).predict(ensemble), (0.0, nyquist))
-        tried: list[Basis] = []
-        values, counts = [], []
-        for basis in (self.basis, *(basis for basis in BASES if basis != self.basis)):
-            functions = evaluate(basis, ensemble.samples).shape[1]
-            if tried and per_function * functions > MOST:
-                continue
-            model = replace(self, basis=basis)._from_share(ensemble, share)
-            # Each precision that was fitted raises the evidence, even of a function that is not there.
-            fitted = per_function * functions if self.prior == "ard" else 1
-            tried.append(basis)
-            counts.append(functions)
-            values.append(model.diagnostics.details["log_evidence"] - fitted)
-        best = int(np.argmax(values))
-        return Evidence(
-            criterion="log evidence less precisions fitted",
-            unit="nat",
-            better="higher",
-            tried=tuple({"basis": basis} for basis in tried),
-            values=np.array(values),
-            standard_errors=np.full(len(values), np.nan),
-            chosen=best if values[best] > values[0] + CLEARLY else 0,
-            axis="functions",
-            positions=np.array(counts, dtype=np.float64),
-            lines=tuple(_kind(basis) for basis in tried),
-        )
-
-    def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
-        return 1 / (2 * self.max_lag), EXCITED_ABOVE
-
-    def _irf(self, ensemble: Ensemble, functions: Array, share: float) -> ImpulseResponseModel:
-        lags = fitting_lags("BasisIRF", self.max_lag, ensemble)
-        missing = missing_edge(lags, ensemble)
-        inner = functions[missing : len(functions) - missing]
-        unknowns, count = 2 * lags + 1, inner.shape[1]
-        gram, cross, square = np.zeros((unknowns**2, count**2)), np.zeros((unknowns, count)), 0.0
-        moments_over_time = np.zeros((unknowns, unknowns))
-        for chunk, phi_uu, phi_uy, squares in _moments(ensemble, lags):
-            at = inner[chunk]
-            gram += phi_uu.reshape(len(at), -1).T @ (at[:, :, None] * at[:, None, :]).reshape(len(at), -1)
-            cross += phi_uy.T @ at
-            square += float(squares.sum())
-            moments_over_time += phi_uu.sum(axis=0)
-        gram = gram.reshape(unknowns, unknowns, count, count).transpose(0, 2, 1, 3).reshape(unknowns * count, -1)
-        # To unit RMS, so that one prior has no unit.
-        power = float(np.trace(moments_over_time)) / (unknowns * len(inner))
-        posterior = self._solve(gram / power, cross.ravel() / np.sqrt(power), square, ensemble, missing, share)
-        weights = inner @ posterior.mean.reshape(unknowns, count).T / np.sqrt(power)
-        covariance = posterior.covariance.reshape(unknowns, count, unknowns, count) / power
-        # A second-order fit, weighted by the angle's mean correlations.
-        mean_moments = moments_over_time / len(inner)
-        derivative = derivative_filters(lags, ensemble.sampling_rate)
-        projected = derivative @ mean_moments
-        fit = second_order_fit((projected @ derivative.T)[None], np.zeros((1, 3))).inverse[0] @ projected
-        impedance = weights @ fit.T
-        beyond = mean_moments - projected.T @ fit
-        shared = np.einsum("ajbk,jk->ab", covariance, inner.T @ inner / len(inner))
-        details = {
-            "second_order_agreement": agreement(
-                np.einsum("ta,ab,tb->t", weights, mean_moments - beyond, weights),
-                np.einsum("ta,ab,tb->t", weights, beyond, weights),
-                np.full(len(weights), np.sum(beyond * shared)),
-            )
-        }
-        readout = np.stack([np.ones(unknowns), fit[1], fit[2]])
-        spreads = np.einsum("ma,ajbk,mb->mjk", readout, covariance, readout, optimize=True)
-        left = residual(ensemble, weights, lags)
-        errors = _errors(ensemble, (inner,) * 3, tuple(spreads), left, posterior.effective, missing)
-        diagnostics = _diagnostics(posterior, details)
-        return impulse_response_model(repr(self), ensemble, weights, impedance, lags, diagnostics, errors)
-
-    def _parametric(self, ensemble: Ensemble, functions: Array, share: float) -> SecondOrderModel:
-        check_window("BasisIRF: the derivatives of the angle", 2 * HALF_WIDTH + 1, ensemble)
-        missing = missing_edge(HALF_WIDTH, ensemble)
-        # Angle, velocity and acceleration are sums of lagged angles, so their moments follow.
-        derivative = derivative_filters(HALF_WIDTH, ensemble.sampling_rate)
-        parts, lagged = [], np.zeros((derivative.shape[1],) * 2)
-        for _, phi_uu, phi_uy, squares in _moments(ensemble, HALF_WIDTH):
-            parts.append((phi_uu @ derivative.T, phi_uy, squares))
-            lagged += phi_uu.sum(axis=0)
-        mixed, answers, squares = (np.concatenate(values) for values in zip(*parts, strict=True))
-        moments, cross = derivative @ mixed, answers @ derivative.T
-        square = float(squares.sum())
-        rms = np.sqrt(np.maximum(np.mean(np.diagonal(moments, axis1=1, axis2=2), axis=0), np.finfo(float).tiny))
-        moments, cross = moments / np.outer(rms, rms), cross / rms
-        inner = functions[missing : len(functions) - missing]
-        count = inner.shape[1]
-        expansions = (inner, inner, np.ones((len(inner), 1)))
-        gram = np.block(
-            [
-                [(left * moments[:, a, b, None]).T @ right for b, right in enumerate(expansions)]
-                for a, left in enumerate(expansions)
-            ]
-        )
-        right = np.concatenate([expansion.T @ cross[:, a] for a, expansion in enumerate(expansions)])
-        posterior = self._solve(gram, right, square, ensemble, missing, share)
-        unit = 1 / np.repeat(rms, (count, count, 1))
-        coefficients, covariance = posterior.mean * unit, posterior.covariance * np.outer(unit, unit)
+    def _parametric(self, ensemble: Ensemble, functions: Array) -> SecondOrderModel:
+        moments = self._derivative_moments(ensemble)
+        missing = (len(functions) - len(moments.square)) // 2
+        expansions = _expansions(functions[missing : len(functions) - missing])
+        system = _parametric_system(moments, expansions)
+        posterior = self._posterior(system, ensemble)
+        coefficients = posterior.mean * system.scale
+        covariance = posterior.covariance * np.outer(system.scale, system.scale)
+        count = functions.shape[1]
         places = np.split(np.arange(len(coefficients)), (count, 2 * count))
-        impedance = np.stack([e @ coefficients[at] for e, at in zip(expansions, places, strict=True)])
-        explained = float(np.sum((cross * rms).T * impedance))
-        fitted = float(np.einsum("mt,tmk,kt->", impedance, moments * np.outer(rms, rms), impedance))
-        details = {
-            "second_order_agreement": second_order_agreement(
-                fitted / len(inner),
-                np.mean(answers - np.einsum("tlm,mt->tl", mixed, impedance), axis=0),
-                lagged / len(inner),
-                (square - 2 * explained + fitted) / len(inner),
-                len(ensemble) * len(inner),
-            )
-        }
-
-        left = residual(ensemble, impedance.T @ derivative, HALF_WIDTH)
+        impedance = np.stack([e @ coefficients[at] for e, at in zip(expansions, places, strict=True)], axis=1)
+        agreement = moments.second_order_agreement(impedance, len(ensemble))
+        filters = derivative_filters(moments.answers.shape[1] // 2, ensemble.sampling_rate)
+        left = residual(ensemble, impedance @ filters)
         covariances = tuple(covariance[np.ix_(at, at)] for at in places)
-        errors = _errors(ensemble, expansions, covariances, left, posterior.effective, missing)
-
-        stiffness, viscosity, inertia = (padded(values, missing) for values in impedance)
+        errors = self._errors(ensemble, expansions, covariances, left, posterior.effective)
+        stiffness, viscosity, inertia = padded(impedance, missing).T
         names = [f"{name} {j}" for name in ("stiffness", "viscosity") for j in range(count)]
         return SecondOrderModel(
             method=repr(self),
@@ -267,69 +137,153 @@ class BasisIRF(Method):
             coefficients=coefficients,
             covariance=covariance,
             labels=(*names, "inertia"),
-            diagnostics=_diagnostics(posterior, details),
+            diagnostics=_diagnostics(posterior, agreement),
         )
 
-    def _solve(
-        self, gram: Array, cross: Array, square: float, ensemble: Ensemble, missing: int, share: float
-    ) -> Posterior:
-        """Coefficients from moments that were averaged over realizations and summed over time."""
+    def _irf(self, ensemble: Ensemble, functions: Array) -> ImpulseResponseModel:
+        lags = fitting_lags("BasisIRF", self.max_lag, ensemble)
+        missing = missing_edge(lags, ensemble)
+        inner = functions[missing : len(functions) - missing]
+        system, moments = _irf_system(ensemble, inner, lags)
+        posterior = self._posterior(system, ensemble)
+        unknowns, count = 2 * lags + 1, inner.shape[1]
+        scale = float(system.scale[0])
+        weights = inner @ posterior.mean.reshape(unknowns, count).T * scale
+        covariance = posterior.covariance.reshape(unknowns, count, unknowns, count) * scale**2
+        # A second-order fit, weighted by the angle's mean correlations.
+        derivative = derivative_filters(lags, ensemble.sampling_rate)
+        projected = derivative @ moments
+        fit = second_order_fit((projected @ derivative.T)[None], np.zeros((1, 3))).inverse[0] @ projected
+        beyond = moments - projected.T @ fit
+        shared = np.einsum("ajbk,jk->ab", covariance, inner.T @ inner / len(inner))
+        found = agreement(
+            np.einsum("ta,ab,tb->t", weights, moments - beyond, weights, optimize=True),
+            np.einsum("ta,ab,tb->t", weights, beyond, weights, optimize=True),
+            np.full(len(weights), np.sum(beyond * shared)),
+        )
+        readout = np.stack([np.ones(unknowns), fit[1], fit[2]])
+        covariances = tuple(np.einsum("ma,ajbk,mb->mjk", readout, covariance, readout, optimize=True))
+        left, expansions = residual(ensemble, weights), (inner,) * 3
+        errors = self._errors(ensemble, expansions, covariances, left, posterior.effective)
+        diagnostics = _diagnostics(posterior, found)
+        return impulse_response_model(repr(self), ensemble, weights, weights @ fit.T, diagnostics, errors)
+
+    def _posterior(self, system: System, ensemble: Ensemble, share: float = 1.0) -> Posterior:
+        """Coefficients as if only a share of the samples were there; all of them are, but weigh less."""
         count = len(ensemble) * share
-        samples = round(count * (ensemble.samples - 2 * missing))
-        return PRIORS[self.prior](gram * count, cross * count, square * count, samples)
+        moments = (system.gram * count, system.cross * count, system.square * count)
+        return PRIORS[self.prior](*moments, round(count * system.times))
+
+    def _derivative_moments(self, ensemble: Ensemble) -> DerivativeMoments:
+        check_window("BasisIRF: the derivatives of the angle", 2 * HALF_WIDTH + 1, ensemble)
+        first = max(0, ensemble.context - HALF_WIDTH)
+        angle, torque = (x[:, first : x.shape[1] - first] for x in (ensemble.angle, ensemble.torque))
+        return derivative_moments(angle, torque, ensemble.sampling_rate)
+
+    def _errors(
+        self,
+        ensemble: Ensemble,
+        expansions: tuple[Array, ...],
+        covariances: tuple[Array, ...],
+        left: Array,
+        effective: float,
+    ) -> PosteriorErrors:
+        """Standard errors of what the coefficients of these expansions (time, function) make."""
+        filters = derivative_filters(HALF_WIDTH, ensemble.sampling_rate)
+        # The posterior counts all samples; where their mean was subtracted, there is less noise in them.
+        freedom = left.size * independent_realizations(ensemble) / len(ensemble) - effective
+        return PosteriorErrors(
+            expansions,
+            covariances,
+            Colour.of(ensemble, left, effective / left.size, filters),
+            band=(0.0, 0.5),
+            stronger=(left.size - effective) / max(freedom, 1.0),
+            freedom=freedom,
+            times=ensemble.samples,
+            missing=0,
+        )
+
+    def _evidence(self, ensemble: Ensemble, seed: int) -> Evidence:
+        """Log evidence of bases; ``seed`` is not needed: nothing is drawn at random."""
+        per_function = 2 if self.model == "parametric" else 2 * fitting_lags("BasisIRF", self.max_lag, ensemble) + 1
+        predicted = self._identify(ensemble).predict(ensemble)
+        share = independent_share(ensemble, predicted, (0.0, ensemble.sampling_rate / 2))
+        moments = self._derivative_moments(ensemble) if self.model == "parametric" else None
+
+        def log_evidence(basis: Basis) -> float:
+            functions = evaluate(basis, ensemble.samples)
+            if moments is None:
+                missing = missing_edge(per_function // 2, ensemble)
+                system, _ = _irf_system(ensemble, functions[missing : len(functions) - missing], per_function // 2)
+            else:
+                missing = (len(functions) - len(moments.square)) // 2
+                system = _parametric_system(moments, _expansions(functions[missing : len(functions) - missing]))
+            return self._posterior(system, ensemble, share).log_evidence
+
+        return evidence_of_bases(self.basis, self.prior, ensemble.samples, log_evidence, per_function)
+
+    def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
+        return 1 / (2 * self.max_lag), EXCITED_ABOVE
 
 
-def _kind(basis: Basis) -> str:
-    """Name of a basis, without the number of its functions."""
-    name = getattr(type(basis), "__name__", "basis")
-    return f"periodic {name}" if isinstance(basis, CubicBSplines) and basis.periodic else name
+class System(NamedTuple):
+    """Normal equations of coefficients whose columns have unit RMS: averaged over realizations, summed over ``times``.
 
-
-def _moments(ensemble: Ensemble, lags: int) -> Iterator[tuple[slice, Array, Array, Array]]:
-    """Lagged moments and the torque's mean square, for a few times after another where the context has the lags."""
-    first = max(0, ensemble.context - lags)
-    angle, torque = (values[:, first : values.shape[1] - first] for values in (ensemble.angle, ensemble.torque))
-    for chunk in time_chunks(angle.shape[1] - 2 * lags, 2 * lags + 1):
-        within = slice(chunk.start, chunk.stop + 2 * lags)
-        phi_uu, phi_uy, square, _ = lagged_moments(angle[:, within], torque[:, within], lags)
-        yield chunk, phi_uu, phi_uy, square
-
-
-def _errors(
-    ensemble: Ensemble,
-    expansions: tuple[Array, ...],
-    covariances: tuple[Array, ...],
-    left: Array,
-    effective: float,
-    missing: int,
-) -> dict[str, StandardError]:
-    """Standard errors of stiffness, viscosity and inertia from the posterior, corrected for the noise's colour.
-
-    ``expansions`` (time, function) and their coefficients' ``covariances`` are those of the three; ``left`` is the
-    residual.
+    ``gram`` (coefficient, coefficient), ``cross`` (coefficient,), the torque's ``square``, and the ``scale`` by which
+    the coefficients are those of the columns in their own units.
     """
-    filters = derivative_filters(HALF_WIDTH, ensemble.sampling_rate)
-    factors = colour(ensemble, left, effective / left.size, filters).factors()
-    # The posterior counts all samples; where the mean over realizations was subtracted, there is less noise in them.
-    freedom = left.size * independent_realizations(ensemble) / len(ensemble) - effective
-    stronger = (left.size - effective) / max(freedom, 1.0)
-    variances = [
-        stronger * factor * np.einsum("tj,jk,tk->t", expansion, covariance, expansion)
-        for factor, expansion, covariance in zip(factors, expansions, covariances, strict=True)
-    ]
-    deviation = np.stack([padded(np.sqrt(np.maximum(variance, 0.0)), missing) for variance in variances], axis=1)
-    arcs = [arc_length(*pair) for pair in zip(expansions, covariances, strict=True)]
-    return standard_errors(deviation, np.full(deviation.shape, freedom), arcs)
+
+    gram: Array
+    cross: Array
+    square: float
+    times: int
+    scale: Array
 
 
-def _diagnostics(posterior: Posterior, details: dict[str, float]) -> Diagnostics:
-    return Diagnostics(
-        posterior.effective,
-        details={
-            "noise_variance": posterior.noise_variance,
-            "log_evidence": posterior.log_evidence,
-            "iterations": posterior.iterations,
-            "converged": float(posterior.converged),
-            **details,
-        },
+def _expansions(functions: Array) -> tuple[Array, Array, Array]:
+    """Functions of time (time, function) of stiffness, viscosity and inertia, which is constant."""
+    return functions, functions, np.ones((len(functions), 1))
+
+
+def _parametric_system(moments: DerivativeMoments, expansions: tuple[Array, ...]) -> System:
+    power = np.mean(np.diagonal(moments.regressors, axis1=1, axis2=2), axis=0)
+    rms = np.sqrt(np.maximum(power, np.finfo(float).tiny))
+    regressors, cross = moments.regressors / np.outer(rms, rms), moments.cross / rms
+    gram = np.block(
+        [
+            [(left * regressors[:, a, b, None]).T @ right for b, right in enumerate(expansions)]
+            for a, left in enumerate(expansions)
+        ]
     )
+    right = np.concatenate([expansion.T @ cross[:, a] for a, expansion in enumerate(expansions)])
+    scale = 1 / np.repeat(rms, [expansion.shape[1] for expansion in expansions])
+    return System(gram, right, float(moments.square.sum()), len(cross), scale)
+
+
+def _irf_system(ensemble: Ensemble, functions: Array, lags: int) -> tuple[System, Array]:
+    """Normal equations of the impulse response, and the mean over time of the correlations of lagged angles."""
+    first = max(0, ensemble.context - lags)
+    angle, torque = (x[:, first : x.shape[1] - first] for x in (ensemble.angle, ensemble.torque))
+    phi_uu, phi_uy, square, _ = lagged_moments(angle, torque, lags)
+    unknowns, count = phi_uy.shape[1], functions.shape[1]
+    gram = np.zeros((unknowns**2, count**2))
+    for chunk in time_chunks(len(functions), unknowns):
+        at = functions[chunk]
+        gram += phi_uu[chunk].reshape(len(at), -1).T @ (at[:, :, None] * at[:, None, :]).reshape(len(at), -1)
+    gram = gram.reshape(unknowns, unknowns, count, count).transpose(0, 2, 1, 3).reshape(unknowns * count, -1)
+    moments = phi_uu.sum(axis=0)
+    power = float(np.trace(moments)) / (unknowns * len(functions))
+    cross = (phi_uy.T @ functions).ravel() / np.sqrt(power)
+    scale = np.full(unknowns * count, 1 / np.sqrt(power))
+    return System(gram / power, cross, float(square.sum()), len(functions), scale), moments / len(functions)
+
+
+def _diagnostics(posterior: Posterior, agreement: float) -> Diagnostics:
+    details = {
+        "noise_variance": posterior.noise_variance,
+        "log_evidence": posterior.log_evidence,
+        "iterations": posterior.iterations,
+        "converged": float(posterior.converged),
+        "second_order_agreement": agreement,
+    }
+    return Diagnostics(posterior.effective, details=details)

@@ -9,21 +9,21 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.estimates import no_errors
 from tvsysid.methods.base import EXCITED_ABOVE, Method, check_choice, check_positive, fitting_lags, whole_samples
-from tvsysid.methods.shared.correlations import (
+from tvsysid.methods.shared import (
     Solver,
-    impulse_response_model,
+    StandardError,
+    Windows,
+    counted,
+    independent_realizations,
+    no_errors,
     solve_windows,
-    window_diagnostics,
     window_errors,
+    window_model,
 )
-from tvsysid.methods.shared.residuals import counted, independent_realizations
-from tvsysid.methods.tuning.evidence import Evidence
-from tvsysid.methods.tuning.halves import evidence_by_halves
+from tvsysid.methods.tuning import Evidence, evidence_by_halves
 from tvsysid.models import ImpulseResponseModel
 from tvsysid.numerics import pseudoinverse
-from tvsysid.numerics.pseudoinverse import Order, Solution
 from tvsysid.signals import Ensemble
 
 Array = NDArray[np.float64]
@@ -73,7 +73,7 @@ class EnsembleIRF(Method):
 
     max_lag: float = 0.12
     solver: Solving = "mdl"
-    order: Order = "natural"
+    order: pseudoinverse.Order = "natural"
 
     key: ClassVar[str] = "eirf"
     title: ClassVar[str] = "Ensemble impulse response function"
@@ -86,47 +86,42 @@ class EnsembleIRF(Method):
     def __post_init__(self) -> None:
         check_positive(self, max_lag=self.max_lag)
         check_choice(self, "solver", Solving)
-        check_choice(self, "order", Order)
+        check_choice(self, "order", pseudoinverse.Order)
 
     def _identify(self, ensemble: Ensemble) -> ImpulseResponseModel:
         lags = fitting_lags("EnsembleIRF", self.max_lag, ensemble)
         solve = self._directly(ensemble, lags) if self.solver == "lstsq" else self._solve
         windows = solve_windows(ensemble, lags, 0, solve)
-        # Realizations lie seconds apart: whatever the noise's colour, it is white across them.
-        errors = window_errors(ensemble, lags, windows, windows.white)
-        if independent_realizations(ensemble) <= 2 * lags + 1:
-            why = (
-                f"{counted(ensemble)} are no more than the {2 * lags + 1} lags: nothing tells the noise from "
-                "what the joint does; record more, or shorten max_lag"
-            )
-            errors = no_errors(ensemble.samples, why)
-        return impulse_response_model(
-            repr(self),
-            ensemble,
-            windows.weights,
-            windows.impedance,
-            lags,
-            window_diagnostics(ensemble, windows, lags, 0),
-            errors,
-        )
+        errors = self._errors(ensemble, windows)
+        return window_model(repr(self), ensemble, windows, windows.noise_correlation(ensemble), errors)
 
-    def _solve(self, at: slice, phi_uu: Array, phi_uy: Array, variance: Array, count: Array) -> Solution:
+    def _solve(self, at: slice, phi_uu: Array, phi_uy: Array, variance: Array, count: Array) -> pseudoinverse.Solution:
         if self.solver == "full":
             return pseudoinverse.full(phi_uu, phi_uy)
         return pseudoinverse.truncated(phi_uu, phi_uy, variance, count, self.order)
-
-    def _evidence(self, ensemble: Ensemble, seed: int) -> Evidence:
-        return evidence_by_halves(self, ensemble, seed, {"max_lag": LAGS}, self.max_lag)
 
     def _directly(self, ensemble: Ensemble, lags: int) -> Solver:
         first = max(0, ensemble.context - lags)
         angle, torque = (x[:, first : x.shape[1] - first] for x in (ensemble.angle, ensemble.torque))
 
-        def solve(at: slice, *correlations: Array) -> Solution:
+        def solve(at: slice, *correlations: Array) -> pseudoinverse.Solution:
             within = slice(at.start, at.stop + 2 * lags)
             return pseudoinverse.direct(angle[:, within], torque[:, within], lags)
 
         return solve
+
+    def _errors(self, ensemble: Ensemble, windows: Windows) -> dict[str, StandardError]:
+        unknowns = 2 * windows.lags + 1
+        if independent_realizations(ensemble) > unknowns:
+            return window_errors(ensemble, windows)
+        why = (
+            f"{counted(ensemble)} are no more than the {unknowns} lags: nothing tells the noise from what the joint "
+            "does; record more, or shorten max_lag"
+        )
+        return no_errors(ensemble.samples, why)
+
+    def _evidence(self, ensemble: Ensemble, seed: int) -> Evidence:
+        return evidence_by_halves(self, ensemble, seed, {"max_lag": LAGS}, self.max_lag)
 
     def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
         return 1 / (2 * self.max_lag), EXCITED_ABOVE

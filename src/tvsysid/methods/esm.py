@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -12,8 +13,6 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
-from tvsysid.estimates import impedance_estimates, standard_errors
-from tvsysid.impedance import derivative_filters, second_order_fit
 from tvsysid.methods.base import (
     EXCITED_ABOVE,
     Method,
@@ -24,20 +23,26 @@ from tvsysid.methods.base import (
     padded,
     whole_samples,
 )
-from tvsysid.methods.shared.residuals import (
+from tvsysid.methods.shared import (
+    HALF_WIDTH,
     LONGEST_COLOUR,
     Colour,
+    StandardError,
     agreement_of,
-    colour,
+    convolve_lags,
     counted,
+    derivative_filters,
+    differentiate,
+    hann,
+    impedance_estimates,
     independent_realizations,
+    power_share,
+    second_order_fit,
+    short_time_spectra,
+    standard_errors,
 )
-from tvsysid.methods.tuning.evidence import Evidence
-from tvsysid.methods.tuning.halves import evidence_by_halves
+from tvsysid.methods.tuning import Evidence, evidence_by_halves
 from tvsysid.models import Diagnostics, FrequencyResponseModel
-from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
-from tvsysid.numerics.moments import convolve_lags
-from tvsysid.numerics.spectra import hann, power_share, short_time_spectra
 from tvsysid.signals import Ensemble
 
 Array = NDArray[np.float64]
@@ -133,24 +138,13 @@ class EnsembleSpectral(Method):
         powers = input_power * np.maximum(spectra.yy, np.finfo(float).tiny)
         coherence = np.clip(np.abs(spectra.yu) ** 2 / powers, 0.0, 1.0)
         frequencies = np.asarray(np.fft.rfftfreq(length, 1 / ensemble.sampling_rate), dtype=np.float64)
-        fit = _segment_fit(ensemble, hann(length) ** 2, missing, (first, last))
-        impedance, variance, freedom = fit.impedance, fit.variance, fit.freedom
-        absent = ""
+        segments, impedance, agreement = _segment_fit(ensemble, hann(length) ** 2, first, last)
+        at_rest = None
         if self.stiffness == "dc":
-            impedance, variance, freedom = impedance.copy(), variance.copy(), freedom.copy()
             impedance[:, 0] = response[:, 0].real
-            independent = independent_realizations(ensemble)
-            variance[:, 0] = _variance_at_rest(angle, torque, hann(length), impedance[:, 0], independent)
-            freedom[:, 0] = max(independent - 1, 1)
-            if independent < FEWEST_AT_REST:
-                absent = (
-                    f"{counted(ensemble)} tell nothing of the noise at 0 Hz: there is one number of each; record more, "
-                    "or set stiffness to 'fit'"
-                )
-                variance[:, 0] = np.nan
+            at_rest = _variance_at_rest(angle, torque, impedance[:, 0], independent_realizations(ensemble))
         stiffness, viscosity, inertia = padded(impedance, *missing).T
-        errors = standard_errors(padded(np.sqrt(variance), *missing), padded(freedom, *missing), absent=absent)
-        details = {"second_order_agreement": fit.agreement}
+        errors = SegmentErrors(segments, at_rest, missing, counted(ensemble))
         return FrequencyResponseModel(
             method=repr(self),
             sampling_rate=ensemble.sampling_rate,
@@ -161,7 +155,7 @@ class EnsembleSpectral(Method):
             coherence=padded(coherence, *missing),
             excited=padded(excited, *missing) > 0,
             segment=length,
-            diagnostics=Diagnostics(float(length), details=details),
+            diagnostics=Diagnostics(float(length), details={"second_order_agreement": agreement}),
         )
 
     def _doubts(self, ensemble: Ensemble) -> Iterator[str]:
@@ -184,74 +178,77 @@ class EnsembleSpectral(Method):
         return 1 / self.window, EXCITED_ABOVE
 
 
-class _Fit(NamedTuple):
-    """Second-order fit: ``impedance``, ``variance`` and ``freedom`` (time, 3); its ``agreement`` in per cent."""
-
-    impedance: Array
-    variance: Array
-    freedom: Array
-    agreement: float
-
-
-def _segment_fit(ensemble: Ensemble, power: Array, missing: tuple[int, int], reach: tuple[int, int]) -> _Fit:
-    r"""Stiffness, viscosity and inertia from the segments' cross-spectra with angle, velocity and acceleration.
+class Segments(NamedTuple):
+    r"""Second-order fit to segments, from second moments of angle, velocity, acceleration and torque.
 
     With :math:`u^{(m)}` the angle's derivatives, taken before the window, the segments obey
     :math:`S_{y u^{(m)}}(f) = k S_{u u^{(m)}}(f) + b S_{\dot u u^{(m)}}(f) + I S_{\ddot u u^{(m)}}(f)` at every
-    frequency, without leakage. Least squares sum over frequency; by Parseval's theorem that is a sum over samples
-    with the squared window as weights.
+    frequency, without leakage. Least squares sum over frequency; by Parseval's theorem that is a sum over samples with
+    the squared window as weights.
 
-    Parameters
-    ----------
-    ensemble
-        Realizations.
-    power
-        Squared window, shape (sample,).
-    missing
-        Times at either end of a realization without segment.
-    reach
-        First sample of the first segment, and the one after the last segment's last, context counted.
+    ``moments`` (sample, 4, 4), summed over realizations, are 0 at the samples at either end (``edges``) where the
+    derivatives lack samples, so that segments are cut short; ``power`` is the squared window (sample,),
+    ``realizations`` how many independent ones there are, ``colour`` that of what the fit leaves.
     """
-    first, last = max(0, reach[0] - HALF_WIDTH), min(ensemble.angle.shape[1], reach[1] + HALF_WIDTH)
+
+    moments: Array
+    edges: tuple[int, int]
+    power: Array
+    realizations: int
+    colour: Colour
+
+    def variances(self) -> Array:
+        """Variances of stiffness, viscosity and inertia, shape (time, 3)."""
+        sums, fourth = (window_sums(self.moments, self.power**n) for n in (1, 2))
+        fourth = fourth[:, :3, :3]
+        impedance, inverse = second_order_fit(sums[:, :3, :3], sums[:, :3, 3])
+        known = np.pad(np.ones(len(self.moments) - sum(self.edges)), self.edges)
+        weight = self.realizations * sliding_window_view(known, len(self.power)) @ self.power
+        fitted = np.einsum("tmk,tkm->t", inverse, fourth)
+        left = np.maximum(sums[:, 3, 3] - np.einsum("tm,tm->t", impedance, sums[:, :3, 3]), 0.0)
+        noise = np.where(weight > fitted, left / np.where(weight > fitted, weight - fitted, 1.0), np.nan)
+        white = noise[:, None] * np.diagonal(inverse @ fourth @ inverse, axis1=1, axis2=2)
+        overlap = _overlap(self.power, len(self.colour.covariance))
+        return np.asarray(self.colour.factors(overlap / overlap[0]) * white)
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom of the variances."""
+        return float(self.realizations * self.power.sum() ** 2 / np.sum(self.power**2) - 3)
+
+
+def _segment_fit(ensemble: Ensemble, power: Array, begin: int, end: int) -> tuple[Segments, Array, float]:
+    """Segments from one sample to another, context counted; their impedance (time, 3) and its agreement in per cent."""
+    first, last = max(0, begin - HALF_WIDTH), min(ensemble.angle.shape[1], end + HALF_WIDTH)
     signals = differentiate(ensemble.angle[:, first:last], ensemble.sampling_rate)
     torque = ensemble.torque[:, first + HALF_WIDTH : last - HALF_WIDTH]
-    # Where the derivatives lack samples, segments are cut short.
-    edges = first + HALF_WIDTH - reach[0], reach[1] - (last - HALF_WIDTH)
-    length, count = len(power), len(ensemble)
-    times = reach[1] - reach[0] - length + 1
-    both = np.concatenate([signals, torque[None]])
-    pairs = [(a, b) for a in range(4) for b in range(a + 1)]
-    products = np.array([np.einsum("rt,rt->t", both[a], both[b]) for a, b in pairs])
-    segments = sliding_window_view(np.pad(products, ((0, 0), edges)), length, axis=1)
-    sums, fourth = np.empty((times, 4, 4)), np.empty((times, 4, 4))
-    for (a, b), values in zip(pairs, segments @ np.stack([power, power**2], axis=1), strict=True):
-        for total, column in ((sums, 0), (fourth, 1)):
-            total[:, a, b] = total[:, b, a] = values[:, column]
-
-    impedance, inverse = second_order_fit(sums[:, :3, :3], sums[:, :3, 3])
-    explained = np.einsum("tm,tm->t", impedance, sums[:, :3, 3])
-    independent = independent_realizations(ensemble)
-    weight = independent * sliding_window_view(np.pad(np.ones(torque.shape[1]), edges), length) @ power
-    fitted = np.einsum("tmk,tkm->t", inverse, fourth[:, :3, :3])
-    left_over = np.maximum(sums[:, 3, 3] - explained, 0.0)
-    noise = np.where(weight > fitted, left_over / np.where(weight > fitted, weight - fitted, 1.0), np.nan)
-    white = noise[:, None] * np.diagonal(inverse @ fourth[:, :3, :3] @ inverse, axis1=1, axis2=2)
+    edges = first + HALF_WIDTH - begin, end - (last - HALF_WIDTH)
+    moments = np.zeros((end - begin, 4, 4))
+    both = (*signals, torque)
+    for a, b in itertools.combinations_with_replacement(range(4), 2):
+        products = np.einsum("rt,rt->t", both[a], both[b])
+        moments[edges[0] : len(moments) - edges[1], a, b] = moments[edges[0] : len(moments) - edges[1], b, a] = products
+    sums = window_sums(moments, power)
+    impedance, _ = second_order_fit(sums[:, :3, :3], sums[:, :3, 3])
 
     # What the fit leaves at the segments' centres, as far as the derivatives are known there.
-    centre = length // 2
-    begin, end = max(0, edges[0] - centre), min(times, torque.shape[1] + edges[0] - centre)
-    known = slice(begin + centre - edges[0], end + centre - edges[0])
-    fit = np.einsum("tm,mrt->rt", impedance[begin:end], signals[:, :, known])
-    remainder = torque[:, known] - fit
+    centre = len(power) // 2
+    start, stop = max(0, edges[0] - centre), min(len(impedance), torque.shape[1] + edges[0] - centre)
+    known = slice(start + centre - edges[0], stop + centre - edges[0])
+    fit = np.einsum("tm,mrt->rt", impedance[start:stop], signals[:, :, known])
+    left = torque[:, known] - fit
     filters = derivative_filters(HALF_WIDTH, ensemble.sampling_rate)
-    tint = colour(ensemble, remainder, _taken(power, count, ensemble.sampling_rate), filters)
-    overlap = _overlap(power, len(tint.noise))
-    factors = Colour(tint.noise * overlap / overlap[0], tint.regressors).factors()
-    freedom = np.full(white.shape, independent * power.sum() ** 2 / overlap[0] - 3)
+    taken = _taken(power, len(ensemble), round(LONGEST_COLOUR * ensemble.sampling_rate) + 1)
+    colour = Colour.of(ensemble, left, taken, filters)
     lags = min(centre, round(LONGEST_COLOUR * ensemble.sampling_rate))
     # The response itself would not do for a comparison, because leakage takes more from it than higher dynamics.
-    shared = agreement_of(fit, remainder, signals[0, :, known], ensemble.angle, lags)
-    return _Fit(impedance, factors * white, freedom, shared)
+    agreement = agreement_of(fit, left, signals[0, :, known], ensemble.angle, lags)
+    return Segments(moments, edges, power, independent_realizations(ensemble), colour), impedance, agreement
+
+
+def window_sums(moments: Array, weights: Array) -> Array:
+    """Moments (sample, 4, 4) weighted and summed over each segment, shape (time, 4, 4)."""
+    return np.asarray(sliding_window_view(moments, len(weights), axis=0) @ weights)
 
 
 def _overlap(power: Array, lags: int) -> Array:
@@ -260,16 +257,15 @@ def _overlap(power: Array, lags: int) -> Array:
     return np.pad(products, (0, lags - len(products)))
 
 
-def _taken(power: Array, count: int, sampling_rate: float) -> Array:
+def _taken(power: Array, count: int, lags: int) -> Array:
     """Share of the noise's autocovariance that fits of three regressors to weighted segments take, at each lag."""
-    lags = round(LONGEST_COLOUR * sampling_rate) + 1
     centre = len(power) // 2
     own = np.pad(power[centre:], (0, max(0, lags - len(power) + centre)))[:lags]
     total = float(power.sum())
     return 3 / count * (2 * own / total - _overlap(power, lags) / total**2)
 
 
-def _variance_at_rest(angle: Array, torque: Array, window: Array, stiffness: Array, independent: int) -> Array:
+def _variance_at_rest(angle: Array, torque: Array, stiffness: Array, independent: int) -> Array:
     r"""Variance of the 0-Hz response: a regression over realizations of one windowed sum on another.
 
     .. math:: \mathrm{var} = \frac{\sum_r U_r^2 E_r^2 / (1 - h_r)}{(\sum_r U_r^2)^2}, \qquad
@@ -279,12 +275,50 @@ def _variance_at_rest(angle: Array, torque: Array, window: Array, stiffness: Arr
     fitted too. It needs no equal variances: leakage makes the error larger in segments in which the angle moves
     (White 1980; MacKinnon & White 1985).
     """
-    weights = np.broadcast_to(window[::-1], (angle.shape[1] - len(window) + 1, len(window)))
+    window = hann(angle.shape[1] - len(stiffness) + 1)
+    weights = np.broadcast_to(window[::-1], (len(stiffness), len(window)))
     sums, answers = convolve_lags(angle, weights), convolve_lags(torque, weights)
     squares = sums**2
     total = np.maximum(squares.sum(axis=0), np.finfo(float).tiny)
     left = answers - stiffness * sums
     leverage = squares / total + 1 - independent / len(angle)
     with np.errstate(divide="ignore", invalid="ignore"):
-        spread = np.sum(squares * left**2 / (1 - leverage), axis=0) / total**2
-    return np.where(np.isfinite(spread), spread, np.nan)
+        variance = np.sum(squares * left**2 / (1 - leverage), axis=0) / total**2
+    return np.where(np.isfinite(variance), variance, np.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class SegmentErrors:
+    """Standard errors of the second-order fit, and at 0 Hz.
+
+    Parameters
+    ----------
+    segments
+        From which the fit was made.
+    at_rest
+        Variance of the response at 0 Hz (time,), if stiffness is read from it.
+    missing
+        Times at either end of a realization without segment.
+    counted
+        How many realizations there are, in words.
+    """
+
+    segments: Segments
+    at_rest: Array | None
+    missing: tuple[int, int]
+    counted: str
+
+    def standard_errors(self) -> dict[str, StandardError]:
+        """By quantity."""
+        variances = self.segments.variances()
+        freedom, absent = np.full(variances.shape, self.segments.freedom), ""
+        if self.at_rest is not None:
+            realizations = self.segments.realizations
+            variances[:, 0], freedom[:, 0] = self.at_rest, max(realizations - 1, 1)
+            if realizations < FEWEST_AT_REST:
+                absent = (
+                    f"{self.counted} tell nothing of the noise at 0 Hz: there is one number of each; record more, or "
+                    "set stiffness to 'fit'"
+                )
+                variances[:, 0] = np.nan
+        return standard_errors(padded(np.sqrt(variances), *self.missing), padded(freedom, *self.missing), absent=absent)

@@ -7,24 +7,25 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
-from tvsysid.estimates import StandardError, no_errors
 from tvsysid.methods.base import EXCITED_ABOVE, Method, check_positive, fitting_lags, whole_samples
-from tvsysid.methods.shared.correlations import (
+from tvsysid.methods.shared import (
+    StandardError,
     Windows,
     coloured_variances,
-    impulse_response_model,
+    counted,
+    errors_of_variances,
+    no_errors,
     solve_windows,
-    window_diagnostics,
-    window_errors,
+    window_model,
 )
-from tvsysid.methods.shared.residuals import counted, independent_realizations
-from tvsysid.methods.tuning.evidence import Evidence
-from tvsysid.methods.tuning.halves import evidence_by_halves
+from tvsysid.methods.tuning import Evidence, evidence_by_halves
 from tvsysid.models import ImpulseResponseModel
-from tvsysid.numerics.pseudoinverse import truncated
 from tvsysid.signals import Ensemble
+
+Array = NDArray[np.float64]
 
 LAGS = (0.03, 0.04, 0.06, 0.08, 0.12, 0.16)
 """Lags in s of which tuned ones are the best."""
@@ -84,16 +85,10 @@ class ShortDataSegments(Method):
                 f"ShortDataSegments: a window of {self.window:g} s ({2 * half + 1} samples) is longer than a "
                 f"realization of {ensemble.samples} samples; give a shorter one"
             )
-        windows = solve_windows(ensemble, lags, half, lambda _, *correlations: truncated(*correlations))
-        return impulse_response_model(
-            repr(self),
-            ensemble,
-            windows.weights,
-            windows.impedance,
-            lags,
-            window_diagnostics(ensemble, windows, lags, half),
-            _errors(ensemble, lags, half, windows),
-        )
+        windows = solve_windows(ensemble, lags, half)
+        noise = windows.noise_correlation(ensemble)
+        errors = SegmentErrors(windows, windows.angle_products(ensemble), noise, ensemble.samples, counted(ensemble))
+        return window_model(repr(self), ensemble, windows, noise, errors)
 
     def _doubts(self, ensemble: Ensemble) -> Iterator[str]:
         unknowns = 2 * whole_samples(self.max_lag, ensemble) + 1
@@ -111,22 +106,44 @@ class ShortDataSegments(Method):
         return 1 / (2 * self.max_lag), EXCITED_ABOVE
 
 
-def _errors(ensemble: Ensemble, lags: int, half: int, windows: Windows) -> dict[str, StandardError]:
-    """Standard errors at the times whose windows hold samples enough to tell it."""
-    unknowns = 2 * lags + 1
-    independent = independent_realizations(ensemble)
-    samples = windows.samples * independent / len(ensemble)
-    enough = (samples >= FEWEST * unknowns) & (independent >= FEWEST_REALIZATIONS)
-    if not enough.any():
-        why = (
-            f"windows over {counted(ensemble)} hold {samples.max():.0f} independent samples for {unknowns} lags, where "
-            f"{FEWEST} for each and {FEWEST_REALIZATIONS} realizations are needed to tell the noise from what the "
-            "joint does; record more, shorten max_lag, or lengthen window"
-        )
-        return no_errors(ensemble.samples, why)
-    variances = coloured_variances(ensemble, lags, half, windows)
-    variances[~enough] = np.nan
-    return window_errors(ensemble, lags, windows, variances)
+@dataclass(frozen=True, eq=False)
+class SegmentErrors:
+    """Standard errors at the times whose windows hold samples enough to tell them.
+
+    Parameters
+    ----------
+    windows
+        Solution at each time.
+    products
+        Moments of the angle along the diagonals (sample, distance).
+    noise
+        Autocorrelation of the noise (distance,).
+    times
+        Samples of a realization.
+    counted
+        How many realizations there are, in words.
+    """
+
+    windows: Windows
+    products: Array
+    noise: Array
+    times: int
+    counted: str
+
+    def standard_errors(self) -> dict[str, StandardError]:
+        """By quantity."""
+        windows, unknowns = self.windows, 2 * self.windows.lags + 1
+        enough = (windows.independent >= FEWEST * unknowns) & (windows.realizations >= FEWEST_REALIZATIONS)
+        if not enough.any():
+            why = (
+                f"windows over {self.counted} hold {windows.independent.max():.0f} independent samples for {unknowns} "
+                f"lags, where {FEWEST} for each and {FEWEST_REALIZATIONS} realizations are needed to tell the noise "
+                "from what the joint does; record more, shorten max_lag, or lengthen window"
+            )
+            return no_errors(self.times, why)
+        variances = coloured_variances(windows, self.products, self.noise)
+        variances[~enough] = np.nan
+        return errors_of_variances(windows, variances, (self.times - len(variances)) // 2)
 
 
 FEWEST = 3

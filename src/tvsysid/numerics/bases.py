@@ -47,6 +47,15 @@ def evaluate(basis: Basis, samples: int) -> Array:
     return values
 
 
+def check_basis(method: object, basis: object) -> None:
+    """Raise for a setting that cannot be a basis."""
+    if not callable(basis):
+        raise InputError(
+            f"{type(method).__name__}: basis must be a callable from normalised time to values, got {basis!r}; "
+            "for example CubicBSplines(10)"
+        )
+
+
 def _check_count(basis: object, functions: int, least: int = 1) -> None:
     if not isinstance(functions, (int, np.integer)) or functions < least:
         raise InputError(

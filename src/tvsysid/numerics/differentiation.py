@@ -7,11 +7,15 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from tvsysid.numerics.moments import convolve_lags
+
 Array = NDArray[np.float64]
 
 HALF_WIDTH = 12
 """Samples to either side; with 12 the error stays under 0.1 % up to 80 % of the Nyquist frequency."""
 
+FEW = 8
+"""Signals up to which one after the other is differentiated more quickly than all in one matrix product."""
 BAND = 0.8
 """Share of the Nyquist frequency over which the filters are fitted; beyond it lies the decimator's stop band."""
 
@@ -73,6 +77,9 @@ def differentiate(u: Array, sampling_rate: float, half_width: int = HALF_WIDTH) 
     out[0] = rows[:, half_width : half_width + times]
     for order in (1, 2):
         taps = derivative_weights(half_width)[order] * sampling_rate**order
+        if len(rows) > FEW:
+            out[order] = convolve_lags(rows, np.broadcast_to(taps, (times, len(taps))))
+            continue
         for row, result in zip(rows, out[order], strict=True):
             result[:] = np.convolve(row, taps, mode="valid")
     return out.reshape(3, *u.shape[:-1], times)

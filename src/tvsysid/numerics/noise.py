@@ -13,6 +13,8 @@ Array = NDArray[np.float64]
 
 ROUNDING = 1e-9
 """Share of a regressor's power that is rounding."""
+FAINT = 1e-13
+"""Share of the power that filters could pass below which a filtered angle is rounding."""
 
 
 def autocovariance(x: Array, lags: int) -> Array:
@@ -78,7 +80,18 @@ def cross_covariance(x: Array, y: Array, lags: int) -> Array:
     return np.asarray(np.where(np.abs(offsets) < count, irfft(product, size)[offsets] / x.size, 0.0))
 
 
-def regressor_covariances(filters: Array, angle: Array, lags: int) -> Array:
+def angle_products(angle: Array, width: int, lags: int) -> Array:
+    """Moments of an angle along the diagonals as far as :func:`regressor_covariances` of so wide filters need them.
+
+    Shape (time, width + lags). The angle (realization, time) is mirrored at the ends where it is shorter than that.
+    """
+    missing = max(0, width + lags - angle.shape[1])
+    if missing:
+        angle = np.pad(angle, ((0, 0), (missing - missing // 2, missing // 2)), mode="reflect", reflect_type="odd")
+    return diagonal_moments(angle, angle, width - 1 + lags)
+
+
+def regressor_covariances(filters: Array, products: Array) -> Array:
     r"""Products of filtered angles that lie so many samples apart, of each with each.
 
     .. math:: S_d = \frac{1}{R N} \sum_r \sum_i s_r(i)\, s_r(i + d)^T, \qquad s_{r, m}(i) = \sum_j F_{mj}\, u_r(i - j)
@@ -91,29 +104,28 @@ def regressor_covariances(filters: Array, angle: Array, lags: int) -> Array:
     ----------
     filters
         F, shape (regressor, lag).
-    angle
-        Shape (realization, time); mirrored at the ends where it is shorter than the filters and the lags.
-    lags
-        Largest d.
+    products
+        Of the angle, as of :func:`angle_products`: as wide as the filters and the largest d.
 
     Returns
     -------
     Array
-        Shape (lags + 1, regressor, regressor).
+        Shape (d, regressor, regressor), from d = 0 on.
     """
     width = filters.shape[1]
-    missing = max(0, width + lags - angle.shape[1])
-    if missing:
-        angle = np.pad(angle, ((0, 0), (missing - missing // 2, missing // 2)), mode="reflect", reflect_type="odd")
-    count = angle.shape[1] - width + 1
+    count, lags = len(products) - width + 1, products.shape[1] - width
     # Sums of u(p) u(p + f) over the N - d samples p at which both filters lie within the angle, from running sums.
-    running = np.zeros((angle.shape[1] + 1, width + lags))
-    np.cumsum(diagonal_moments(angle, angle, width - 1 + lags), axis=0, out=running[1:])
+    running = np.zeros((len(products) + 1, products.shape[1]))
+    np.cumsum(products, axis=0, out=running[1:])
     later, lag = np.arange(lags + 1)[:, None, None], np.arange(width)[::-1]
     one, other = lag[:, None], lag + later
     first, apart = np.minimum(one, other), np.abs(one - other)
-    products = running[first + count - later, apart] - running[first, apart]
-    return np.asarray(filters @ products @ filters.T / count)
+    sums = running[first + count - later, apart] - running[first, apart]
+    covariances = np.asarray(filters @ sums @ filters.T / count)
+    # Of a regressor that is rounding (the acceleration of a ramp) nothing is known but that.
+    largest = np.abs(filters).sum(axis=1) ** 2 * products[:, 0].max()
+    known = np.diag(covariances[0]) > FAINT * largest
+    return np.where(np.outer(known, known), covariances, 0.0)
 
 
 def regressor_correlation(covariances: Array) -> Array:

@@ -12,35 +12,38 @@ from numpy.typing import NDArray
 from scipy.signal import firwin
 
 from tvsysid.errors import InputError
-from tvsysid.estimates import IMPEDANCE, StandardError, impedance_estimates, standard_errors
-from tvsysid.impedance import derivative_filters
 from tvsysid.methods.base import EXCITED_ABOVE, Method, check_positive, missing_edge, padded
-from tvsysid.methods.kbr.kernel import ENDLESS, VISIBLE, Kernel
-from tvsysid.methods.kbr.likelihood import Tried
-from tvsysid.methods.kbr.record import (
+from tvsysid.methods.kbr import (
     DEGREES,
+    ENDLESS,
     LARGEST,
+    VISIBLE,
+    Diagnostics,
+    Evidence,
+    Fit,
+    Kernel,
+    KernelModel,
     Record,
-    clocks_of,
+    Search,
+    Tried,
+    common_phase,
+    fit,
     lagged,
-    powers_of,
-    times_of,
-    weak_prior,
+    mean_features,
+    with_zeros,
 )
-from tvsysid.methods.kbr.search import Search
-from tvsysid.methods.shared.residuals import (
+from tvsysid.methods.shared import (
+    HALF_WIDTH,
+    IMPEDANCE,
+    Colour,
+    PosteriorErrors,
     agreement_of,
-    colour,
+    derivative_filters,
+    impedance_estimates,
     independent_realizations,
     independent_share,
     residual,
 )
-from tvsysid.methods.tuning.evidence import Evidence
-from tvsysid.models import Diagnostics, SecondOrderModel
-from tvsysid.numerics.bands import arc_length
-from tvsysid.numerics.differentiation import HALF_WIDTH
-from tvsysid.numerics.gaussian import Fit, fit
-from tvsysid.numerics.noise import power_in_band
 from tvsysid.signals import Ensemble
 
 Array = NDArray[np.float64]
@@ -195,44 +198,41 @@ class KernelRegression(Method):
         ensemble = lagged(ensemble, self.lag)
         record = Record.of(ensemble, self.band, self.order)
         kernel = record.kernel(period, self.length_periodic, self.length_decay)
-        fit, kept = self._fit(record, kernel)
+        found, kept = self._fit(record, kernel)
 
         # Of coefficients that the data cannot see, the prior is all that is known.
         coefficients = np.zeros(kept.size)
-        coefficients[kept.ravel()] = fit.mean
-        covariance = np.diag(0.5 * np.outer(self._gammas, _inverse(kernel.precision)).ravel())
-        covariance[np.ix_(kept.ravel(), kept.ravel())] = fit.covariance
-        coefficients *= DEGREES
-        covariance *= DEGREES**2
+        coefficients[kept.ravel()] = found.mean * DEGREES
+        unseen = np.divide(1.0, kernel.precision, out=np.zeros(kernel.columns), where=kernel.precision > 0)
+        covariance = np.diag(0.5 * DEGREES**2 * np.outer(self._gammas, unseen).ravel())
+        covariance[np.ix_(kept.ravel(), kept.ravel())] = found.covariance * DEGREES**2
+        features = mean_features(ensemble, kernel)
+        impedance = features @ coefficients.reshape(self.order + 1, kernel.columns).T
+
         # Where the derivatives lack samples at the ends of every run, nothing was identified.
         missing = missing_edge(HALF_WIDTH, ensemble) if all(len(run) == 1 for run in ensemble.runs) else 0
-        clocks = clocks_of(ensemble)
-        distinct = _distinct(ensemble, kernel)
-        impedance = np.zeros((ensemble.samples, self.order + 1))
-        for realization in distinct:
-            impedance += kernel.combined(*times_of(ensemble, realization, clocks), coefficients) / len(distinct)
-
-        features = np.mean([kernel(*times_of(ensemble, r, clocks)) for r in distinct], axis=0)
-        errors = _errors(ensemble, self.band, impedance, features, covariance, fit, missing)
-
-        inner = padded(_with_zeros(impedance)[missing : len(impedance) - missing], missing)
-        labels = tuple(f"{name} {j}" for name in IMPEDANCE[: self.order + 1] for j in range(kernel.columns))
+        inner = with_zeros(impedance)[missing : len(impedance) - missing]
+        stiffness, viscosity, inertia = padded(inner, missing).T
+        filters = derivative_filters(HALF_WIDTH, ensemble.sampling_rate)[: self.order + 1]
+        edge = missing_edge(HALF_WIDTH, ensemble)
+        left = residual(ensemble, impedance[edge : len(impedance) - edge] @ filters)
+        errors = self._errors(ensemble, left, filters, features, covariance, found, missing)
         model = KernelModel(
             method=repr(self),
             sampling_rate=ensemble.sampling_rate,
             time=ensemble.time,
-            estimates=impedance_estimates(inner[:, 0], inner[:, 1], inner[:, 2], errors),
+            estimates=impedance_estimates(stiffness, viscosity, inertia, errors),
             coefficients=coefficients,
             covariance=covariance,
-            labels=labels,
+            labels=tuple(f"{name} {j}" for name in IMPEDANCE[: self.order + 1] for j in range(kernel.columns)),
             kernel=kernel,
-            phase=_common_phase(ensemble, period),
+            phase=common_phase(ensemble, period),
             lag=self.lag,
-            diagnostics=Diagnostics(fit.effective),
+            diagnostics=Diagnostics(found.effective),
         )
-        details = {"noise_variance": fit.noise_variance, "iterations": fit.iterations}
+        details = {"noise_variance": found.noise_variance, "iterations": found.iterations}
         if self.order == 2:
-            details["second_order_agreement"] = _agreement(model, ensemble)
+            details["second_order_agreement"] = _agreement(model, ensemble, left)
         return replace(model, diagnostics=replace(model.diagnostics, details=details))
 
     @property
@@ -246,7 +246,7 @@ class KernelRegression(Method):
         """Fit the coefficients that the data can see, and say which these are, shape (coefficient, column)."""
         stacks, rate = record.stacks, record.rate
         size = sum(run.torque.size for run in stacks)
-        powers = powers_of(stacks)
+        powers = record.powers
         power = sum(float(np.vdot(run.torque, run.torque)) for run in stacks)
         bins = max(1.0, size * min(self.band[1] / rate, 0.5))
         noise = GUESS * 0.5 * power / bins
@@ -260,43 +260,55 @@ class KernelRegression(Method):
                     "a longer length_decay"
                 )
             precision = np.outer(1 / self._gammas, kernel.precision)[kept]
-            found = fit(record.statistics(kernel, kept), precision, weak_prior(stacks))
+            found = fit(record.statistics(kernel, kept), precision, record.weak_prior)
             if found.noise_variance >= noise or kept.all():
                 return found, kept
             noise = 0.5 * found.noise_variance
 
+    def _errors(
+        self,
+        ensemble: Ensemble,
+        left: Array,
+        filters: Array,
+        features: Array,
+        covariance: Array,
+        found: Fit,
+        missing: int,
+    ) -> PosteriorErrors:
+        """Standard errors of the coefficients' sums over features (time, column).
+
+        The posterior takes the noise as as strong as it is in the mean over the band that was fitted. What the model
+        has not was not estimated, and has no random error.
+        """
+        columns, rate = features.shape[1], ensemble.sampling_rate
+        parts = [slice(first, first + columns) for first in range(0, len(covariance), columns)]
+        low, high = (min(frequency / rate, 0.5) for frequency in self.band)
+        filters = _in_band(filters, self.band, rate)
+        return PosteriorErrors(
+            (features,) * len(parts),
+            tuple(covariance[part, part] for part in parts),
+            Colour.of(ensemble, left, found.effective / left.size, filters),
+            band=(low, high),
+            # Of a mean over realizations that was subtracted the posterior knows nothing.
+            stronger=len(ensemble) / independent_realizations(ensemble),
+            freedom=max(1.0, 2 * left.size * (high - low) - found.effective),
+            times=ensemble.samples,
+            missing=missing,
+        )
+
     def _evidence(self, ensemble: Ensemble, seed: int) -> Evidence:
         """Marginal likelihood: of l1, gammas and decays, then of other orders and lags.
 
-        Noise that is not white in the band makes a record worth less than as many independent numbers, and is told by
-        what the settings given leave, without decay. ``seed`` is not needed: all starts are fixed.
+        Noise that is not white in the band makes a record worth less than as many independent numbers, as what the
+        settings given leave shows, without decay. ``seed`` is not needed: all starts are fixed.
         """
-        noise, share = self._noise(ensemble)
+        endless = replace(self, length_decay=ENDLESS)._identify(ensemble)
+        share = independent_share(ensemble, endless.predict(ensemble), self.band)
+        noise = endless.diagnostics.details["noise_variance"]
         gammas = np.broadcast_to(np.asarray(self.gamma, dtype=np.float64), 3)
         theta = np.array([math.log(self.length_periodic), *np.log(gammas), math.log(noise)])
         given = Tried(self.order, self.lag, self.length_decay, theta, math.nan, "as given")
-        tried, chosen = Search(ensemble, self._period(ensemble), self.band, noise, share).from_settings(given)
-        return Evidence(
-            criterion="log marginal likelihood",
-            unit="nat",
-            better="higher",
-            tried=(
-                {name: getattr(self, name) for name in tried[1].settings()},
-                *(each.settings() for each in tried[1:]),
-            ),
-            values=np.array([each.value for each in tried]),
-            standard_errors=np.full(len(tried), math.nan),
-            chosen=chosen,
-            axis="length_periodic",
-            positions=np.exp([each.theta[0] for each in tried]),
-            lines=tuple(each.line for each in tried),
-        )
-
-    def _noise(self, ensemble: Ensemble) -> tuple[float, float]:
-        """Variance of what these settings leave, without decay, and what one of its samples is worth in white ones."""
-        endless = replace(self, length_decay=ENDLESS)._identify(ensemble)
-        share = independent_share(ensemble, endless.predict(ensemble), self.band)
-        return endless.diagnostics.details["noise_variance"], share
+        return Search(ensemble, self._period(ensemble), self.band, noise, share).evidence(given, self)
 
     def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
         return self.band[1], max(self.band[0], EXCITED_ABOVE)
@@ -310,98 +322,17 @@ class KernelRegression(Method):
             )
 
 
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class KernelModel(SecondOrderModel):
-    """Impedance as a function of time that holds at any time.
+def _agreement(model: KernelModel, ensemble: Ensemble, left: Array) -> float:
+    """How much of the torque that answers to the angle, lagged if the model has a lag, it explains, in per cent.
 
-    ``stiffness``, ``viscosity`` and ``inertia`` are means over the realizations that it was identified from. A
-    prediction uses the impedance at the time of each realization.
-
-    Parameters
-    ----------
-    kernel
-        Features of time that the coefficients multiply.
-    phase
-        Phase in s at which all realizations that it was identified from begin; NaN if they begin at different ones.
-    lag
-        Time constant in s of the lag that the torque has behind what the joint does.
+    ``left`` is what the mean impedance leaves of the torque.
     """
-
-    kernel: Kernel
-    phase: float
-    lag: float = 0.0
-
-    def impedance(self, ensemble: Ensemble) -> tuple[Array, Array, Array]:
-        """Stiffness, viscosity and inertia at the ensemble's own times, (time,) or (realization, time)."""
-        if self.kernel.decay is None and _common_phase(ensemble, self.kernel.period) == self.phase:
-            return super().impedance(ensemble)
-        clocks = clocks_of(ensemble)
-        values = np.stack(
-            [self.kernel.combined(*times_of(ensemble, r, clocks), self.coefficients) for r in range(len(ensemble))]
-        )
-        values = _with_zeros(values)
-        return values[..., 0], values[..., 1], values[..., 2]
-
-    def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
-        return super()._pathways(lagged(ensemble, self.lag))
-
-
-def _agreement(model: KernelModel, ensemble: Ensemble) -> float:
-    """How much of the torque that answers to the angle, lagged if the model has a lag, it explains, in per cent."""
-    fit = SecondOrderModel._pathways(model, ensemble)["intrinsic"]
-    known = np.isfinite(fit).all(axis=0)
-    angle, torque = (x[:, ensemble.core][:, known] for x in (ensemble.angle, ensemble.torque))
-    fit, left = fit[:, known], torque - fit[:, known]
-    return agreement_of(fit, left, angle, angle, HALF_WIDTH)
-
-
-def _inverse(precision: Array) -> Array:
-    """1 / precision, and 0 where there is none."""
-    return np.where(precision > 0, 1 / np.where(precision > 0, precision, 1.0), 0.0)
-
-
-def _errors(
-    ensemble: Ensemble,
-    band: tuple[float, float],
-    impedance: Array,
-    features: Array,
-    covariance: Array,
-    fit: Fit,
-    missing: int,
-) -> dict[str, StandardError]:
-    """Standard errors of the impedance (time, order + 1) from the posterior, corrected for the noise's colour.
-
-    The posterior takes the noise as white, as strong as it is in the mean over the band that was fitted. What the model
-    has not was not estimated, and has no random error.
-    """
-    filters = derivative_filters(HALF_WIDTH, ensemble.sampling_rate)[: impedance.shape[1]]
-    edge = missing_edge(HALF_WIDTH, ensemble)
-    inner = slice(edge, len(impedance) - edge)
-    left = residual(ensemble, impedance[inner] @ filters, HALF_WIDTH)
-    filters = _in_band(filters, band, ensemble.sampling_rate)
-    tint = colour(ensemble, left, fit.effective / left.size, filters)
-    edges = [min(frequency / ensemble.sampling_rate, 0.5) for frequency in band]
-    factors = tint.factors() / max(power_in_band(tint.noise, *edges), LEAST_POWER)
-    columns = features.shape[1]
-    parts = [slice(first, first + columns) for first in range(0, len(covariance), columns)]
-    covariances = [covariance[part, part] for part in parts]
-    variances = [np.einsum("tj,jk,tk->t", features, one, features, optimize=True) for one in covariances]
-    # Of a mean over realizations that was subtracted the posterior knows nothing.
-    factors *= len(ensemble) / independent_realizations(ensemble)
-    deviation = np.full((3, len(impedance)), np.nan)
-    deviation[: len(parts)] = np.sqrt(np.maximum(factors[:, None] * np.stack(variances), 0.0))
-    deviation[:, :missing] = deviation[:, len(impedance) - missing :] = np.nan
-    arcs = [arc_length(features, one) for one in covariances] + [math.inf] * (3 - len(parts))
-    numbers = 2 * left.size * (edges[1] - edges[0])
-    freedom = np.full(deviation.T.shape, max(1.0, numbers - fit.effective))
-    errors = standard_errors(deviation.T, freedom, arcs)
-    order = len(parts) - 1
-    absent = {name: f"the model has no {name} (order {order})" for name in IMPEDANCE[order + 1 :]}
-    return errors | {name: StandardError.none(len(impedance), why) for name, why in absent.items()}
-
-
-LEAST_POWER = 1e-3
-"""Share of white noise's power in the band below which the noise's correlation is too coarse to tell."""
+    edge = (ensemble.samples - left.shape[1]) // 2
+    known = slice(ensemble.context + edge, ensemble.context + ensemble.samples - edge)
+    angle, torque = ensemble.angle[:, known], ensemble.torque[:, known]
+    if not model.same_for_all(ensemble):
+        left = torque - model.torque(ensemble)[:, edge : ensemble.samples - edge]
+    return agreement_of(torque - left, left, angle, angle, HALF_WIDTH)
 
 
 def _in_band(filters: Array, band: tuple[float, float], rate: float) -> Array:
@@ -412,21 +343,3 @@ def _in_band(filters: Array, band: tuple[float, float], rate: float) -> Array:
         return filters
     passing = firwin(2 * HALF_WIDTH + 1, edges, fs=rate, pass_zero=low == 0)
     return np.stack([np.convolve(row, passing) for row in filters])
-
-
-def _with_zeros(impedance: Array) -> Array:
-    """Stiffness, viscosity and inertia (..., 3), of which the last ones may be none."""
-    return np.pad(impedance, [(0, 0)] * (impedance.ndim - 1) + [(0, 3 - impedance.shape[-1])])
-
-
-def _common_phase(ensemble: Ensemble, period: float) -> float:
-    """Phase in s at which every realization begins; NaN if they begin at different ones."""
-    assert ensemble.onsets is not None
-    phases = np.round(ensemble.onsets % period, 9) % period
-    return float(phases[0]) if np.ptp(phases) < 1e-9 else math.nan
-
-
-def _distinct(ensemble: Ensemble, kernel: Kernel) -> range | list[int]:
-    """Realizations whose features differ: one where all begin at the same phase of a strictly periodic kernel."""
-    same = kernel.decay is None and not math.isnan(_common_phase(ensemble, kernel.period))
-    return [0] if same else range(len(ensemble))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from tvsysid.methods.kbr.kernel import ENDLESS, Kernel
-from tvsysid.methods.kbr.record import Record, weak_prior
+from tvsysid.methods.kbr.record import Record
 from tvsysid.numerics.gaussian import Statistics, log_evidence, of_columns, of_share, unit_information, without_nuisance
 from tvsysid.numerics.kernels import log_harmonic_variances
 
@@ -101,7 +101,7 @@ class Likelihood(NamedTuple):
         """With the external terms eliminated for about this noise variance; of a share of the numbers."""
         coefficient, column = np.nonzero(kept)
         harmonic = np.array([harmonic for harmonic, _, _ in kernel.products])[column]
-        statistics = without_nuisance(record.statistics(kernel, kept), weak_prior(record.stacks), noise)
+        statistics = without_nuisance(record.statistics(kernel, kept), record.weak_prior, noise)
         return cls(of_share(statistics, share), coefficient, harmonic, column == 0, noise, lag, decay)
 
     def up_to(self, order: int) -> Likelihood:

@@ -227,6 +227,22 @@ class Record(NamedTuple):
         """Of the features kept, within the band."""
         return statistics_of(self.stacks, kernel, kept, self.band, self.rate)
 
+    @property
+    def powers(self) -> Array:
+        """Summed squares of the angle and its derivatives."""
+        return np.array([sum(float(np.sum(run.signals[m] ** 2)) for run in self.stacks) for m in range(self.orders)])
+
+    @property
+    def orders(self) -> int:
+        """How many they are."""
+        return len(self.stacks[0].signals)
+
+    @property
+    def weak_prior(self) -> float:
+        """Prior precision of the external terms: one over the torque's mean square."""
+        power = sum(float(np.vdot(run.torque, run.torque)) for run in self.stacks)
+        return sum(run.torque.size for run in self.stacks) / (power or 1.0)
+
 
 class Block(NamedTuple):
     """Regressors (column, run, bin) at some frequencies, the first of which is ``first`` in the band."""
@@ -297,17 +313,6 @@ def stacked(runs: list[Run]) -> Iterator[Run]:
             yield Run(
                 np.concatenate(signals, axis=1), np.concatenate(torque), np.concatenate(phase), np.concatenate(clock)
             )
-
-
-def powers_of(stacks: list[Run]) -> Array:
-    """Summed squares of the angle and its derivatives."""
-    return np.array([sum(float(np.sum(run.signals[m] ** 2)) for run in stacks) for m in range(len(stacks[0].signals))])
-
-
-def weak_prior(stacks: list[Run]) -> float:
-    """Prior precision of the external terms: one over the torque's mean square."""
-    power = sum(float(np.vdot(run.torque, run.torque)) for run in stacks)
-    return sum(run.torque.size for run in stacks) / (power or 1.0)
 
 
 def clocks_of(ensemble: Ensemble) -> Array:

@@ -12,7 +12,8 @@ from scipy.optimize import minimize_scalar
 
 from tvsysid.methods.kbr.kernel import VISIBLE, Kernel
 from tvsysid.methods.kbr.likelihood import LENGTHS, Likelihood, Tried
-from tvsysid.methods.kbr.record import Record, lagged, powers_of
+from tvsysid.methods.kbr.record import Record, lagged
+from tvsysid.methods.tuning.evidence import Evidence
 from tvsysid.signals import Ensemble
 
 Array = NDArray[np.float64]
@@ -60,6 +61,25 @@ class Search:
     noise: float
     share: float
 
+    def evidence(self, given: Tried, method: object) -> Evidence:
+        """Evidence for all settings that are tried, first those given, which are a method's."""
+        tried, chosen = self.from_settings(given)
+        return Evidence(
+            criterion="log marginal likelihood",
+            unit="nat",
+            better="higher",
+            tried=(
+                {name: getattr(method, name) for name in given.settings()},
+                *(each.settings() for each in tried[1:]),
+            ),
+            values=np.array([each.value for each in tried]),
+            standard_errors=np.full(len(tried), math.nan),
+            chosen=chosen,
+            axis="length_periodic",
+            positions=np.exp([each.theta[0] for each in tried]),
+            lines=tuple(each.line for each in tried),
+        )
+
     def from_settings(self, given: Tried) -> tuple[list[Tried], int]:
         """All that was tried, those given first, and which is the best.
 
@@ -92,7 +112,7 @@ class Search:
 
     def _likelihood(self, record: Record, kernel: Kernel, gammas: Array, lag: float, decay: float) -> Likelihood | None:
         """Of the features that may be seen with these gammas; None if there are too many."""
-        kept = kernel.visible(gammas * powers_of(record.stacks), VISIBLE * self.noise)
+        kept = kernel.visible(gammas * record.powers, VISIBLE * self.noise)
         return (
             None if int(kept.sum()) > MOST else Likelihood.of(record, kernel, kept, self.noise, lag, decay, self.share)
         )
@@ -100,7 +120,7 @@ class Search:
     def _loose(self, record: Record) -> Array:
         """Of each coefficient so much that the torque it makes is a thousand times the noise."""
         noise = math.log(self.noise)
-        return np.array([0.0, *(math.log(START) + noise - np.log(powers_of(record.stacks))), noise])
+        return np.array([0.0, *(math.log(START) + noise - np.log(record.powers)), noise])
 
     def _as_given(self, record: Record, given: Tried) -> Tried:
         own = record.up_to(given.order)
@@ -169,9 +189,7 @@ class Search:
         record = self._record(lag).up_to(best.order)
         kernel = record.kernel(self.period, math.exp(best.theta[0]))
         loose = np.exp(self._loose(record)[1:-1])
-        kept = kernel.visible(
-            np.maximum(LEEWAY * _gammas(best), loose) * powers_of(record.stacks), VISIBLE * self.noise
-        )
+        kept = kernel.visible(np.maximum(LEEWAY * _gammas(best), loose) * record.powers, VISIBLE * self.noise)
         return Likelihood.of(record, kernel, kept, self.noise, lag, share=self.share)
 
     def _lags(self, best: Tried, rival: Tried) -> Iterator[Tried]:

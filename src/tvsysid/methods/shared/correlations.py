@@ -6,17 +6,23 @@ from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.linalg import toeplitz
 
-from tvsysid.estimates import StandardError, impedance_estimates, standard_errors
+from tvsysid.estimates import ErrorStatistics, StandardError, impedance_estimates, standard_errors
 from tvsysid.impedance import agreement, second_order_readout, static_stiffness
 from tvsysid.methods.base import missing_edge, padded
-from tvsysid.methods.shared.residuals import correlation, independent_realizations, residual
+from tvsysid.methods.shared.residuals import independent_realizations, noise_correlation, residual
 from tvsysid.models import Diagnostics, ImpulseResponseModel
-from tvsysid.numerics.moments import coloured_moments, diagonal_moments, lagged_moments, sliding_sum, time_chunks
-from tvsysid.numerics.pseudoinverse import Solution
+from tvsysid.numerics.moments import (
+    coloured_moments,
+    diagonal_moments,
+    lagged_moments,
+    sliding_sum,
+    time_chunks,
+)
+from tvsysid.numerics.noise import autocovariance
+from tvsysid.numerics.pseudoinverse import Solution, truncated
 from tvsysid.signals import Ensemble
 
 Array = NDArray[np.float64]
@@ -24,18 +30,24 @@ Solver = Callable[[slice, Array, Array, Array, Array], Solution]
 
 
 class Windows(NamedTuple):
-    """Least squares in a window about each time.
+    """Least squares in a window about each time whose ``lags`` lie within the context.
 
-    ``weights`` (time, lag) and ``rank`` (time,) of the solution; ``samples`` that it was found from, ``noise``
-    variance and its degrees of ``freedom``, the power of the torque that a second-order fit ``fitted``, what lagged
-    angles explain ``beyond`` it and what they would by ``chance``, all (time,); ``readout`` (time, 3, lag) by which
-    stiffness, viscosity and inertia follow from the correlations, the ``impedance`` itself and its ``white``
-    variances, were the noise white, both (time, 3).
+    Of so many independent ``realizations``. The windows reach ``half`` samples to either side, of which ``margin`` may
+    lie beyond the realization. ``weights`` (time, lag) and ``rank`` (time,) of the solution; ``samples`` that it was
+    found from, how many of them are ``independent``, the ``noise`` variance and its degrees of ``freedom``, the power
+    of the torque that a second-order fit ``fitted``, what lagged angles explain ``beyond`` it and what they would by
+    ``chance``, all (time,); ``readout`` (time, 3, lag) by which stiffness, viscosity and inertia follow from the
+    correlations, the ``impedance`` itself and its ``white`` variances, were the noise white, both (time, 3).
     """
 
+    realizations: int
+    lags: int
+    half: int
+    margin: int
     weights: Array
     rank: Array
     samples: Array
+    independent: Array
     noise: Array
     freedom: Array
     fitted: Array
@@ -45,8 +57,20 @@ class Windows(NamedTuple):
     impedance: Array
     white: Array
 
+    def angle_products(self, ensemble: Ensemble) -> Array:
+        """Moments of the angle along the diagonals, as far as windows and lags reach."""
+        angle, _, _ = _within_reach(ensemble, self.lags, self.half)
+        return diagonal_moments(angle, angle, 2 * (self.lags + self.half))
 
-def solve_windows(ensemble: Ensemble, lags: int, half: int, solve: Solver) -> Windows:
+    def noise_correlation(self, ensemble: Ensemble) -> Array:
+        """Autocorrelation of the noise up to twice as many samples as windows and lags reach, and the window's."""
+        reach = 2 * (self.lags + 2 * self.half)
+        # So many lagged angles share hardly anything with those of the next sample: the fit takes variance only.
+        taken = np.eye(reach + 1)[0] * np.mean(self.rank / self.independent)
+        return noise_correlation(autocovariance(residual(ensemble, self.weights), reach), taken)
+
+
+def solve_windows(ensemble: Ensemble, lags: int, half: int, solve: Solver | None = None) -> Windows:
     r"""Solve :math:`\varphi(t) = \Phi(t) w(t)`, the correlations being means over realizations and a window of time.
 
     Parameters
@@ -59,12 +83,7 @@ def solve_windows(ensemble: Ensemble, lags: int, half: int, solve: Solver) -> Wi
         Samples of the window before and after its centre; it is cut short where the context ends.
     solve
         From times, :math:`\Phi`, :math:`\varphi`, the torque's variance and the number of samples averaged to the
-        solution.
-
-    Returns
-    -------
-    Windows
-        For each time whose lags lie within the context.
+        solution; default :func:`tvsysid.numerics.pseudoinverse.truncated`.
 
     Notes
     -----
@@ -72,37 +91,33 @@ def solve_windows(ensemble: Ensemble, lags: int, half: int, solve: Solver) -> Wi
     noise: what is left beside that would be too small.
     """
     angle, torque, margin = _within_reach(ensemble, lags, half)
-    times = angle.shape[1] - 2 * lags
-    rate = ensemble.sampling_rate
-    independent = independent_realizations(ensemble)
-
+    times, realizations = angle.shape[1] - 2 * lags, independent_realizations(ensemble)
     parts = []
     for chunk in time_chunks(times - 2 * margin, 2 * lags + 1):
         begin, end = max(0, chunk.start + margin - half), min(times, chunk.stop + margin + half)
         within = slice(begin, end + 2 * lags)
         centres = slice(chunk.start + margin - begin, chunk.stop + margin - begin)
-        sums = [
-            sliding_sum(moments, half, half)[centres]
-            for moments in (np.ones(end - begin), *lagged_moments(angle[:, within], torque[:, within], lags))
-        ]
-        samples = sums[0]
-        phi_uu, phi_uy, square, mean = (total / samples.reshape(-1, *[1] * (total.ndim - 1)) for total in sums[1:])
-        count = samples * len(ensemble)
+        summed = (np.ones(end - begin), *lagged_moments(angle[:, within], torque[:, within], lags))
+        samples, *sums = (sliding_sum(moments, half, half)[centres] for moments in summed)
+        phi_uu, phi_uy, square, mean = (total / samples.reshape(-1, *[1] * (total.ndim - 1)) for total in sums)
+        count, independent = samples * len(ensemble), samples * realizations
         variance = (square - mean**2) * count / np.maximum(count - 1, 1)
-        weights, rank, inverse, usable, explained = solve(chunk, phi_uu, phi_uy, variance, count)
-        readout, fitted = second_order_readout(phi_uu, phi_uy, inverse, rate)
+        correlations = phi_uu, phi_uy, variance, count
+        weights, rank, inverse, usable, explained = solve(chunk, *correlations) if solve else truncated(*correlations)
+        readout, fitted = second_order_readout(phi_uu, phi_uy, inverse, ensemble.sampling_rate)
+        freedom = independent - usable
         left = np.maximum(square - explained, 0.0)
-        freedom = samples * independent - usable
         noise = np.where(freedom > 0, left * count / np.maximum(freedom, 1), np.nan)
         chance = noise * np.maximum(usable - 3, 0) / count
         impedance = (readout @ phi_uy[..., None])[..., 0]
         white = (noise / count)[:, None] * np.einsum("tmk,tmk->tm", readout @ phi_uu, readout)
-        beyond = explained - fitted
-        parts.append((weights, rank, count, noise, freedom, fitted, beyond, chance, readout, impedance, white))
-    return Windows(*(np.concatenate(values) for values in zip(*parts, strict=True)))
+        by_noise = noise, freedom, fitted, explained - fitted, chance
+        parts.append((weights, rank, count, independent, *by_noise, readout, impedance, white))
+    arrays = (np.concatenate(values) for values in zip(*parts, strict=True))
+    return Windows(realizations, lags, half, margin, *arrays)
 
 
-def coloured_variances(ensemble: Ensemble, lags: int, half: int, windows: Windows) -> Array:
+def coloured_variances(windows: Windows, products: Array, noise: Array) -> Array:
     r"""Variances of stiffness, viscosity and inertia when the noise of neighbouring samples is correlated.
 
     With :math:`z_r(i) = a^T x_r(i)`, the readout a of a quantity applied to the lagged angles,
@@ -112,60 +127,72 @@ def coloured_variances(ensemble: Ensemble, lags: int, half: int, windows: Window
     where the autocorrelation :math:`\rho` is that of the residual at all times; see
     :func:`tvsysid.numerics.moments.coloured_moments`.
 
+    Parameters
+    ----------
+    windows, products, noise
+        Solution, its :meth:`Windows.angle_products` and its :meth:`Windows.noise_correlation`.
+
     Returns
     -------
     Array
         Shape (time, 3).
     """
-    angle, _, margin = _within_reach(ensemble, lags, half)
-    noise = _noise_correlation(ensemble, windows, lags, 2 * half)
+    half, margin, length = windows.half, windows.margin, 2 * windows.lags + 1
+    noise = noise[: 2 * half + 1]
     times, cut = len(windows.weights), half - margin
+    last = len(products) - length  # the latest centre of lagged angles
     out = np.empty((times, 3))
     whole = slice(cut, max(cut, times - cut))
     if whole.stop > whole.start:
-        products = diagonal_moments(angle, angle, 2 * (lags + half))
         out[whole] = coloured_moments(products, windows.readout[whole], noise) / len(noise)
-    lagged = sliding_window_view(angle, 2 * lags + 1, axis=1)[:, :, ::-1]
     for time in (*range(min(cut, times)), *range(max(cut, times - cut), times)):
         # Where the context ends, a window is cut short.
-        centre = time + margin
-        near = lagged[:, max(0, centre - half) : centre + half + 1]
-        answers = near @ windows.readout[time].T
-        mixed = toeplitz(noise[: near.shape[1]]) @ answers
-        out[time] = np.einsum("rwm,rwm->m", answers, mixed) / (len(angle) * near.shape[1])
+        begin, end = max(0, time + margin - half), min(last, time + margin + half) + 1
+        count = end - begin
+        reach = count + length - 1
+        index = np.arange(reach)
+        moments = products[begin + np.minimum.outer(index, index), np.abs(np.subtract.outer(index, index))]
+        answers = np.zeros((3, count, reach))  # of each quantity and sample, from the angles about the window
+        for sample in range(count):
+            answers[:, sample, sample : sample + length] = windows.readout[time, :, ::-1]
+        mixed = answers @ moments @ answers.transpose(0, 2, 1)
+        out[time] = np.einsum("mvw,vw->m", mixed, toeplitz(noise[:count])) / count
     return np.asarray(np.maximum(out, 0.0) * (windows.noise / windows.samples)[:, None])
 
 
-def _noise_correlation(ensemble: Ensemble, windows: Windows, lags: int, reach: int) -> Array:
-    """Autocorrelation of the noise up to so many samples, shape (reach + 1,)."""
-    # So many lagged angles share hardly anything with those of the next sample: the fit takes variance only.
-    independent = windows.samples * independent_realizations(ensemble) / len(ensemble)
-    taken = np.eye(reach + 1)[0] * np.mean(windows.rank / independent)
-    return correlation(residual(ensemble, windows.weights, lags), taken)
+def window_errors(ensemble: Ensemble, windows: Windows) -> dict[str, StandardError]:
+    """Standard errors where realizations are the samples, whose noise is white."""
+    return errors_of_variances(windows, windows.white, missing_edge(windows.lags, ensemble))
 
 
-def window_errors(ensemble: Ensemble, lags: int, windows: Windows, variances: Array) -> dict[str, StandardError]:
-    """Standard errors from variances (time, 3) at the times whose lags lie within the context."""
-    missing = missing_edge(lags, ensemble)
+def errors_of_variances(windows: Windows, variances: Array, missing: int) -> dict[str, StandardError]:
+    """Standard errors from variances (time, 3) at the windows' times, with so many times missing at either end."""
     freedom = np.broadcast_to(windows.freedom[:, None], variances.shape)
     # A negative one is rounding: of hardly any motion within the lags, next to nothing is known.
-    deviations = np.sqrt(np.where(variances >= 0, variances, np.nan))
-    return standard_errors(padded(deviations, missing), padded(freedom, missing))
+    values = np.sqrt(np.where(variances >= 0, variances, np.nan))
+    return standard_errors(padded(values, missing), padded(freedom, missing))
 
 
-def window_diagnostics(ensemble: Ensemble, windows: Windows, lags: int, half: int) -> Diagnostics:
-    """Diagnostics of a solution that has a rank at each time whose lags lie within the context."""
-    rank = padded(windows.rank.astype(float), missing_edge(lags, ensemble))
+def window_model(
+    method: str,
+    ensemble: Ensemble,
+    windows: Windows,
+    noise: Array,
+    errors: ErrorStatistics | Mapping[str, StandardError],
+) -> ImpulseResponseModel:
+    """Model from windows and their noise's autocorrelation."""
+    rank = padded(windows.rank.astype(float), missing_edge(windows.lags, ensemble))
     # With few samples for so many lags the noise, and so chance, is hardly known.
-    chance = np.where(windows.samples < 2 * (2 * lags + 1), np.nan, windows.chance)
+    chance = np.where(windows.samples < 2 * (2 * windows.lags + 1), np.nan, windows.chance)
     details = {
         "second_order_agreement": agreement(windows.fitted, windows.beyond, chance),
-        "second_order_agreement_error": _agreement_error(ensemble, windows, chance, lags, half),
+        "second_order_agreement_error": _agreement_error(windows, chance, noise),
     }
-    return Diagnostics(float(windows.rank.mean()), rank, details=details)
+    diagnostics = Diagnostics(float(windows.rank.mean()), rank, details=details)
+    return impulse_response_model(method, ensemble, windows.weights, windows.impedance, diagnostics, errors)
 
 
-def _agreement_error(ensemble: Ensemble, windows: Windows, chance: Array, lags: int, half: int) -> float:
+def _agreement_error(windows: Windows, chance: Array, noise: Array) -> float:
     r"""Standard error of the second-order agreement in per cent, on a joint of second order.
 
     What noise makes lagged angles explain beyond three of them, m directions, at one time has the variance
@@ -177,9 +204,8 @@ def _agreement_error(ensemble: Ensemble, windows: Windows, chance: Array, lags: 
         return float("nan")
     directions = (windows.chance / windows.noise * windows.samples)[known]
     variance = np.sum(2 * chance[known] ** 2 * (1 / directions + 1 / windows.freedom[known]))
-    span = 2 * (lags + half) + 1
-    noise = _noise_correlation(ensemble, windows, lags, span - 1 + 2 * half)
-    window = np.bartlett(4 * half + 3)[1:-1]
+    span = 2 * (windows.lags + windows.half) + 1
+    window = np.bartlett(4 * windows.half + 3)[1:-1]
     smooth = np.convolve(np.r_[noise[:0:-1], noise], window, mode="valid")[-span:]
     shared = (smooth / smooth[0]) ** 2 * (1 - np.arange(span) / span)
     total = float(np.sum((windows.fitted + windows.beyond)[known]))
@@ -191,26 +217,23 @@ def impulse_response_model(
     ensemble: Ensemble,
     weights: Array,
     impedance: Array,
-    lags: int,
     diagnostics: Diagnostics,
-    errors: Mapping[str, StandardError],
+    errors: ErrorStatistics | Mapping[str, StandardError],
 ) -> ImpulseResponseModel:
     """Model from weights (time, lag) at the times whose lags lie within the context; NaN at the others.
 
     Stiffness is the area under the response; viscosity and inertia are those of the ``impedance`` (time, 3).
     """
+    lags = weights.shape[1] // 2
     missing = missing_edge(lags, ensemble)
     response = padded(weights * ensemble.sampling_rate, missing)
+    stiffness = static_stiffness(response, 1 / ensemble.sampling_rate)
+    _, viscosity, inertia = padded(impedance, missing).T
     return ImpulseResponseModel(
         method=method,
         sampling_rate=ensemble.sampling_rate,
         time=ensemble.time,
-        estimates=impedance_estimates(
-            static_stiffness(response, 1 / ensemble.sampling_rate),
-            padded(impedance[:, 1], missing),
-            padded(impedance[:, 2], missing),
-            errors,
-        ),
+        estimates=impedance_estimates(stiffness, viscosity, inertia, errors),
         impulse_response=response,
         lags=np.arange(-lags, lags + 1) / ensemble.sampling_rate,
         diagnostics=diagnostics,

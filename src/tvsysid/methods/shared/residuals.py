@@ -1,19 +1,25 @@
-"""What a method leaves unexplained: how strong the noise is and what colour it has."""
+"""What a fit leaves unexplained: how strong the noise is, what colour it has, and the standard errors that follow."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import toeplitz
 
-from tvsysid.impedance import agreement
+from tvsysid.estimates import IMPEDANCE, StandardError
+from tvsysid.impedance import agreement_of_moments
+from tvsysid.methods.base import padded
+from tvsysid.numerics.bands import arc_length
 from tvsysid.numerics.moments import convolve_lags
 from tvsysid.numerics.noise import (
+    angle_products,
     autocovariance,
     colour_factors,
     cross_covariance,
+    power_in_band,
     regressor_correlation,
     regressor_covariances,
     white_share,
@@ -24,6 +30,10 @@ Array = NDArray[np.float64]
 
 LONGEST_COLOUR = 0.25
 """Seconds up to which the noise's autocorrelation is taken into account; the angle's own hardly reaches further."""
+LEAST_LEFT = 0.1
+"""Share of the noise that a residual is taken to hold at least."""
+LEAST_POWER = 1e-3
+"""Share of white noise's power in a band below which the noise's autocorrelation is too coarse to tell."""
 
 
 def independent_realizations(ensemble: Ensemble) -> int:
@@ -32,7 +42,14 @@ def independent_realizations(ensemble: Ensemble) -> int:
     One less than there are realizations where the mean over them was subtracted: what is fitted then is a regression
     with an intercept at each time.
     """
-    return len(ensemble) - ensemble.mean_subtracted
+    return max(1, len(ensemble) - ensemble.mean_subtracted)
+
+
+def counted(ensemble: Ensemble) -> str:
+    """How many realizations there are and what they are worth, in words."""
+    count, independent = len(ensemble), independent_realizations(ensemble)
+    words = f"{count} realization{'s' * (count > 1)}"
+    return words if independent == count else f"{words}, worth {independent} with their mean subtracted,"
 
 
 def independent_share(ensemble: Ensemble, predicted: Array, band: tuple[float, float]) -> float:
@@ -42,139 +59,124 @@ def independent_share(ensemble: Ensemble, predicted: Array, band: tuple[float, f
     :func:`tvsysid.numerics.noise.white_share`.
     """
     known = np.isfinite(predicted).all(axis=0)
-    angle, left = (
-        x[:, known] for x in (ensemble.angle[:, ensemble.core], ensemble.torque[:, ensemble.core] - predicted)
-    )
-    return white_share(left, angle, ensemble.sampling_rate, band)
+    angle, torque = (x[:, ensemble.core] for x in (ensemble.angle, ensemble.torque))
+    return white_share((torque - predicted)[:, known], angle[:, known], ensemble.sampling_rate, band)
 
 
-def counted(ensemble: Ensemble) -> str:
-    """How many realizations there are and what they are worth, in words."""
-    count, independent = len(ensemble), independent_realizations(ensemble)
-    said = f"{count} realization{'s' * (count > 1)}"
-    return said if independent == count else f"{said}, worth {independent} with their mean subtracted,"
+def residual(ensemble: Ensemble, weights: Array) -> Array:
+    """Torque (realization, time) that weights on lagged angles, shape (time, lag), leave.
 
-
-class Colour(NamedTuple):
-    """Autocorrelation of the ``noise`` (lag,), and covariances of the ``regressors`` (lag, regressor, regressor)."""
-
-    noise: Array
-    regressors: Array
-
-    def factors(self) -> Array:
-        """Variances of the fit of these regressors, as multiples of those under white noise."""
-        return colour_factors(self.regressors, self.noise)
-
-
-def residual(ensemble: Ensemble, weights: Array, lags: int) -> Array:
-    """Torque that weights on lagged angles leave, at the times whose lags lie within the context.
-
-    Parameters
-    ----------
-    ensemble
-        Realizations.
-    weights
-        Impulse response times the sample time at those times, shape (time, 2 lags + 1).
-    lags
-        To either side.
-
-    Returns
-    -------
-    Array
-        In N·m, shape (realization, time).
+    The weights are an impulse response times the sample time, at the times whose lags lie within the context.
     """
+    lags = weights.shape[1] // 2
     first = max(0, ensemble.context - lags)
     angle, torque = (x[:, first : x.shape[1] - first] for x in (ensemble.angle, ensemble.torque))
     left: Array = torque[:, lags : torque.shape[1] - lags] - convolve_lags(angle, weights)
     return left
 
 
-def colour(ensemble: Ensemble, left: Array, taken: Array | float, filters: Array) -> Colour:
-    """Colour of the noise, and of the regressors that it is fitted with.
+def noise_correlation(covariance: Array, taken: Array) -> Array:
+    """Autocorrelation of the noise from the autocovariance of what a fit left of it, shape (lag,).
 
-    Parameters
-    ----------
-    ensemble
-        That was identified from.
-    left
-        Residual, shape (realization, time).
-    taken
-        Share of the noise's power that the fit took, were its regressors the same at all lags; for each lag from 0
-        on, shape (lag,), or one for all. Of the noise with its mean over realizations, if that was subtracted.
-    filters
-        That give the regressors from lagged angles, shape (regressor, lag).
+    ``taken`` says by how much the fit lowers the autocovariance at each lag, as shares of the noise's variance.
     """
-    regressors = regressor_covariances(filters, ensemble.angle, round(LONGEST_COLOUR * ensemble.sampling_rate))
-    share = taken * len(ensemble) / independent_realizations(ensemble)
-    return Colour(correlation(left, np.asarray(share * regressor_correlation(regressors))), regressors)
-
-
-def correlation(left: Array, taken: Array) -> Array:
-    """Autocorrelation of the noise from what a fit left of it.
-
-    Parameters
-    ----------
-    left
-        Residual, shape (realization, time).
-    taken
-        By how much the fit lowers the autocovariance at each lag, as shares of the noise's variance, shape (lag,).
-
-    Returns
-    -------
-    Array
-        Shape (lag,); 1 at lag 0.
-    """
-    covariance = autocovariance(left, len(taken) - 1)
     if covariance[0] <= 0:
         return np.asarray(np.arange(len(taken)) == 0, dtype=np.float64)
     variance = covariance[0] / max(1 - taken[0], LEAST_LEFT)
     return np.asarray(np.concatenate([[1.0], covariance[1:] / variance + taken[1:]]))
 
 
-def agreement_of(fit: Array, left: Array, angle: Array, around: Array, lags: int) -> float:
-    """Agreement of a fit (realization, time) and what it ``left`` of the torque; see :func:`second_order_agreement`.
+class Colour(NamedTuple):
+    """What the noise's colour makes of the variances of a fit, worked out from small statistics when asked.
 
-    ``angle`` is that at the same times, ``around`` the same or more of it, from which its own correlation is taken.
+    ``covariance`` (lag,) of the residual; ``taken``, the share of the noise's power that the fit took, were its
+    regressors the same at all lags, (lag,) or one for all; ``filters`` (regressor, tap) that give the regressors from
+    lagged angles; the angle's ``products`` along the diagonals.
     """
-    return second_order_agreement(
-        float(np.mean(fit**2)),
-        cross_covariance(angle, left, lags),
-        toeplitz(autocovariance(around, 2 * lags)),
-        float(np.mean(left**2)),
-        left.size,
-    )
+
+    covariance: Array
+    taken: Array | float
+    filters: Array
+    products: Array
+
+    @classmethod
+    def of(cls, ensemble: Ensemble, left: Array, taken: Array | float, filters: Array) -> Colour:
+        """Colour of a residual (realization, time).
+
+        ``taken`` is the share of noise whose mean over realizations, if it was subtracted, is not missing.
+        """
+        lags = round(LONGEST_COLOUR * ensemble.sampling_rate)
+        products = angle_products(ensemble.angle, filters.shape[1], lags)
+        share = taken * len(ensemble) / independent_realizations(ensemble)
+        return cls(autocovariance(left, lags), share, filters, products)
+
+    def noise(self) -> Array:
+        """Autocorrelation of the noise, shape (lag,)."""
+        regressors = regressor_covariances(self.filters, self.products)
+        return noise_correlation(self.covariance, np.asarray(self.taken * regressor_correlation(regressors)))
+
+    def factors(self, seen: Array | float = 1.0) -> Array:
+        """Variances of a fit of these regressors, as multiples of those under white noise, shape (regressor,).
+
+        ``seen`` is the share of the products of noise at each lag that the fit sees.
+        """
+        return colour_factors(regressor_covariances(self.filters, self.products), self.noise() * seen)
 
 
-def second_order_agreement(fitted: float, cross: Array, moments: Array, left: float, samples: int) -> float:
-    """Share of the torque that angles explain which a second-order fit explains; the rest answers to lagged angles.
+def agreement_of(fit: Array, left: Array, angle: Array, around: Array, lags: int) -> float:
+    """Agreement of a fit that ``left`` something of the torque, both (realization, time).
 
-    The response to lagged angles is the same at all times: what a fit leaves because it smooths a change of stiffness
-    has no mean response, and does not count.
+    ``angle`` is that at the same times, ``around`` the same or more of it, from which its own correlation is taken; see
+    :func:`tvsysid.impedance.agreement_of_moments`.
+    """
+    cross, moments = cross_covariance(angle, left, lags), toeplitz(autocovariance(around, 2 * lags))
+    return agreement_of_moments(float(np.mean(fit**2)), cross, moments, float(np.mean(left**2)), left.size)
+
+
+@dataclass(frozen=True, eq=False)
+class PosteriorErrors:
+    """Standard errors of known functions of time from the posterior of their coefficients, and from the noise's colour.
+
+    The posterior takes the noise as white.
 
     Parameters
     ----------
-    fitted
-        Mean square of the fit.
-    cross
-        Mean products of lagged angles and what the fit leaves, shape (lag,).
-    moments
-        Mean products of lagged angles, shape (lag, lag).
-    left
-        Mean square of what the fit leaves.
-    samples
-        How many there are, realizations times times.
-
-    Returns
-    -------
-    float
-        In per cent; see :func:`tvsysid.impedance.agreement`.
+    expansions, covariances
+        Functions of time (time, function) of stiffness, viscosity and inertia, as far as the model has them, and the
+        posterior covariances of their coefficients.
+    colour
+        Of the noise.
+    band
+        Edges in cycles per sample of the band that was fitted.
+    stronger
+        How much stronger the noise is than the posterior knows.
+    freedom
+        Degrees of freedom.
+    times, missing
+        Samples of a realization, and how many at either end were not identified.
     """
-    answer = float(cross @ np.linalg.pinv(moments, rcond=ROUNDING, hermitian=True) @ cross)
-    chance = len(cross) * left / samples
-    return agreement(*(np.array([value]) for value in (fitted, answer, chance)))
 
+    expansions: tuple[Array, ...]
+    covariances: tuple[Array, ...]
+    colour: Colour
+    band: tuple[float, float]
+    stronger: float
+    freedom: float
+    times: int
+    missing: int
 
-ROUNDING = 1e-9
-"""Share of the largest eigenvalue below which directions of lagged angles are rounding."""
-LEAST_LEFT = 0.1
-"""Share of the noise that a residual is taken to hold at least."""
+    def standard_errors(self) -> dict[str, StandardError]:
+        """By quantity, with the arcs of simultaneous bands."""
+        power = max(power_in_band(self.colour.noise(), *self.band), LEAST_POWER)
+        factors = self.stronger * self.colour.factors() / power
+        errors = {
+            name: StandardError.none(self.times, f"the model has no {name} (order {len(factors) - 1})")
+            for name in IMPEDANCE[len(factors) :]
+        }
+        parts = zip(IMPEDANCE, factors, self.expansions, self.covariances, strict=False)
+        for name, factor, expansion, covariance in parts:
+            variance = factor * np.einsum("tj,jk,tk->t", expansion, covariance, expansion, optimize=True)
+            values = padded(np.sqrt(np.maximum(variance, 0.0)), (self.times - len(expansion)) // 2)
+            values[: self.missing] = values[self.times - self.missing :] = np.nan
+            errors[name] = StandardError(values, np.array(self.freedom), arc_length(expansion, covariance))
+        return errors

@@ -25,11 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
-from tvsysid.impedance import static_stiffness
 from tvsysid.methods.base import Method, fitting_lags, missing_edge, padded
 from tvsysid.methods.shared.correlations import solve_windows
 from tvsysid.methods.tuning.evidence import Evidence
-from tvsysid.numerics.pseudoinverse import truncated
 from tvsysid.signals import Ensemble
 
 Array = NDArray[np.float64]
@@ -97,9 +95,8 @@ def reference_stiffness(ensemble: Ensemble, max_lag: float) -> Array:
     lags = fitting_lags("tuned", max_lag, ensemble)
     samples = DETERMINED * (2 * lags + 1) / len(ensemble)
     half = min(math.ceil(max(0.0, (samples - 1) / 2)), (ensemble.samples - 1) // 2)
-    solution = solve_windows(ensemble, lags, half, lambda at, *correlations: truncated(*correlations))
-    stiffness = static_stiffness(solution.weights * ensemble.sampling_rate, 1 / ensemble.sampling_rate)
-    return padded(stiffness, missing_edge(lags, ensemble))
+    solution = solve_windows(ensemble, lags, half)
+    return padded(solution.weights.sum(axis=1), missing_edge(lags, ensemble))
 
 
 def evidence_by_halves(

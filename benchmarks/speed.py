@@ -6,7 +6,7 @@ Each method identifies 600 s of simulated data on one thread, and is compared in
 - the one matrix product that it cannot do without;
 - itself on ten times the data, in time and in peak memory.
 
-What a band costs is measured at 150 s: identification with its band against identification of which nobody asks for one.
+What a band costs is measured at 150 s: identification with its band against identification alone.
 
 The simulation before it is compared with its random numbers and filters alone. ``--quick`` repeats less, and
 leaves out the longest of the plain versions.

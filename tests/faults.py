@@ -1,7 +1,7 @@
 """Faults planted into records and ensembles, each named after the finding that must name it."""
 
 from dataclasses import replace
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import numpy as np
 
@@ -10,7 +10,7 @@ import tvsysid as tv
 RATE = 1000
 
 
-@lru_cache(maxsize=16)
+@cache
 def simulated(duration=150.0, perturbation="noise", profile="sine", snr_db=10.0, seed=1):
     """Recording of a simulated joint at 1 kHz."""
     return (
@@ -20,8 +20,9 @@ def simulated(duration=150.0, perturbation="noise", profile="sine", snr_db=10.0,
     )
 
 
+@lru_cache(maxsize=32)
 def cut(recording, period=2.0, rate=100.0):
-    """Ensemble as it is usually prepared."""
+    """Ensemble as it is usually prepared; recordings are compared by identity."""
     return tv.preprocess.subtract_mean(tv.preprocess.segment(tv.preprocess.decimate(recording, rate), period))
 
 
@@ -103,6 +104,7 @@ def softening(recording, share=0.3):
     return changed(recording, torque=recording.torque * np.linspace(1.0, 1.0 - share, len(recording)))
 
 
+@cache
 def giving_way(duration=150.0, perturbation="noise", actuator=100.0, snr_db=5.0, seed=1, stiffness=100.0):
     """A joint on a soft actuator, which noise in the torque moves."""
     system = tv.simulate.CompliantActuator(tv.simulate.Constant(stiffness), actuator_stiffness=actuator)
@@ -110,6 +112,7 @@ def giving_way(duration=150.0, perturbation="noise", actuator=100.0, snr_db=5.0,
     return system.simulate(duration, perturbation=kind, snr_db=snr_db, seed=seed).recording
 
 
+@cache
 def reflexive(gain=5.0, seed=1):
     """A virtual participant with a stretch reflex, prepared."""
     traits = replace(tv.simulate.Traits.of(seed), reflex_gain=gain)

@@ -34,13 +34,13 @@ def test_a_finding_says_what_how_strong_what_it_does_and_what_to_do(spoilt):
 
 def test_it_prints(spoilt, diagnosis):
     text = repr(spoilt)
-    assert text.startswith("Diagnosis of 75 realizations of 2 s at 100 Hz: 2 found of 28 things that were judged")
+    assert text.startswith("Diagnosis of 75 realizations of 2 s at 100 Hz: 2 faults found in 28 checks")
     assert "- delay: the torque fits best" in text
-    assert "    does: a torque that is late by d" in text
-    assert "    do:   shift one channel" in text
+    assert "    effect: a torque that is late by d" in text
+    assert "    remedy: shift one channel" in text
     assert text.endswith("\nnot judged: mean-torque, mean-angle (the mean over realizations has been subtracted)")
     assert repr(diagnosis).count("\n") == 1
-    assert "nothing is wrong" in repr(diagnosis)
+    assert "no fault found" in repr(diagnosis)
     page = spoilt._repr_html_()
     assert page.count("<tr>") == 3
     assert "what it does to the result" in page

@@ -147,7 +147,7 @@ def _show_channels(name: str, channels: dict[str, Channel]) -> None:
 def _print_diagnosis(diagnosis: Diagnosis, name: str) -> None:
     say(f"{name}: {diagnosis.ensemble}: {diagnosis.verdict}")
     for check in diagnosis.findings:
-        lines = f"  seen: {check.what}\n  does: {check.fault.effect}\n  do:   {check.fault.remedy}"
+        lines = f"  seen:   {check.what}\n  effect: {check.fault.effect}\n  remedy: {check.fault.remedy}"
         say((check.name, "bold"), f" ({check.strength})\n{lines}")
     for line in diagnosis.notes:
         say(line)

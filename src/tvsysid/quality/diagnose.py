@@ -78,8 +78,8 @@ class Diagnosis:
     def verdict(self) -> str:
         """The outcome in a sentence."""
         judged = sum(check.judged for check in self.checks)
-        told = "nothing is wrong" if self.clean else f"{len(self.findings)} found"
-        return f"{told} of {judged} things that were judged"
+        count = len(self.findings)
+        return f"{count or 'no'} fault{'' if count < 2 else 's'} found in {judged} checks"
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -98,8 +98,8 @@ class Diagnosis:
         for check in self.findings:
             lines += [
                 f"- {check.name}: {check.what} ({check.strength})",
-                f"    does: {check.fault.effect}",
-                f"    do:   {check.fault.remedy}",
+                f"    effect: {check.fault.effect}",
+                f"    remedy: {check.fault.remedy}",
             ]
         return "\n".join([*lines, *self.notes])
 
@@ -153,7 +153,7 @@ def diagnose(ensemble: Ensemble) -> Diagnosis:
     >>> recording = tv.preprocess.decimate(simulation.recording, 100)
     >>> ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))
     >>> tv.diagnose(ensemble)
-    Diagnosis of 30 realizations of 2 s at 100 Hz: nothing is wrong of 27 things that were judged
+    Diagnosis of 30 realizations of 2 s at 100 Hz: no fault found in 27 checks
     not judged: mean-torque, mean-angle (the mean over realizations has been subtracted); clipped-angle (...)
     """
     if not isinstance(ensemble, Ensemble):

@@ -241,6 +241,10 @@ class WithoutCoordinates(Fit):
         return SimpleNamespace(estimates={**model.estimates, "more": more}, predict=model.predict)
 
 
+class SaysTooMuch(Fit):
+    quantities = ("reflex_gain",)
+
+
 class WrongLength(Fit):
     def identify(self, ensemble):
         model = super().identify(ensemble)
@@ -293,6 +297,7 @@ def test_good_methods_pass(method):
         ),
         (OverAnotherAxis(), "returns a model", "expected an estimate of stiffness over time, got stiffness"),
         (WithoutCoordinates(), "returns a model", "more has the axis 'emg', for which the model has no coordinates"),
+        (SaysTooMuch(), "returns a model", "expected estimates of all its quantities, got none of reflex_gain"),
         (WrongLength(), "returns a model", "reflex_gain over time must be of shape (200,), it is (7,)"),
         (
             SecondPathway(),

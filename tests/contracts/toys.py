@@ -58,6 +58,8 @@ def sliding_fit(regressors, torque, instruments):
 class Cascade:
     """A joint of second order beside a stretch reflex: velocity, delayed, rectified, through a muscle."""
 
+    quantities = ("reflex_gain",)
+
     def regressors(self, ensemble):
         rate, late = ensemble.sampling_rate, round(0.040 * ensemble.sampling_rate)
         stretch = np.maximum(np.gradient(ensemble.angle, 1 / rate, axis=1), 0.0)

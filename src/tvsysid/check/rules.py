@@ -132,7 +132,9 @@ def _returns_model(subject: Subject) -> str:
             f"got an object of type {type(model).__name__} without {' and '.join(missing)}"
         )
     _, subject.first, torque = subject.result("constant")
-    estimates = getattr(model, "estimates", {"stiffness": subject.first[0]})
+    estimates = getattr(model, "estimates", ["stiffness"])
+    if absent := [name for name in getattr(subject.method, "quantities", ()) if name not in estimates]:
+        raise FailedError(f"expected estimates of all its quantities, got none of {', '.join(absent)}")
     return f"{', '.join(estimates)}, and predict(ensemble) of shape {torque.shape}"
 
 

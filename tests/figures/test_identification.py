@@ -74,7 +74,14 @@ def test_any_quantity_is_drawn_over_its_own_axis():
         "reflex_gain": tv.Estimate(np.stack([time, 3 * time]), "N m s/rad", ("realization", "time")),
         "slope": tv.Estimate(2 * levels, "kg m2", ("emg",), StandardError(0.1 + 0 * levels, np.inf)),
     }
-    model = Further("own", 100.0, time, estimates, tv.models.Diagnostics(1.0), {"emg": levels})
+    model = Further(
+        method="own",
+        sampling_rate=100.0,
+        time=time,
+        estimates=estimates,
+        diagnostics=tv.models.Diagnostics(1.0),
+        coordinates={"emg": levels},
+    )
     figure = identified_impedance({"own": model}, {"own": np.full(200, 90.0)})
     axes = {each.get_ylabel(): each for each in figure.axes}
     gain, slope = axes["reflex gain (N·m·s/rad)"], axes["slope (kg·m²)"]

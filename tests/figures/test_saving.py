@@ -7,7 +7,7 @@ import pytest
 from matplotlib.figure import Figure
 from tests.synthetic import responses_of
 
-from tvsysid.figures import Illustration, draw_all, drawn, impulse_responses, save
+from tvsysid.figures import Illustration, draw_all, drawn, helpers, impulse_responses, save
 
 
 def illustrations(count=2):
@@ -35,8 +35,9 @@ def test_every_form_is_saved_and_the_svg_returned(tmp_path):
 
 
 def test_processes_save_the_same_bytes_and_leave_none_behind(tmp_path):
-    one = draw_all(illustrations(), tmp_path / "one")
-    two = draw_all(illustrations(), tmp_path / "two", workers=2)
+    one = draw_all(illustrations(4), tmp_path / "one")
+    with helpers(2) as pool:
+        two = draw_all(illustrations(4), tmp_path / "two", pool)
     assert one == two
     for path in (tmp_path / "one" / "folder").iterdir():
         assert path.read_bytes() == (tmp_path / "two" / "folder" / path.name).read_bytes()
@@ -48,7 +49,8 @@ def test_processes_save_the_same_bytes_and_leave_none_behind(tmp_path):
 
 def test_a_worker_that_dies_costs_no_figure():
     jobs = {str(number): Illustration(partial(die_in_a_worker, os.getpid()), "dies") for number in range(2)}
-    assert [each.svg[:5] for each in draw_all(jobs, workers=2).values()] == [b"<?xml"] * 2
+    with helpers(2) as pool:
+        assert [each.svg[:5] for each in draw_all(jobs, None, pool).values()] == [b"<?xml"] * 2
 
 
 def test_without_a_folder_only_the_page_gets_its_picture(tmp_path, monkeypatch):

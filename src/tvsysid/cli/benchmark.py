@@ -170,13 +170,13 @@ def _run_study(study: Any, out: Path, workers: int | None, scheduler: str | None
 
 def write_study(results: Any, out: Path, command: str) -> bool:
     """Write tables, figures and report, and print the essence; whether every method gave a result in every trial."""
-    from tvsysid.figures import draw_all
+    from tvsysid.figures import draw_all, helpers
     from tvsysid.recordings import whole_file
     from tvsysid.report import problems, write_report
     from tvsysid.studies.van_de_ruit_2021 import example_responses, judge, study_figures
     from tvsysid.study import cores, score, summarize
 
-    with waiting("scoring and drawing"):
+    with waiting("scoring and drawing"), helpers(cores()) as pool:
         for name in ("seconds", "stage_seconds", "doubts", "failure", "checksums"):
             results[name].load()  # small, and needed more than once
         scores = score(results)
@@ -187,7 +187,7 @@ def write_study(results: Any, out: Path, command: str) -> bool:
         square = bool((results.profile == "square").any())
         seed = json.loads(results.attrs["study"])["seed"]
         illustrations = study_figures(results, summary, example_responses(seed) if square else None)
-        pictures = draw_all(illustrations, out / "figures", cores())
+        pictures = draw_all(illustrations, out / "figures", pool)
         write_report(out / "report.html", results, summary, claims, pictures, command)
     labels = list(dict.fromkeys(summary.scenario))
     for label in labels[:MOST_TABLES]:

@@ -123,13 +123,14 @@ def write_experiment(experiment: Any, results: Any, prepared: Any, out: Path, co
     """Write tables, ensembles, figures and report, and print the essence; whether every analysis gave a result."""
     import pandas as pd
 
+    from tvsysid.figures import helpers
     from tvsysid.quality import diagnose
     from tvsysid.recordings import whole_file, write_ensemble
     from tvsysid.report import problems, write_diagnosis, write_experiment_report
     from tvsysid.studies.van_de_ruit_2021 import COUNTS, judge
     from tvsysid.study import cores, exclusions, stiffness_over_time, summarize
 
-    with waiting("scoring and drawing"):
+    with waiting("scoring and drawing"), helpers(cores()) as pool:
         results = results.load()
         summary, claims = summarize(results), judge(results)
         tables = {"summary.csv": summary, "claims.csv": claims, "stiffness.csv": stiffness_over_time(results)}
@@ -144,10 +145,10 @@ def write_experiment(experiment: Any, results: Any, prepared: Any, out: Path, co
         for item in prepared:
             if item.ensemble is not None:
                 write_ensemble(out / "prepared" / f"{item.recorded.label}.nc", item.ensemble)
-        pictures = _experiment_pictures(experiment, results, summary, prepared, out / "figures")
+        pictures = _experiment_pictures(experiment, results, summary, prepared, out / "figures", pool)
         diagnoses = {item.recorded.label: diagnose(item.ensemble) for item in prepared if item.ensemble is not None}
         if diagnoses:
-            write_diagnosis(out / "diagnosis.html", diagnoses, command, cores())
+            write_diagnosis(out / "diagnosis.html", diagnoses, command, pool)
         write_experiment_report(out / "report.html", results, summary, claims, excluded, pictures, command, COUNTS)
     for perturbation in dict.fromkeys(summary.perturbation):
         _show_summary(summary[summary.perturbation == perturbation], str(perturbation))
@@ -167,11 +168,11 @@ def write_experiment(experiment: Any, results: Any, prepared: Any, out: Path, co
     return complete
 
 
-def _experiment_pictures(experiment: Any, results: Any, summary: Any, prepared: Any, folder: Path) -> Any:
+def _experiment_pictures(experiment: Any, results: Any, summary: Any, prepared: Any, folder: Path, pool: Any) -> Any:
     """Draw and save everything; those of the page, by the stems of their files."""
     from tvsysid.figures import draw_all
     from tvsysid.studies.van_de_ruit_2021 import experiment_figures, participant_figures, representative
-    from tvsysid.study import cores, shown
+    from tvsysid.study import shown
 
     excerpts, preparations = {}, {}
     who = representative(results, summary)
@@ -180,7 +181,7 @@ def _experiment_pictures(experiment: Any, results: Any, summary: Any, prepared: 
             with suppress(InputError):  # a file that is gone since
                 excerpts[item.recorded.label], preparations[item.recorded.label] = shown(experiment, item.recorded)
     illustrations = experiment_figures(results, summary, excerpts, preparations)
-    pictures = draw_all(illustrations | participant_figures(results), folder, cores())
+    pictures = draw_all(illustrations | participant_figures(results), folder, pool)
     return {name: pictures[name] for name in illustrations}
 
 

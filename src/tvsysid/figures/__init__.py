@@ -10,7 +10,7 @@ from tvsysid.figures.identification import identified_impedance
 from tvsysid.figures.participants import participant_in_detail, stiffness_of_participants, stiffness_with_bands
 from tvsysid.figures.preparation import preparation_steps
 from tvsysid.figures.responses import impulse_responses
-from tvsysid.figures.saving import Illustration, Picture, draw_all, drawn, save
+from tvsysid.figures.saving import Illustration, Picture, draw_all, drawn, helpers, save
 from tvsysid.figures.spread import error_against_truth, variance_and_spread
 from tvsysid.figures.style import lines
 from tvsysid.figures.tuning import tuning_curves
@@ -25,6 +25,7 @@ __all__ = [
     "drawn",
     "error_against_amount",
     "error_against_truth",
+    "helpers",
     "identified_impedance",
     "impulse_responses",
     "lines",

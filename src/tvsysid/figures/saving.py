@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from concurrent.futures import BrokenExecutor, Future
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import BrokenExecutor, Executor, Future
+from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib import import_module
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -61,8 +63,23 @@ class Picture:
     height: int
 
 
+@contextmanager
+def helpers(workers: int) -> Iterator[Executor | None]:
+    """Processes that help :func:`draw_all`, one less than ``workers``; they start while the caller does other things.
+
+    A script must be guarded by ``if __name__ == "__main__":``.
+    """
+    if workers <= 1:
+        yield None
+        return
+    with processes(workers - 1, ready=False) as pool:
+        for _ in range(workers - 1):
+            pool.submit(import_module, "matplotlib.backends.backend_agg")
+        yield pool
+
+
 def draw_all(
-    illustrations: Mapping[str, Illustration], folder: str | Path | None = None, workers: int = 1
+    illustrations: Mapping[str, Illustration], folder: str | Path | None = None, pool: Executor | None = None
 ) -> dict[str, Picture]:
     """Draw figures, and save each in the forms that it has.
 
@@ -72,8 +89,8 @@ def draw_all(
         By the stem of the file's name, which may name a folder too, as in ``"participants/P1"``.
     folder
         Where the files go; each appears whole or not at all. None saves nothing.
-    workers
-        Processes. More than one need a script to be guarded by ``if __name__ == "__main__":``.
+    pool
+        Of :func:`helpers`; this process draws too.
 
     Returns
     -------
@@ -81,15 +98,19 @@ def draw_all(
         A picture for each illustration.
     """
     jobs = {stem: (each, None if folder is None else Path(folder) / stem) for stem, each in illustrations.items()}
-    if min(workers, len(jobs)) <= 1:
+    if pool is None or len(jobs) == 1:
         return {stem: _picture(*job) for stem, job in jobs.items()}
-    with processes(min(workers, len(jobs))) as pool:
+    try:
         futures = {stem: pool.submit(_picture, *job) for stem, job in jobs.items()}
-        return {stem: _result(futures[stem], *job) for stem, job in jobs.items()}
+    except BrokenExecutor:  # a helper died before
+        return draw_all(illustrations, folder)
+    # The helpers begin with the first ones, this process with the last.
+    here = {stem: _picture(*jobs[stem]) for stem in reversed(list(jobs)) if futures[stem].cancel()}
+    return {stem: here[stem] if stem in here else _result(futures[stem], *job) for stem, job in jobs.items()}
 
 
 def _result(future: Future[Picture], illustration: Illustration, path: Path | None) -> Picture:
-    """What a worker drew; drawn here if the worker died."""
+    """What a helper drew; drawn here if it died."""
     try:
         return future.result()
     except BrokenExecutor:

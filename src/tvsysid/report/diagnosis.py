@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from concurrent.futures import Executor
 from pathlib import Path
 
 from tvsysid.errors import InputError
@@ -49,7 +50,9 @@ CHECKED = (
 MEASURED = (Column("measure"), Column("value", kind="number"), Column("unit"))
 
 
-def write_diagnosis(path: str | Path, diagnoses: Mapping[str, Diagnosis], command: str = "", workers: int = 1) -> None:
+def write_diagnosis(
+    path: str | Path, diagnoses: Mapping[str, Diagnosis], command: str = "", pool: Executor | None = None
+) -> None:
     """Write one HTML file that holds all that was seen and needs nothing else.
 
     Parameters
@@ -60,8 +63,8 @@ def write_diagnosis(path: str | Path, diagnoses: Mapping[str, Diagnosis], comman
         Of :func:`tvsysid.diagnose`, by what the ensembles are called.
     command
         What was typed; the page says nothing of it if empty.
-    workers
-        Processes that draw, as of :func:`tvsysid.figures.draw_all`.
+    pool
+        Of :func:`tvsysid.figures.helpers`, whose processes draw too.
 
     Raises
     ------
@@ -70,7 +73,7 @@ def write_diagnosis(path: str | Path, diagnoses: Mapping[str, Diagnosis], comman
     """
     from markupsafe import Markup  # noqa: PLC0415  # only a page needs it
 
-    blocks = _blocks(diagnoses, workers)
+    blocks = _blocks(diagnoses, pool)
     lines = []
     for (name, each), anchor in zip(diagnoses.items(), _anchors(diagnoses), strict=True):
         found = "; ".join(f"{_lower(one.fault.title)} ({one.strength})" for one in each.findings)
@@ -101,10 +104,10 @@ def diagnosis_section(diagnoses: Mapping[str, Diagnosis]) -> str:
     str
         HTML, escaped, whose headings are of the third and fourth level; it takes the style of the report's pages.
     """
-    return html(_blocks(diagnoses, 1))
+    return html(_blocks(diagnoses))
 
 
-def _blocks(diagnoses: Mapping[str, Diagnosis], workers: int) -> list[Block]:
+def _blocks(diagnoses: Mapping[str, Diagnosis], pool: Executor | None = None) -> list[Block]:
     if not isinstance(diagnoses, Mapping) or not all(isinstance(each, Diagnosis) for each in diagnoses.values()):
         raise InputError(
             f"write_diagnosis: expected diagnoses by name, got {type(diagnoses).__name__}; give "
@@ -112,7 +115,7 @@ def _blocks(diagnoses: Mapping[str, Diagnosis], workers: int) -> list[Block]:
         )
     if not diagnoses:
         raise InputError("write_diagnosis: expected diagnoses by name, got none; give {'ankle': diagnosis}")
-    pictures = draw_all({name: diagnosis_illustration(each, name) for name, each in diagnoses.items()}, None, workers)
+    pictures = draw_all({name: diagnosis_illustration(each, name) for name, each in diagnoses.items()}, None, pool)
     each = zip(diagnoses.items(), _anchors(diagnoses), strict=True)
     return [block for (name, diagnosis), anchor in each for block in _one(name, diagnosis, anchor, pictures[name])]
 

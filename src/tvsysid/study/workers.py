@@ -194,8 +194,15 @@ def _in_one_process(task: Task) -> Outcome:
 
 
 @contextmanager
-def processes(workers: int) -> Iterator[ProcessPoolExecutor]:
+def processes(workers: int, ready: bool = True) -> Iterator[ProcessPoolExecutor]:
     """Local worker processes that end with this one, and leave an interruption to it.
+
+    Parameters
+    ----------
+    workers
+        How many.
+    ready
+        Whether to wait until they have started.
 
     Raises
     ------
@@ -210,8 +217,9 @@ def processes(workers: int) -> Iterator[ProcessPoolExecutor]:
         with _interruptions_ignored():
             first = [pool.submit(os.getpid) for _ in range(workers)]
         try:
-            wait(first)
-            first[0].result()
+            if ready:
+                wait(first)
+                first[0].result()
         except BrokenExecutor as error:
             raise InputError(
                 "run: the worker processes did not start. A script must call run from under "

@@ -58,7 +58,7 @@ def test_tonic_stiffness_from_enough_realizations_is_found_by_the_ensemble_alone
 def test_a_tuned_kernel_finds_that_tonic_stiffness_does_not_change(recordings_folder, muscle):
     ensemble = tonic(recordings_folder, muscle)
     given = tv.KernelRegression().identify(ensemble)
-    tuned = tv.KernelRegression().tuned(ensemble).identify(ensemble)
+    tuned = tv.KernelRegression().tuned(ensemble).method.identify(ensemble)
     # Slow voluntary torque is no change of stiffness from one period to the next.
     assert np.ptp(tuned.stiffness) < 0.02 * tuned.stiffness.mean()
     assert tuned.stiffness.mean() == pytest.approx(given.stiffness.mean(), rel=0.02)

@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from tvsysid.errors import DataQualityWarning, InputError, describe_error
 from tvsysid.estimates import IMPEDANCE
-from tvsysid.methods import METHODS, Method, Tuned, apply, label_of, parse, reason_to_skip
+from tvsysid.methods import METHODS, Choice, Evidence, Method, Tuned, apply, label_of, parse, reason_to_skip
 from tvsysid.methods.apply import Identifies
 from tvsysid.metrics import time_varying_vaf, vaf
 from tvsysid.models import Model
@@ -36,7 +36,7 @@ class Comparison:
     ensemble
         That all identified from.
     methods
-        By label, with the settings that were used; tuned ones have their ``evidence``.
+        By label, with the settings that were used.
     models
         By label, of the methods that could serve the ensemble.
     skipped
@@ -47,6 +47,8 @@ class Comparison:
         Variance of the recorded torque accounted for in each realization by label, in per cent, shape (realization,).
     time_varying_vaf
         The same at each time over realizations, shape (time,).
+    evidence
+        For the settings that were chosen from the data, by label.
 
     Notes
     -----
@@ -61,6 +63,7 @@ class Comparison:
     bands: Mapping[str, Mapping[str, tuple[Array, Array]]]
     vaf: Mapping[str, Array]
     time_varying_vaf: Mapping[str, Array]
+    evidence: Mapping[str, Evidence]
 
     def __repr__(self) -> str:
         return f"Comparison({', '.join(self.models) or 'no method'} on {self.ensemble!r})"
@@ -162,6 +165,7 @@ def compare(
     chosen = {label_of(item): parse(item) if isinstance(item, str) else item for item in given}
     models: dict[str, Model] = {}
     skipped: dict[str, str] = {}
+    evidence: dict[str, Evidence] = {}
     # Small matrices: BLAS threads would only wait for each other.
     with threadpool_limits(1):
         for number, (label, method) in enumerate(list(chosen.items())):
@@ -171,7 +175,7 @@ def compare(
                 skipped[label] = reason
                 continue
             if tune or isinstance(method, Tuned):
-                chosen[label] = _tuned(label, method, ensemble)
+                chosen[label], evidence[label] = _tuned(label, method, ensemble)
             models[label] = _identified(label, chosen[label], ensemble)
         bands = {label: _bands_of(label, model) for label, model in models.items()}
     if not models:
@@ -186,6 +190,7 @@ def compare(
         MappingProxyType(bands),
         {label: vaf(torque, values) for label, values in predicted.items()},
         {label: time_varying_vaf(torque, values) for label, values in predicted.items()},
+        MappingProxyType(evidence),
     )
 
 
@@ -199,8 +204,8 @@ def _identified(label: str, method: Identifies, ensemble: Ensemble) -> Model:
         raise InputError(f"method {label}: {describe_error(error)}") from error
 
 
-def _tuned(label: str, method: Identifies, ensemble: Ensemble) -> Method:
-    """Method with settings chosen from the data."""
+def _tuned(label: str, method: Identifies, ensemble: Ensemble) -> Choice[Method]:
+    """Method with settings chosen from the data, and the evidence for them."""
     own = method.method if isinstance(method, Tuned) else method
     if not isinstance(own, Method):
         raise InputError(

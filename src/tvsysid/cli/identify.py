@@ -176,18 +176,17 @@ def _write_tuning(found: Comparison, out: Path) -> list[str]:
     from tvsysid.methods import Method, typed
     from tvsysid.recordings import whole_file
 
-    tuned = {label: each for label, each in found.methods.items() if isinstance(each, Method) and each.evidence}
-    if not tuned:
+    if not found.evidence:
         return []
-    evidence = {label: method.evidence for label, method in tuned.items() if method.evidence is not None}
-    for label, item in evidence.items():
+    tuned = [each for label, each in found.methods.items() if label in found.evidence and isinstance(each, Method)]
+    for label, item in found.evidence.items():
         say(f"{label}: {item}")
-    say(f"the same settings again: {' '.join(f'--method {shlex.quote(typed(each))}' for each in tuned.values())}")
-    tables = [item.to_pandas().assign(method=label) for label, item in evidence.items()]
+    say(f"the same settings again: {' '.join(f'--method {shlex.quote(typed(each))}' for each in tuned)}")
+    tables = [item.to_pandas().assign(method=label) for label, item in found.evidence.items()]
     table = pd.concat(tables, ignore_index=True)
     with whole_file(out / "tuning.csv") as file:
         table[["method", *table.columns.drop("method")]].to_csv(file, index=False, float_format="%.6g")
-    figure = tuning_curves(evidence)
+    figure = tuning_curves(found.evidence)
     for ending in ("png", "pdf"):
         save(figure, out / f"tuning.{ending}")
     return ["tuning.csv", "tuning.png", "tuning.pdf"]

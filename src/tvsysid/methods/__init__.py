@@ -1,7 +1,7 @@
 """The methods: one file each, behind one verb, ``identify(ensemble) -> model``; and plugins."""
 
 from tvsysid.methods.apply import Identifies, apply, deviating_channels, reason_to_skip
-from tvsysid.methods.base import Input, Method
+from tvsysid.methods.base import Choice, Input, Method
 from tvsysid.methods.birf import BasisIRF
 from tvsysid.methods.eirf import EnsembleIRF
 from tvsysid.methods.esm import EnsembleSpectral
@@ -26,6 +26,7 @@ from tvsysid.methods.tuning.tuning import Tuned
 __all__ = [
     "METHODS",
     "BasisIRF",
+    "Choice",
     "EnsembleIRF",
     "EnsembleSpectral",
     "Evidence",

@@ -8,7 +8,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import TYPE_CHECKING, ClassVar, Literal, Self, TypeVar, get_args
+from typing import TYPE_CHECKING, ClassVar, Generic, Literal, NamedTuple, Self, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Number = TypeVar("Number", np.float64, np.complex128)
+Chosen = TypeVar("Chosen", bound="Method")
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,13 @@ class Input:
     unit: str
 
 
+class Choice(NamedTuple, Generic[Chosen]):
+    """A ``method`` whose settings were chosen from data, and the ``evidence`` for them."""
+
+    method: Chosen
+    evidence: Evidence
+
+
 @dataclass(frozen=True)
 class Method(ABC):
     """Settings of a method, in seconds and hertz, and one verb.
@@ -62,8 +70,6 @@ class Method(ABC):
     """Signals that it needs beside angle and torque; channels of the ensemble."""
     contiguous: ClassVar[bool] = False
     """Whether it needs realizations that follow each other in the record."""
-    evidence: ClassVar[Evidence | None] = None
-    """Why the settings are what they are; of a method that :meth:`tuned` returned only."""
 
     def identify(self, ensemble: Ensemble) -> Model:
         """Identify the impedance of the joint over one realization.
@@ -103,8 +109,8 @@ class Method(ABC):
         """Why the method cannot serve this ensemble, in words; None if it can."""
         return None
 
-    def tuned(self, ensemble: Ensemble, seed: int = 0) -> Self:
-        """Return the method with settings chosen from the data.
+    def tuned(self, ensemble: Ensemble, seed: int = 0) -> Choice[Self]:
+        """Choose settings from the data.
 
         Parameters
         ----------
@@ -115,9 +121,9 @@ class Method(ABC):
 
         Returns
         -------
-        Method
-            Of the same class. Its ``evidence`` says what was tried, and how each did; it is no setting, so that the
-            method equals, and shows itself as, one whose settings were given by hand.
+        Choice
+            The ``method``, of the same class, with the settings chosen; and the ``evidence``: what was tried, and how
+            each did.
 
         Raises
         ------
@@ -128,9 +134,7 @@ class Method(ABC):
         if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
             raise InputError(f"tuned: seed must be a whole number of 0 or more, got {seed!r}")
         evidence = self._evidence(ensemble, seed)
-        method = replace(self, **evidence.settings)
-        object.__setattr__(method, "evidence", evidence)
-        return method
+        return Choice(replace(self, **evidence.settings), evidence)
 
     @abstractmethod
     def _identify(self, ensemble: Ensemble) -> Model: ...

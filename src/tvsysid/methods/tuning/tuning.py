@@ -55,4 +55,4 @@ class Tuned:
 
     def identify(self, ensemble: Ensemble) -> Model:
         """Choose the settings, and identify by them; as :meth:`tvsysid.methods.Method.identify`."""
-        return self.method.tuned(ensemble, self.seed).identify(ensemble)
+        return self.method.tuned(ensemble, self.seed).method.identify(ensemble)

@@ -6,6 +6,9 @@ import pytest
 
 from tvsysid import cli
 
+IDENTIFY = ("--angle", "angle", "--torque", "torque", "--rate", 1000, "--decimate", 100, "--period", 2)
+"""How a simulated recording is identified."""
+
 
 @pytest.fixture
 def tvsysid(monkeypatch, capsys, tmp_path):
@@ -21,3 +24,10 @@ def tvsysid(monkeypatch, capsys, tmp_path):
         return stopped.value.code, captured.out, captured.err
 
     return command
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Without figures, which take most of the time; other tests have them."""
+    monkeypatch.setattr("tvsysid.studies.van_de_ruit_2021.study_figures", lambda results, summary, responses=None: {})
+    monkeypatch.setattr("tvsysid.figures.save", lambda figure, file: None)

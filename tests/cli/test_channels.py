@@ -5,6 +5,8 @@ import pandas as pd
 import pytest
 import xarray as xr
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 METHODS = '''
 import numpy as np
 import tvsysid as tv

@@ -37,13 +37,13 @@ def check_method(
         sign = ("✓", "green") if item.passed else ("✗", "red" if item.required else "yellow")
         advice = "" if item.required or item.passed else " (recommended)"
         say(sign, " ", (item.name, "bold"), f"{advice}: {item.message}")
-    required, advised = (
-        sum(1 for item in checks if not item.passed and item.required is kind) for kind in (True, False)
-    )
-    also = f"; {advised} recommended check{'s' * (advised > 1)} failed" if advised else ""
+    required, advised = (sum(not item.passed for item in checks if item.required is kind) for kind in (True, False))
+    recommended = f"{advised} recommended check{'s' * (advised > 1)}"
     if required:
+        also = f"; {recommended} too" if advised else ""
         say(f"{name} does not pass: {required} of {len(checks)} checks failed or were not reached{also}")
         raise typer.Exit(1)
+    also = f"; {recommended} failed" if advised else ""
     say(f"{name} passes{also}; use it: tvsysid benchmark --method {name}")
 
 

@@ -1,0 +1,95 @@
+"""`tvsysid benchmark` and `tvsysid report` of what it wrote."""
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+
+@pytest.mark.slow
+def test_benchmark(tvsysid, tmp_path, request):
+    code, out, err = tvsysid(
+        "benchmark", "--trials", 2, "--duration", 60, "--method", "sds", "--method", "esm:window=0.4", "--workers", 1
+    )
+    assert (code, err) == (0, "")
+    assert "square wave, filtered noise, 60 s, 10 dB, 2 trials" in out
+    assert "esm:window=0.4" in out
+    assert "simulated s per s" in out
+    folder = tmp_path / "tvsysid-benchmark"
+    table = pd.read_csv(folder / "summary.csv")
+    assert list(table.columns[:8]) == [
+        "stiffness", "perturbation", "duration_s", "snr_db", "method", "trials", "metric", "value",
+    ]  # fmt: skip
+    assert set(table.perturbation) == {"noise", "prbs"}
+    assert set(table.method) == {"sds", "esm:window=0.4"}
+    assert xr.open_zarr(folder / "results.zarr").stiffness.sizes["trial"] == 2
+    assert set(pd.read_csv(folder / "claims.csv").verdict) <= {"holds", "does not hold", "undecided", "not studied"}
+    for ending in ("png", "pdf", "svg"):
+        for perturbation in ("noise", "prbs"):
+            assert (folder / "figures" / f"comparison-square-{perturbation}.{ending}").stat().st_size > 5000
+        assert (folder / "figures" / f"coverage-square.{ending}").stat().st_size > 5000
+    page = (folder / "report.html").read_text()
+    assert "esm:window=0.4" in page
+    assert "tvsysid benchmark --trials 2 --duration 60 --method sds --method esm:window=0.4 --workers 1" in page
+    before = (folder / "summary.csv").read_text()
+    for name in ("summary.csv", "report.html"):
+        (folder / name).unlink()
+    request.getfixturevalue("undrawn")
+    code, out, err = tvsysid("report", folder)
+    assert (code, err) == (0, "")
+    assert (folder / "summary.csv").read_text() == before
+    assert (folder / "report.html").exists()
+
+
+def test_a_dry_run_runs_nothing(tvsysid, tmp_path):
+    code, out, _ = tvsysid("benchmark", "--preset", "paper", "--trials", 4, "--method", "birf", "--dry-run")
+    assert code == 0
+    assert "4 trials of each of 12 scenarios, seed 0: 48 trials, 10,560 s of data" in out
+    assert "nothing was run" in out
+    assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_study_from_a_file_with_options_in_its_place(tvsysid, tmp_path):
+    (tmp_path / "study.toml").write_text('duration_s = 40\nperturbation = "prbs"\nmethods = "birf"\ntrials = 9\n')
+    code, _, _ = tvsysid("benchmark", "study.toml", "--trials", 2, "--workers", 1, "--out", "out")
+    assert code == 0
+    table = pd.read_csv(tmp_path / "out" / "summary.csv")
+    assert (set(table.perturbation), set(table.duration_s), set(table.trials)) == ({"prbs"}, {40.0}, {2})
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_an_own_method_that_fails_is_told_and_the_others_are_kept(tvsysid, tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "faulty.py").write_text(
+        "class Mine:\n    def identify(self, ensemble):\n        raise KeyError('no key')\n"
+    )
+    words = ("--duration", 40, "--perturbation", "prbs", "--trials", 2, "--method", "sds", "--workers", 1)
+    code, _, err = tvsysid("benchmark", *words, "--method", "faulty:Mine")
+    assert code == 1
+    assert "error: faulty:Mine: 2 of 2 trials failed and are left out; the first: KeyError: 'no key'" in err
+    assert "faulty.py" in err
+    table = pd.read_csv(tmp_path / "tvsysid-benchmark" / "summary.csv").set_index(["method", "metric"]).value
+    assert table["faulty:Mine", "failed"] == 2
+    assert table["sds", "failed"] == 0
+    assert np.isfinite(table["sds", "bias_error"])
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_the_same_seed_gives_the_same_table(tvsysid, tmp_path):
+    def values(folder, *words):
+        options = ("--trials", 2, "--duration", 40, "--method", "birf", "--perturbation", "prbs", "--workers", 1)
+        assert tvsysid("benchmark", *options, "--out", folder, *words)[0] == 0
+        table = pd.read_csv(tmp_path / folder / "summary.csv")
+        return table[table.metric != "seconds"].value.to_numpy()
+
+    np.testing.assert_array_equal(values("one"), values("two"))
+    assert not np.array_equal(values("one"), values("three", "--seed", 7))
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_doubts_in_a_benchmark_are_told(tvsysid):
+    code, _, err = tvsysid("benchmark", "--trials", 2, "--duration", 40, "--method", "eirf", "--workers", 1)
+    assert code == 0
+    assert "warning: eirf: " in err
+    assert "fewer than the 25 lags" in err

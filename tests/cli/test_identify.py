@@ -1,0 +1,133 @@
+"""`tvsysid identify`."""
+
+import shlex
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+from tests.cli.conftest import IDENTIFY
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_identify_by_an_own_method(tvsysid, tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "plainly.py").write_text(
+        "import numpy as np\n"
+        "class Model:\n"
+        "    def __init__(self, stiffness):\n        self.stiffness = stiffness\n"
+        "    def predict(self, ensemble):\n        return self.stiffness * ensemble.angle[:, ensemble.core]\n"
+        "class Mine:\n"
+        "    def identify(self, ensemble):\n        return Model(np.full(ensemble.samples, 80.0))\n"
+        "class Faulty:\n    def identify(self, ensemble):\n        return 1 / 0\n"
+    )
+    tvsysid("simulate", "joint.mat", "--duration", 40)
+    code, out, err = tvsysid("identify", "joint.mat", *IDENTIFY, "--method", "plainly:Mine", "--method", "sds")
+    assert (code, err) == (0, "")
+    assert "plainly:Mine" in out
+    table = pd.read_csv(tmp_path / "tvsysid-identify" / "stiffness.csv").groupby("method")
+    assert set(table.get_group("plainly:Mine").stiffness) == {80.0}
+    assert table.get_group("plainly:Mine").inertia.isna().all()
+    code, _, err = tvsysid("identify", "joint.mat", *IDENTIFY, "--method", "plainly:Faulty")
+    assert code == 2
+    assert "method plainly:Faulty: ZeroDivisionError: division by zero (plainly.py, line 12)" in err
+
+
+@pytest.mark.parametrize("name", ["joint.mat", "joint.csv"])
+def test_simulate_then_identify(tvsysid, tmp_path, name):
+    code, out, _ = tvsysid("simulate", name, "--duration", 60, "--perturbation", "prbs", "--snr", 20)
+    assert code == 0
+    assert f"tvsysid identify {name} --angle angle --torque torque --rate 1000 --decimate 100 --period 2" in out
+    code, out, err = tvsysid("identify", name, *IDENTIFY, "--method", "sds", "--method", "kbr", "--out", "found")
+    assert (code, err) == (0, "")
+    assert "28 realizations of 2 s" in out
+    table = pd.read_csv(tmp_path / "found" / "stiffness.csv")
+    assert list(table.columns[:3]) == ["time_s", "method", "stiffness"]
+    for method in ("sds", "kbr"):
+        found = table[table.method == method]
+        truth = np.where((found.time_s >= 0.5) & (found.time_s < 1.5), 150.0, 50.0)
+        assert np.sqrt(np.mean((found.stiffness - truth) ** 2)) < 15
+        assert found.time_varying_vaf.mean() > 90
+    with xr.open_datatree(tmp_path / "found" / "models.nc", engine="h5netcdf") as tree:
+        assert set(tree.children) == {"sds", "kbr"}
+    assert (tmp_path / "found" / "stiffness.png").stat().st_size > 5000
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_reversed_torque_warns_in_one_line(tvsysid):
+    tvsysid("simulate", "joint.mat", "--duration", 60)
+    code, _, err = tvsysid("identify", "joint.mat", *IDENTIFY, "--torque-sign", -1, "--method", "sds")
+    assert code == 0
+    assert err.count("\n") == 1
+    assert "warning: sds: stiffness is negative at" in err
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_trials_and_degrees(tvsysid, tmp_path):
+    tvsysid("simulate", "joint.mat", "--duration", 60, "--snr", 30)
+    from scipy.io import loadmat, savemat
+
+    signals = loadmat("joint.mat")
+    savemat(
+        "trials.mat",
+        {
+            "angle": np.degrees(signals["angle"].reshape(6, 10_000).T),
+            "torque": -signals["torque"].reshape(6, 10_000).T,
+        },
+    )
+    options = ("--columns", "trials", "--angle-unit", "deg", "--torque-sign", -1, "--method", "birf")
+    code, out, _ = tvsysid("identify", "trials.mat", *IDENTIFY, *options)
+    assert code == 0
+    assert "18 realizations of 2 s" in out
+    table = pd.read_csv(tmp_path / "tvsysid-identify" / "stiffness.csv")
+    assert table.stiffness.mean() == pytest.approx(100, abs=3)
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_identify_takes_other_formats(tvsysid, tmp_path):
+    tvsysid("simulate", "joint.mat", "--duration", 60)
+    from scipy.io import loadmat
+
+    signals = loadmat("joint.mat")
+    xr.Dataset({name: ("time", signals[name].ravel()) for name in ("angle", "torque")}).to_netcdf(
+        "joint.nc", engine="h5netcdf"
+    )
+    code, out, err = tvsysid("identify", "joint.nc", *IDENTIFY, "--method", "birf")
+    assert (code, err) == (0, "")
+    assert "28 realizations of 2 s" in out
+
+
+@pytest.mark.slow
+def test_identify_with_settings_from_the_data(tvsysid, tmp_path):
+    tvsysid("simulate", "joint.mat", "--duration", 40)
+    methods = ("--method", "birf", "--method", "kbr")
+    code, out, err = tvsysid("identify", "joint.mat", *IDENTIFY, *methods, "--tune")
+    assert (code, err) == (0, "")
+    assert "birf: basis=HaarWavelets(functions=4) instead of basis=CubicBSplines(functions=10, periodic=False): " in out
+    folder = tmp_path / "tvsysid-identify"
+    table = pd.read_csv(folder / "tuning.csv")
+    assert list(table.columns) == ["method", "settings", "criterion", "value", "unit", "standard_error", "chosen"]
+    for _, rows in table.groupby("method"):
+        assert rows.value[rows.chosen].item() == rows.value.max()
+    assert (folder / "tuning.png").stat().st_size > 5000
+    with xr.open_datatree(folder / "models.nc", engine="h5netcdf") as tree:
+        assert tree["birf"].attrs["method"].startswith("BasisIRF(max_lag=0.12, basis=HaarWavelets(functions=4)")
+    (again,) = (line for line in out.splitlines() if line.startswith("the same settings again: "))
+    kept = pd.read_csv(folder / "stiffness.csv")
+    code, out, err = tvsysid("identify", "joint.mat", *IDENTIFY, *shlex.split(again.partition(": ")[2]))
+    assert (code, err) == (0, "")
+    repeated = pd.read_csv(folder / "stiffness.csv")
+    np.testing.assert_array_equal(repeated.stiffness, kept.stiffness)
+    # As in a study, one method may choose its settings and another not.
+    code, out, err = tvsysid("identify", "joint.mat", *IDENTIFY, "--method", "birf:tuned=true", "--method", "sds")
+    assert (code, err) == (0, "")
+    assert "the same settings again: --method 'birf:basis=HaarWavelets(functions=4)'\n" in out
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_method_of_ones_own_cannot_be_tuned(tvsysid, tmp_path):
+    (tmp_path / "untunable.py").write_text("class Mine:\n    def identify(self, ensemble):\n        return None\n")
+    tvsysid("simulate", "joint.mat", "--duration", 40)
+    code, _, err = tvsysid("identify", "joint.mat", *IDENTIFY, "--method", "untunable:Mine", "--tune")
+    assert code == 2
+    assert "leave out tune (--tune), and write key:tuned=true" in err

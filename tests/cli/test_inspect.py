@@ -1,0 +1,46 @@
+"""`tvsysid inspect`."""
+
+import numpy as np
+import pytest
+from tests.cli.conftest import IDENTIFY
+
+
+def test_inspect_lists_and_draws(tvsysid, tmp_path):
+    tvsysid("simulate", "joint.mat", "--duration", 4)
+    code, out, err = tvsysid("inspect", "joint.mat")
+    assert (code, err) == (0, "")
+    rows = [[cell.strip() for cell in line.split("│")[1:-1]] for line in out.splitlines() if "│" in line]
+    assert ["angle", "4000 x 1", "float64", "-", "1000"] in rows
+    assert ["sampling_rate", "1 x 1", "float64", "-", "-"] in rows
+    assert "wrote tvsysid-inspect/joint.mat.png" in out
+    assert (tmp_path / "tvsysid-inspect" / "joint.mat.png").stat().st_size > 5000
+    assert tvsysid("inspect", "joint.mat", "--plot", "deep/joint.svg")[0] == 0
+    assert "torque" in (tmp_path / "deep" / "joint.svg").read_text()
+
+
+@pytest.mark.slow
+def test_inspect_diagnoses(tvsysid, tmp_path):
+    tvsysid("simulate", "joint.mat", "--duration", 100)
+    code, out, err = tvsysid("inspect", "joint.mat", "--diagnose", *IDENTIFY)
+    assert (code, err) == (0, "")
+    assert "joint.mat (angle, torque): 48 realizations of 2 s at 1000 Hz: no fault found in 28 checks" in out
+    assert "not judged: mean-torque, mean-angle (the mean over realizations has been subtracted)" in out
+    assert "wrote tvsysid-inspect/joint.mat.angle-torque.diagnosis.html" in out
+    page = (tmp_path / "tvsysid-inspect" / "joint.mat.angle-torque.diagnosis.html").read_text()
+    assert "tvsysid inspect joint.mat --diagnose --angle angle" in page
+    assert "Diagnosis of joint.mat (angle, torque)" in page
+    code, out, err = tvsysid("inspect", "joint.mat", "--diagnose", *IDENTIFY, "--torque-sign", "-1", "--period", "1.9")
+    assert (code, err) == (0, "")
+    assert "reversed-torque (-" in out
+    assert "remedy: read the file with torque_sign=-1 (--torque-sign -1)" in out
+    assert "wrong-period (" in out
+    assert "stiffness varies by" in out
+
+
+def test_inspect_of_a_file_with_many_channels_and_none(tvsysid):
+    np.savez("many.npz", note=np.array("[red]hello"), **{f"c{number}": np.ones((3, 2)) for number in range(14)})
+    code, out, err = tvsysid("inspect", "many.npz")
+    assert (code, err) == (0, "note: 2 more channels are not drawn\n")
+    assert "text" in out
+    np.savez("none.npz", note=np.array("hello"))
+    assert "no signals to draw" in tvsysid("inspect", "none.npz")[1]

@@ -1,0 +1,80 @@
+"""`tvsysid methods` and `tvsysid check-method`."""
+
+import sys
+
+import pytest
+
+
+def test_methods_are_listed_with_what_they_assume(tvsysid):
+    code, out, _ = tvsysid("methods")
+    assert code == 0
+    for words in ("eirf", "sds", "birf", "esm", "kbr", "max_lag = 0.12", "same in all realizations", "nearly periodic"):
+        assert words in out
+
+
+def test_installed_methods_are_listed_whatever_is_wrong_with_them(tvsysid, tmp_path, monkeypatch):
+    info = tmp_path / "mypackage-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: mypackage\nVersion: 1.0\n")
+    points = "good = listed_module:Good\nbad = listed_module:Bad\nsds = listed_module:Good\n"
+    (info / "entry_points.txt").write_text(f"[tvsysid.methods]\n{points}")
+    (tmp_path / "listed_module.py").write_text(
+        "class Good:\n"
+        "    title = 'Good [red]method'\n"
+        "    def __init__(self, order, gain=2.5): ...\n"
+        "    def identify(self, ensemble): ...\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    code, out, err = tvsysid("methods")
+    assert code == 0
+    for words in ("Good [red]method", "order (must be given)", "gain = 2.5", "has no 'Bad'", "Short data segments"):
+        assert words in out
+    assert err.startswith("note: 'sds' is offered by the installed package mypackage too")
+
+
+OWN = """
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass
+class Constant:
+    sign: float = 1.0
+
+    def identify(self, ensemble):
+        angle, torque = ensemble.angle[:, ensemble.core], ensemble.torque[:, ensemble.core]
+        self.stiffness = np.full(ensemble.samples, self.sign * np.sum(angle * torque) / np.sum(angle * angle))
+        return self
+"""
+
+
+@pytest.fixture
+def search_path(monkeypatch):
+    """The path as it is for an installed command, which does not search the current folder by itself."""
+    monkeypatch.setattr(sys, "path", [folder for folder in sys.path if folder])
+
+
+@pytest.mark.usefixtures("search_path")
+def test_check_method_says_what_is_wrong(tvsysid, tmp_path):
+    (tmp_path / "own_for_cli.py").write_text(OWN)
+    code, out, err = tvsysid("check-method", "own_for_cli:Constant")
+    assert (code, err) == (1, "")
+    assert "✓ identifies a joint" in out
+    assert (
+        "✗ returns a model: expected a model with stiffness (or estimates) and predict(ensemble) (or pathways), " in out
+    )
+    assert "without predict(ensemble)" in out
+    assert "✗ predicts the torque: not reached, because of 'returns a model'" in out
+    assert (
+        "own_for_cli:Constant does not pass: 10 of 17 checks failed or were not reached; 3 recommended checks too"
+        in out
+    )
+
+
+@pytest.mark.parametrize("name", ["sds", "esm:window=0.4", "tvsysid.methods:KernelRegression"])
+def test_check_method_passes_the_packages_own(tvsysid, name):
+    code, out, err = tvsysid("check-method", name)
+    assert (code, err) == (0, "")
+    assert out.count("✓") == 17
+    assert f"{name} passes; use it: tvsysid benchmark --method {name}\n" in out

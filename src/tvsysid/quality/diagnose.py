@@ -17,8 +17,9 @@ from tvsysid.quality import amount, behaviour, losses, realizations, scales, str
 from tvsysid.quality.catalogue import FAULTS
 from tvsysid.quality.curves import Curves, curves
 from tvsysid.quality.finding import Finding, Seen, finding_of
+from tvsysid.quality.fit import known_samples
 from tvsysid.quality.fitted import FittedEnsemble
-from tvsysid.quality.resampling import SHORTEST, known_samples
+from tvsysid.quality.resampling import SHORTEST
 from tvsysid.signals import Ensemble
 
 if TYPE_CHECKING:

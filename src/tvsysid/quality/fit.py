@@ -57,10 +57,16 @@ class SecondOrder:
         return out
 
 
-def moving_region(context: int, samples: int, width: int) -> slice:
+def known_region(samples: int, context: int) -> slice:
     """Samples of an ensemble, context counted, whose derivatives are known: all but those at the edges of a record."""
     margin = max(context, HALF_WIDTH)
-    return slice(margin, max(margin, min(context + samples, width - HALF_WIDTH)))
+    return slice(margin, max(margin, samples + min(context, 2 * context - HALF_WIDTH)))
+
+
+def known_samples(samples: int, context: int) -> int:
+    """How many samples of a realization these are."""
+    region = known_region(samples, context)
+    return int(region.stop - region.start)
 
 
 def time_bins(samples: int, realizations: int, sampling_rate: float) -> NDArray[np.int64]:
@@ -78,8 +84,7 @@ def fit_second_order(angle: Array, torque: Array, sampling_rate: float, context:
     is common to all, which is a partitioned least-squares problem: what stiffness and viscosity explain of torque and
     acceleration is taken from both first.
     """
-    width = angle.shape[1]
-    region = moving_region(context, width - 2 * context, width)
+    region = known_region(angle.shape[1] - 2 * context, context)
     motion = differentiate(angle, sampling_rate)[:, :, region.start - HALF_WIDTH : region.stop - HALF_WIDTH]
     return fit_motion(motion, torque[:, region], sampling_rate, region.start)
 

@@ -55,7 +55,7 @@ def clipped(data: FittedEnsemble, which: str) -> Seen:
     values at a sensor's limit still the same.
     """
     ensemble = data.given
-    values = (ensemble.angle if which == "angle" else ensemble.torque)[:, ensemble.core]
+    values = ensemble.signal(which)[:, ensemble.core]
     if len(values) < 2 * ALIKE:
         raise NotJudged(f"it takes {2 * ALIKE} realizations")
     size = float(np.std(values - values.mean(axis=0)))

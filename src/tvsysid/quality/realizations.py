@@ -49,7 +49,7 @@ SMOOTH = 1.5
 def mean_left(data: FittedEnsemble, which: str) -> Seen:
     """RMS of the mean over realizations over what chance leaves; the same of a common offset, if it is more."""
     ensemble = data.ensemble
-    values = (ensemble.torque if which == "torque" else ensemble.angle)[:, ensemble.core]
+    values = ensemble.signal(which)[:, ensemble.core]
     data.require(LEAST_REALIZATIONS, answer=False)
     if ensemble.mean_subtracted:
         raise NotJudged("the mean over realizations has been subtracted")

@@ -10,8 +10,8 @@ from scipy.interpolate import make_interp_spline
 from scipy.ndimage import correlate1d
 from scipy.signal import firwin, oaconvolve
 
-from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.preprocess import decimate
+from tvsysid.quality.fit import known_samples
 from tvsysid.signals import Array, Ensemble, Recording
 
 LOWEST_RATE = 100.0
@@ -22,11 +22,6 @@ TAPS = 3
 """Samples of the lower rate that the low-pass of a rate which does not divide is long, as that to a tenth is."""
 SINC = 12
 """Samples to either side that a value between samples is made from."""
-
-
-def known_samples(samples: int, context: int) -> int:
-    """Samples of a realization at which derivatives are known."""
-    return max(0, min(samples, samples + 2 * (context - HALF_WIDTH)))
 
 
 def lowered(ensemble: Ensemble) -> Ensemble:

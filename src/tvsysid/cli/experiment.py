@@ -123,7 +123,7 @@ def write_experiment(experiment: Any, results: Any, prepared: Any, out: Path, co
     """Write tables, ensembles, figures and report, and print the essence; whether every analysis gave a result."""
     import pandas as pd
 
-    from tvsysid.figures import helpers
+    from tvsysid.figures import helpers, share_out
     from tvsysid.quality import diagnose
     from tvsysid.recordings import whole_file, write_ensemble
     from tvsysid.report import problems, write_diagnosis, write_experiment_report
@@ -146,7 +146,8 @@ def write_experiment(experiment: Any, results: Any, prepared: Any, out: Path, co
             if item.ensemble is not None:
                 write_ensemble(out / "prepared" / f"{item.recorded.label}.nc", item.ensemble)
         pictures = _experiment_pictures(experiment, results, summary, prepared, out / "figures", pool)
-        diagnoses = {item.recorded.label: diagnose(item.ensemble) for item in prepared if item.ensemble is not None}
+        ensembles = {item.recorded.label: (item.ensemble,) for item in prepared if item.ensemble is not None}
+        diagnoses = share_out(diagnose, ensembles, pool)
         if diagnoses:
             write_diagnosis(out / "diagnosis.html", diagnoses, command, pool)
         write_experiment_report(out / "report.html", results, summary, claims, excluded, pictures, command, COUNTS)

@@ -10,7 +10,7 @@ from tvsysid.figures.identification import identified_impedance
 from tvsysid.figures.participants import participant_in_detail, stiffness_of_participants, stiffness_with_bands
 from tvsysid.figures.preparation import preparation_steps
 from tvsysid.figures.responses import impulse_responses
-from tvsysid.figures.saving import Illustration, Picture, draw_all, drawn, helpers, save
+from tvsysid.figures.saving import Illustration, Picture, draw_all, drawn, helpers, save, share_out
 from tvsysid.figures.spread import error_against_truth, variance_and_spread
 from tvsysid.figures.style import lines
 from tvsysid.figures.tuning import tuning_curves
@@ -35,6 +35,7 @@ __all__ = [
     "recorded_channels",
     "recorded_signals",
     "save",
+    "share_out",
     "stiffness_of_participants",
     "stiffness_with_bands",
     "tuning_curves",

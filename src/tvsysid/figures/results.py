@@ -10,6 +10,13 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
+OVER_TIME = ["stiffness", "true_stiffness", "time_varying_vaf"]
+"""Variables of a study that are drawn over time; of an experiment, also those of :data:`TORQUES`."""
+TORQUES = ["target_torque", "mean_torque"]
+BANDS = ["covered", "true_stiffness"]
+"""Variables that :func:`tvsysid.figures.coverage_over_time` takes."""
+
+
 def estimates(results: xr.Dataset, quantity: str = "stiffness") -> xr.DataArray:
     """What the methods estimated, over time and the axes of the study; NaN where there is no estimate."""
     found: xr.DataArray = results[quantity]

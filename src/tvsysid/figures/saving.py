@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import BrokenExecutor, Executor, Future
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib import import_module
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from tvsysid.figures.style import LOOK
 from tvsysid.recordings import whole_file
@@ -17,6 +17,8 @@ from tvsysid.study import processes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,7 @@ class Picture:
 
 @contextmanager
 def helpers(workers: int) -> Iterator[Executor | None]:
-    """Processes that help :func:`draw_all`, one less than ``workers``; they start while the caller does other things.
+    """Processes that help :func:`share_out`, one less than ``workers``; they start while the caller does other things.
 
     A script must be guarded by ``if __name__ == "__main__":``.
     """
@@ -98,23 +100,37 @@ def draw_all(
         A picture for each illustration.
     """
     jobs = {stem: (each, None if folder is None else Path(folder) / stem) for stem, each in illustrations.items()}
-    if pool is None or len(jobs) == 1:
-        return {stem: _picture(*job) for stem, job in jobs.items()}
-    try:
-        futures = {stem: pool.submit(_picture, *job) for stem, job in jobs.items()}
-    except BrokenExecutor:  # a helper died before
-        return draw_all(illustrations, folder)
-    # The helpers begin with the first ones, this process with the last.
-    here = {stem: _picture(*jobs[stem]) for stem in reversed(list(jobs)) if futures[stem].cancel()}
-    return {stem: here[stem] if stem in here else _result(futures[stem], *job) for stem, job in jobs.items()}
+    return share_out(_picture, jobs, pool)
 
 
-def _result(future: Future[Picture], illustration: Illustration, path: Path | None) -> Picture:
-    """What a helper drew; drawn here if it died."""
-    try:
-        return future.result()
-    except BrokenExecutor:
-        return _picture(illustration, path)
+def share_out(work: Callable[..., T], jobs: Mapping[str, tuple[Any, ...]], pool: Executor | None) -> dict[str, T]:
+    """Results of a function for several arguments; helpers begin with the first ones, this process with the last.
+
+    Parameters
+    ----------
+    work
+        What is done, a function that can be pickled.
+    jobs
+        Its arguments, by name.
+    pool
+        Of :func:`helpers`. What a helper that dies leaves undone is done here.
+
+    Returns
+    -------
+    dict
+        In the order of the jobs.
+    """
+    futures: dict[str, Future[T]] = {}
+    if pool is not None and len(jobs) > 1:
+        with suppress(BrokenExecutor):  # a helper died before
+            futures = {name: pool.submit(work, *job) for name, job in jobs.items()}
+    done = {name: work(*jobs[name]) for name in reversed(list(jobs)) if name not in futures or futures[name].cancel()}
+    for name in jobs.keys() - done.keys():
+        try:
+            done[name] = futures[name].result()
+        except BrokenExecutor:
+            done[name] = work(*jobs[name])
+    return {name: done[name] for name in jobs}
 
 
 def _picture(illustration: Illustration, path: Path | None) -> Picture:

@@ -12,7 +12,7 @@ from tvsysid.figures.analyses import least_data, seconds_of_data
 from tvsysid.figures.excerpts import recorded_signals
 from tvsysid.figures.participants import participant_in_detail, stiffness_of_participants, stiffness_with_bands
 from tvsysid.figures.preparation import preparation_steps
-from tvsysid.figures.results import knows_truth, truth, unique
+from tvsysid.figures.results import OVER_TIME, TORQUES, knows_truth, truth, unique
 from tvsysid.figures.saving import Illustration
 from tvsysid.figures.spread import SPREAD, error_against_truth, variance_and_spread
 from tvsysid.figures.words import count, perturbation_name
@@ -34,8 +34,7 @@ METRICS = {
 }
 
 
-SHOWN = ["stiffness", "true_stiffness", "time_varying_vaf", "target_torque", "mean_torque"]
-"""Variables that are drawn."""
+SHOWN = [*OVER_TIME, *TORQUES]
 
 
 def experiment_figures(

@@ -66,28 +66,15 @@ def experiment_figures(
         ``"preparation"`` (figure 7). Where one participant stands for all, it is the one whose VAF is in the middle.
     """
     one = representative(results, summary)
-    shown: dict[str, Illustration] = {}
-    if results.sizes["recording"] == 1:
-        shown["stiffness"] = _single(results, summary)
-    else:
-        shown["participants"] = _all(results, summary)
-    shown["participant"] = _detail(results, summary, one)
+    shown = _stiffness(results, summary) | {"participant": _detail(results, summary, one)}
     if len(summary):
-        shown["variance-and-spread"] = _spread(summary)
-    if len(summary) and knows_truth(results):
-        shown["error-against-truth"] = _error(results, summary)
-    recorded = _of_one(excerpts, results, one)
-    if recorded:
-        who = str(results.participant.sel(recording=recorded[0]).item())
-        shown["recorded-signals"] = _signals(
-            {
-                perturbation_name(results.perturbation.sel(recording=label).item()): excerpts[label]
-                for label in recorded
-            },
-            who,
-        )
-    prepared = _of_one(preparations, results, one)
-    if prepared:
+        shown |= _metrics(results, summary)
+    if recorded := _of_one(excerpts, results, one):
+        here = results.sel(recording=recorded)
+        names = map(perturbation_name, here.perturbation.values)
+        pieces = {name: excerpts[label] for name, label in zip(names, recorded, strict=True)}
+        shown["recorded-signals"] = _signals(pieces, str(here.participant.values[0]))
+    if prepared := _of_one(preparations, results, one):
         shown["preparation"] = _preparation(preparations[prepared[0]], results, prepared[0])
     return shown
 
@@ -131,73 +118,61 @@ def representative(results: xr.Dataset, summary: pd.DataFrame) -> str:
     return str(complete.index[(len(complete) - 1) // 2])
 
 
-def _all(results: xr.Dataset, summary: pd.DataFrame) -> Illustration:
+def _stiffness(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illustration]:
+    """All participants, or the only recording."""
+    shown, told = results[SHOWN], f"({_amounts(results)}){_truth(results)}. "
+    if results.sizes["recording"] == 1:
+        label = str(results.recording.values[0])
+        title = f"Stiffness in {label}"
+        text = (
+            "Stiffness over one realization: mean and two standard deviations over bootstraps, a column for each "
+            f"method {told}{_grey(results)}{_sentences(summary)}"
+        )
+        return {"stiffness": Illustration(partial(stiffness_with_bands, shown, label, title), title, text)}
     people = len(unique(results.participant.values))
     title = f"Stiffness of {'all participants' if people > 1 else 'the participant'}"
     text = (
-        f"Like figure 8 of {PAPER}: "
-        f"stiffness over one realization, mean over bootstraps, of {count(people, 'participant')}: a row for each "
-        f"perturbation, a line for each method ({_amounts(results)}){_truth(results)}. "
+        f"Like figure 8 of {PAPER}: stiffness over one realization, mean over bootstraps, of "
+        f"{count(people, 'participant')}: a row for each perturbation, a line for each method {told}"
+        f"{_torque(results)}{_sentences(summary)}"
     )
-    return Illustration(
-        partial(stiffness_of_participants, results[SHOWN], title), title, text + _torque(results) + _sentences(summary)
-    )
+    return {"participants": Illustration(partial(stiffness_of_participants, shown, title), title, text)}
 
 
 def _detail(results: xr.Dataset, summary: pd.DataFrame, participant: str) -> Illustration:
     title = f"Participant {participant} in detail"
     middle = ", whose VAF is in the middle of all" if len(unique(results.participant.values)) > 1 else ""
-    text = (
-        f"Like figure 9 of {PAPER}: "
-        f"stiffness and time-varying VAF of participant {participant}{middle}: mean and two standard deviations over "
-        f"bootstraps, a column for each method ({_amounts(results)}){_truth(results)}. "
-    )
     rows = summary[summary.participant == participant]
-    return Illustration(
-        partial(participant_in_detail, _of(results, participant), participant, title),
-        title,
-        text + _grey(results) + _sentences(rows, ("mean_stiffness", "random_error", "vaf")),
-    )
-
-
-def _single(results: xr.Dataset, summary: pd.DataFrame) -> Illustration:
-    label = str(results.recording.values[0])
-    title = f"Stiffness in {label}"
     text = (
-        f"Stiffness over one realization: mean and two standard deviations over bootstraps, a column for each method "
-        f"({_amounts(results)}){_truth(results)}. "
+        f"Like figure 9 of {PAPER}: stiffness and time-varying VAF of participant {participant}{middle}: mean and two "
+        f"standard deviations over bootstraps, a column for each method ({_amounts(results)}){_truth(results)}. "
+        f"{_grey(results)}{_sentences(rows, ('mean_stiffness', 'random_error', 'vaf'))}"
     )
-    return Illustration(
-        partial(stiffness_with_bands, results[SHOWN], label, title), title, text + _grey(results) + _sentences(summary)
-    )
+    return Illustration(partial(participant_in_detail, _of(results, participant), participant, title), title, text)
 
 
-def _spread(summary: pd.DataFrame) -> Illustration:
+def _metrics(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illustration]:
+    """Metrics of all participants, and errors where the truth is known."""
     title = "VAF and random error of all methods"
     text = (
-        f"Like figure 10 of {PAPER}. "
-        "Bars: mean over participants of the VAF of the whole torque, of that between 1 and 10 Hz, and of the random "
-        "error, with two standard deviations over participants; dots: single participants. VAF is that of the "
-        "realizations that the model was identified from. "
+        f"Like figure 10 of {PAPER}. Bars: mean over participants of the VAF of the whole torque, of that between 1 "
+        "and 10 Hz, and of the random error, with two standard deviations over participants; dots: single "
+        "participants. VAF is that of the realizations that the model was identified from. "
+        f"{_sentences(summary, tuple(SPREAD), least=False)}"
     )
-    return Illustration(
-        partial(variance_and_spread, summary, title), title, text + _sentences(summary, tuple(SPREAD), least=False)
-    )
-
-
-def _error(results: xr.Dataset, summary: pd.DataFrame) -> Illustration:
-    title = "Error against the truth"
-    people = len(unique(results.participant.values[np.isfinite(truth(results).values).any(axis=1)]))
-    text = (
-        "How far the mean estimate over bootstraps is from the true stiffness of "
-        f"{count(people, 'virtual participant')}: above over time, a thin line for each and a thick "
-        f"one for their mean ({_amounts(results)}); below as bars with two standard deviations over participants. "
-    )
-    return Illustration(
-        partial(error_against_truth, results[SHOWN], summary, title),
-        title,
-        text + _sentences(summary, ("bias_error", "mean_bias")),
-    )
+    shown = {"variance-and-spread": Illustration(partial(variance_and_spread, summary, title), title, text)}
+    if knows_truth(results):
+        title = "Error against the truth"
+        people = unique(results.participant.values[np.isfinite(truth(results).values).any(axis=1)])
+        text = (
+            "How far the mean estimate over bootstraps is from the true stiffness of "
+            f"{count(len(people), 'virtual participant')}: above over time, a thin line for each and a thick one for "
+            f"their mean ({_amounts(results)}); below as bars with two standard deviations over participants. "
+            f"{_sentences(summary, ('bias_error', 'mean_bias'))}"
+        )
+        drawing = partial(error_against_truth, results[SHOWN], summary, title)
+        shown["error-against-truth"] = Illustration(drawing, title, text)
+    return shown
 
 
 def _signals(pieces: Mapping[str, Recording], participant: str) -> Illustration:
@@ -269,17 +244,13 @@ def _amounts(results: xr.Dataset) -> str:
 
 
 def _torque(results: xr.Dataset) -> str:
-    if not np.isfinite(results.mean_torque.values).any():
-        return ""
-    return "Below, the mean torque" + (
-        ", and the torque to be followed. " if np.isfinite(results.target_torque.values).any() else ". "
-    )
+    target = " and the torque to be followed" if np.isfinite(results.target_torque.values).any() else ""
+    return f"Below, the mean torque{target}. " if np.isfinite(results.mean_torque.values).any() else ""
 
 
 def _grey(results: xr.Dataset) -> str:
-    if np.isfinite(results.target_torque.values).any():
-        return "The grey line is the torque to be followed. "
-    return "The grey line is the mean torque. " if np.isfinite(results.mean_torque.values).any() else ""
+    known = np.isfinite(results.target_torque.values).any()
+    return "The grey line is the torque to be followed. " if known else ""
 
 
 def _truth(results: xr.Dataset) -> str:

@@ -6,14 +6,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.linalg  # noqa: F401
 from hypothesis import settings
 from threadpoolctl import threadpool_limits
 
 import tvsysid as tv
 from tvsysid.estimates import IMPEDANCE
 
-# Small matrices: threads would only wait for each other.
+# Small matrices: threads would only wait for each other, in this process (which has loaded SciPy's BLAS by now) and in
+# those that tests start.
 threadpool_limits(1)
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=25)
 settings.load_profile("repeatable")

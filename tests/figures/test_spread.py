@@ -92,6 +92,7 @@ def test_one_participant_one_perturbation_one_amount():
     assert not [each for each in figure.axes[0].containers if hasattr(each, "has_yerr")]
 
 
+@pytest.mark.slow
 def test_thirty_participants():
     many = experiment_of(participants=tuple(f"P{n}" for n in range(30)), methods=("sds", "esm"), bootstraps=2)
     drawn(variance_and_spread(many.summary), "png")
@@ -135,6 +136,7 @@ def test_error_of_a_method_that_failed():
     assert len(axes.lines) == 1
 
 
+@pytest.mark.slow
 def test_long_labels_and_many_amounts_do_not_overlap():
     methods = ("eirf", "sds:window=0.2,max_lag=0.1", "own:AMethodWithALongName", "kbr")
     many = experiment_of(participants=("P1", "P2"), methods=methods, amounts=(30, 75, 150, 300), bootstraps=2)

@@ -10,8 +10,8 @@ from . import studies as studies
 from . import study as study
 from . import uncertainty as uncertainty
 from .check import check_method as check_method
-from .compare import Comparison as Comparison
-from .compare import compare as compare
+from .comparison import Comparison as Comparison
+from .comparison import compare as compare
 from .errors import DataQualityWarning as DataQualityWarning
 from .errors import InputError as InputError
 from .estimates import Estimate as Estimate

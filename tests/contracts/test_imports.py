@@ -3,8 +3,10 @@
 import ast
 import subprocess
 import sys
+import types
 from pathlib import Path
 
+import cloudpickle
 import pytest
 
 import tvsysid
@@ -19,7 +21,7 @@ LEVELS = [
     ["preprocess"],
     ["quality"],
     ["recordings", "simulate", "methods", "metrics"],
-    ["uncertainty", "compare"],
+    ["uncertainty", "comparison"],
     ["study", "check"],
     ["figures"],
     ["report"],
@@ -85,3 +87,10 @@ def test_identification_needs_no_pictures_and_no_stores():
     )
     shown = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout
     assert shown.strip() == "light", shown
+
+
+def test_no_public_name_is_that_of_the_module_that_has_it():
+    # The module would take the name's place once it is imported; and what guards against that cannot be pickled, so that
+    # no method of a script that uses the package would reach a worker.
+    assert type(tvsysid) is types.ModuleType
+    assert cloudpickle.loads(cloudpickle.dumps(tvsysid)) is tvsysid

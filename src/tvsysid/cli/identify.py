@@ -31,7 +31,7 @@ from tvsysid.cli.recording import read
 from tvsysid.cli.running import check_folder
 
 if TYPE_CHECKING:
-    from tvsysid.compare import Comparison
+    from tvsysid.comparison import Comparison
 
 DEFAULT_METHODS = ["eirf", "sds", "birf", "esm", "kbr"]  # those of tvsysid.methods.names(), which takes long to import
 SLOW_RATE = 250.0
@@ -90,7 +90,7 @@ def identify(
     --channel emg=EMG_SOL --method mymethod:Scheduled`
     """
     from tvsysid import preprocess
-    from tvsysid.compare import compare
+    from tvsysid.comparison import compare
     from tvsysid.figures import identified_impedance, save
     from tvsysid.methods import deviating_channels, parse
     from tvsysid.recordings import whole_file, write_models

@@ -90,7 +90,7 @@ def test_an_error_of_a_plugin_names_its_place():
         def identify(self, ensemble):
             raise ZeroDivisionError("by zero")
 
-    with pytest.raises(tv.InputError, match=r"method Broken: ZeroDivisionError: by zero \(test_compare.py, line"):
+    with pytest.raises(tv.InputError, match=r"method Broken: ZeroDivisionError: by zero \(test_comparison.py, line"):
         tv.compare(ensemble_of(), [Broken()])
 
 

@@ -72,6 +72,7 @@ def test_check_method_says_what_is_wrong(tvsysid, tmp_path):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["sds", "esm:window=0.4", "tvsysid.methods:KernelRegression"])
 def test_check_method_passes_the_packages_own(tvsysid, name):
     code, out, err = tvsysid("check-method", name)

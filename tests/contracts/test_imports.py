@@ -90,7 +90,7 @@ def test_identification_needs_no_pictures_and_no_stores():
 
 
 def test_no_public_name_is_that_of_the_module_that_has_it():
-    # The module would take the name's place once it is imported; and what guards against that cannot be pickled, so that
-    # no method of a script that uses the package would reach a worker.
+    # The module would take the name's place once it is imported; and what guards against that cannot be pickled, so
+    # that no method of a script that uses the package would reach a worker.
     assert type(tvsysid) is types.ModuleType
     assert cloudpickle.loads(cloudpickle.dumps(tvsysid)) is tvsysid

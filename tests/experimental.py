@@ -74,18 +74,18 @@ def results_of(
     nothing = np.full_like(torque, np.nan)
     return xr.Dataset(
         {
-            "stiffness": (("recording", "analysis", "bootstrap", "time"), stiffness, {"units": "N m/rad"}),
+            "estimate": (("recording", "analysis", "bootstrap", "quantity", "time"), stiffness[..., None, :]),
             "time_varying_vaf": (("recording", "analysis", "bootstrap", "time"), varying, {"units": "%"}),
             "vaf": (("recording", "analysis", "bootstrap"), whole, {"units": "%"}),
             "bandpassed_vaf": (("recording", "analysis", "bootstrap"), whole - 4.0, {"units": "%"}),
             "parameters": (("recording", "analysis", "bootstrap"), np.full(sizes[:3], 30.0)),
             "seconds": (("recording", "analysis"), seconds),
             "checksums": (("recording", "analysis", "variable"), np.ones((*sizes[:2], 1), dtype=np.uint64)),
-            "doubts": (("recording", "analysis"), np.full(sizes[:2], "", dtype=object)),
+            "warnings": (("recording", "analysis"), np.full(sizes[:2], "", dtype=object)),
             "failure": (("recording", "analysis"), np.full(sizes[:2], "", dtype=object)),
             "target_torque": (("recording", "time"), 1.05 * torque if target else nothing),
             "mean_torque": (("recording", "time"), torque),
-            "true_stiffness": (("recording", "time"), true if truth else nothing),
+            "truth": (("recording", "quantity", "time"), (true if truth else nothing)[:, None]),
             "recorded": ("recording", np.full(sizes[0], 300)),
             "survivors": ("recording", 300 - sum(counts) - late),
             "excluded_alignment": ("recording", counts[0] + late),
@@ -97,6 +97,7 @@ def results_of(
         },
         coords={
             "recording": [f"{person}-{signal}" for person, signal in recordings],
+            "quantity": ["stiffness"],
             "participant": ("recording", [person for person, _ in recordings]),
             "perturbation": ("recording", [signal for _, signal in recordings]),
             "analysis": [f"{method}-{amount}" for method, amount in analyses],
@@ -128,11 +129,11 @@ def _bumps(time, period):
 def fail(results, reason, recording=None, analysis=None):
     """Results in which analyses failed: one, all of a recording, or one of every recording."""
     at = {name: label for name, label in (("recording", recording), ("analysis", analysis)) if label is not None}
-    for name in ("stiffness", "time_varying_vaf", "vaf", "bandpassed_vaf", "parameters", "seconds"):
+    for name in ("estimate", "time_varying_vaf", "vaf", "bandpassed_vaf", "parameters", "seconds"):
         results[name].loc[at] = np.nan
     results["failure"].loc[at] = reason
     if analysis is None:
-        for name in ("target_torque", "mean_torque", "true_stiffness"):
+        for name in ("target_torque", "mean_torque", "truth"):
             results[name].loc[at] = np.nan
         for name in ("recorded", "survivors", "excluded_alignment", "excluded_task", "excluded_residual", "trials"):
             results[name].loc[at] = 0
@@ -155,7 +156,7 @@ def summary_of(results):
 
 
 def _metrics(cell):
-    estimates, unit = cell.stiffness.values, "N·m/rad"
+    estimates, unit = cell.estimate.sel(quantity="stiffness").values, "N·m/rad"
     known = estimates[:, np.isfinite(estimates).all(axis=0)]
     there = known.size > 0
     yield "mean_stiffness", known.mean() if there else np.nan, unit
@@ -163,9 +164,9 @@ def _metrics(cell):
     for name in ("vaf", "bandpassed_vaf"):
         yield name, float(cell[name].mean()) if there else np.nan, "%"
     yield "lowest_time_varying_vaf", float(cell.time_varying_vaf.mean("bootstrap").min()) if there else np.nan, "%"
-    if np.isfinite(cell.true_stiffness.values).any():
-        off = (cell.stiffness.mean("bootstrap") - cell.true_stiffness).values
-        yield "bias_error", metrics.bias_error(estimates, cell.true_stiffness.values), unit
+    if np.isfinite(cell.truth.sel(quantity="stiffness").values).any():
+        off = (cell.estimate.sel(quantity="stiffness").mean("bootstrap") - cell.truth.sel(quantity="stiffness")).values
+        yield "bias_error", metrics.bias_error(estimates, cell.truth.sel(quantity="stiffness").values), unit
         yield "mean_bias", float(off[np.isfinite(off)].mean()) if there else np.nan, unit
     yield "seconds", float(cell.seconds), "s"
     yield "failed", float(np.isnan(cell.vaf.values).sum()), "draws"

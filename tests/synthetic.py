@@ -52,21 +52,25 @@ def results_of(scenarios=(*SQUARE, *SINE), methods=tuple(METHODS), trials=6, vis
     }  # fmt: skip
     return xr.Dataset(
         {
-            "stiffness": ((*cell, "time"), stiffness),
+            "estimate": ((*cell, "quantity", "time"), stiffness[..., None, :]),
             "time_varying_vaf": ((*cell, "time"), varying),
-            "covered": ((*cell, "time"), (np.abs(stiffness - truth[:, None, None]) < 12).astype(float)),
+            "covered": (
+                (*cell, "quantity", "time"),
+                (np.abs(stiffness - truth[:, None, None]) < 12)[..., None, :].astype(float),
+            ),
             "vaf": ((*cell, "statistic"), statistics),
             "bandpassed_vaf": ((*cell, "statistic"), statistics - 1.5),
             "parameters": (cell, np.full(sizes, 25.0)),
             "checksums": (("scenario", "trial", "variable"), np.ones((*sizes[:2], 1), dtype=np.uint64)),
             "seconds": (cell, seconds),
             "stage_seconds": (("scenario", "trial", "stage"), np.full((*sizes[:2], 4), 0.05)),
-            "doubts": (cell, np.full(sizes, "", dtype=object)),
+            "warnings": (cell, np.full(sizes, "", dtype=object)),
             "failure": (cell, np.full(sizes, "", dtype=object)),
-            "true_stiffness": (("scenario", "time"), truth),
+            "truth": (("scenario", "quantity", "time"), truth[:, None]),
         },
         coords={
             "scenario": labels,
+            "quantity": ["stiffness"],
             **{
                 name: ("scenario", [scenario[place] for scenario in scenarios])
                 for place, name in enumerate(("profile", "perturbation", "duration_s", "snr_db"))
@@ -89,7 +93,7 @@ def results_of(scenarios=(*SQUARE, *SINE), methods=tuple(METHODS), trials=6, vis
 def fail(results, method, trial, reason):
     """Results in which a method failed in a trial of every scenario."""
     place = {"method_key": list(results.method_key.values).index(method), "trial": trial}
-    for name in ("stiffness", "time_varying_vaf", "covered", "vaf", "bandpassed_vaf", "parameters", "seconds"):
+    for name in ("estimate", "time_varying_vaf", "covered", "vaf", "bandpassed_vaf", "parameters", "seconds"):
         results[name][place] = np.nan
     results["failure"][place] = reason
     return results
@@ -101,7 +105,7 @@ def summary_of(results):
     for scenario in results.scenario.values:
         for method in results.method_key.values:
             cell = results.sel(scenario=scenario, method_key=method)
-            left = cell.stiffness.values[cell.failure.values == ""]
+            left = cell.estimate.sel(quantity="stiffness").values[cell.failure.values == ""]
             labels = (
                 scenario, str(cell.profile.values), str(cell.perturbation.values), float(cell.duration_s),
                 float(cell.snr_db), str(cell.viscosity.values), method, results.sizes["trial"],
@@ -115,7 +119,7 @@ def summary_of(results):
 
 
 def _metrics(cell, left):
-    nan, unit, truth = np.nan, "N·m/rad", cell.true_stiffness.values
+    nan, unit, truth = np.nan, "N·m/rad", cell.truth.sel(quantity="stiffness").values
     if len(left) > 1:
         random = metrics.random_error(left)
         error = random / np.sqrt(2 * len(left) * 20)

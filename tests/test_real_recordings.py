@@ -180,7 +180,7 @@ def walker(recordings_folder):
 
 @pytest.mark.parametrize("key", ["eirf", "sds", "birf", "esm", "kbr"])
 def test_walking_stiffness_of_40_cycles_is_traced_within_its_error_bars(walker, key):
-    stiffness = walker.stiffness.sel(recording="walker-walking", analysis=f"{key}-40")
+    stiffness = walker.estimate.sel(quantity="stiffness").sel(recording="walker-walking", analysis=f"{key}-40")
     assert stiffness.shape == (100, 150)
     mean, spread = stiffness.mean("bootstrap"), stiffness.std("bootstrap", ddof=1)
     # What independent fits found: low at the start, a peak at 0.7 s, and a trough after it.

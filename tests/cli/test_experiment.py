@@ -58,7 +58,7 @@ def test_virtual_participants(tvsysid, tmp_path):
         *("recorded-signals", "preparation"),
     }
     with xr.open_zarr(folder / "results.zarr", chunks=None) as results:
-        assert results.stiffness.shape == (2, 1, 3, 256)
+        assert results.estimate.sel(quantity="stiffness").shape == (2, 1, 3, 256)
     tables = {name: (folder / name).read_bytes() for name in ("summary.csv", "claims.csv", "exclusions.csv")}
     for name in tables:
         (folder / name).unlink()

@@ -63,8 +63,8 @@ def test_truth_mean_and_spread(figure, results):
     for axes, method in zip(over_time(figure, 5)[0], METHODS, strict=True):
         truth, mean = axes.lines
         assert truth.get_color() == TRUTH
-        np.testing.assert_array_equal(truth.get_ydata(), cell.true_stiffness)
-        values = cell.stiffness.sel(method_key=method).values
+        np.testing.assert_array_equal(truth.get_ydata(), cell.truth.sel(quantity="stiffness"))
+        values = cell.estimate.sel(quantity="stiffness").sel(method_key=method).values
         np.testing.assert_allclose(mean.get_ydata(), values.mean(axis=0))
         edges = axes.collections[0].get_paths()[0].vertices[:, 1]
         assert edges.max() == pytest.approx((values.mean(axis=0) + 2 * values.std(axis=0)).max())
@@ -114,7 +114,7 @@ def test_a_failed_trial_leaves_the_others():
     figure = method_comparison(results, summary_of(results), labels, labels)
     drawn(figure, "svg")
     mean = over_time(figure, 5)[0, 3].lines[1].get_ydata()
-    np.testing.assert_allclose(mean, results.stiffness.values[0, [0, 2], 3].mean(axis=0))
+    np.testing.assert_allclose(mean, results.estimate.sel(quantity="stiffness").values[0, [0, 2], 3].mean(axis=0))
 
 
 def test_a_method_that_failed_in_all_trials_says_so():
@@ -140,8 +140,8 @@ def test_a_single_trial_of_a_single_method(profile):
         "stiffness", "time-varying VAF", "bias error", "total error", "VAF",
     ]  # fmt: skip
     low, high = figure.axes[0].get_ylim()
-    assert low < results.true_stiffness.min()
-    assert high > results.true_stiffness.max()
+    assert low < results.truth.sel(quantity="stiffness").min()
+    assert high > results.truth.sel(quantity="stiffness").max()
     legend = [text.get_text() for text in figure.legends[0].texts]
     assert legend == ["truth", "the only trial"]
 

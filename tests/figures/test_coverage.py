@@ -14,8 +14,8 @@ LABEL = "square-noise-150s-10dB"
 def made():
     """Four trials; bands of sds hold the truth always, of kbr in three trials of four, of esm in the first half."""
     results = results_of([("square", "noise", 150.0, 10.0)], ("sds", "esm", "kbr"), trials=4)
-    covered = np.ones((1, 4, 3, len(TIME)))
-    covered[0, :, 1, 100:] = 0.0
+    covered = np.ones((1, 4, 3, 1, len(TIME)))
+    covered[0, :, 1, :, 100:] = 0.0
     covered[0, 3, 2] = 0.0
     results["covered"] = results.covered.dims, covered
     return results
@@ -46,7 +46,7 @@ def test_share_of_trials_over_time(made):
     assert set(nominal.get_ydata()) == {95.0}
     colours = [line.get_color() for line in figure.axes[0].lines[:3]]
     assert colours == [colour for colour, _ in lines(["sds", "esm", "kbr"]).values()]
-    np.testing.assert_array_equal(figure.axes[1].lines[0].get_ydata(), made.true_stiffness[0])
+    np.testing.assert_array_equal(figure.axes[1].lines[0].get_ydata(), made.truth.sel(quantity="stiffness")[0])
     assert figure.get_suptitle() == "Bands"
     assert figure.axes[1].get_xlabel() == "time within a realization (s)"
     assert figure.axes[0].get_ylabel() == "trials whose 95 % band\nholds the truth (%)"
@@ -54,15 +54,15 @@ def test_share_of_trials_over_time(made):
 
 def test_no_line_without_bands_and_trials_without_one_do_not_count(made):
     made.covered[0, :, 0] = np.nan
-    made.covered[0, 1, 1, :50] = np.nan
+    made.covered[0, 1, 1, :, :50] = np.nan
     figure = coverage_over_time(made, [LABEL])
     drawn(figure, "svg")
     shown = shares(figure)
     assert legend(figure) == ["esm", "kbr", "nominal"]
     assert list(shown) == ["esm", "kbr"]
     np.testing.assert_allclose(shown["esm"][:98], 100)
-    made.covered[0, 3, 2, :100] = np.nan  # the one whose bands miss the truth
-    made.covered[0, :, 1, :50] = np.nan
+    made.covered[0, 3, 2, :, :100] = np.nan  # the one whose bands miss the truth
+    made.covered[0, :, 1, :, :50] = np.nan
     shown = shares(coverage_over_time(made, [LABEL]))
     np.testing.assert_allclose(shown["kbr"][:98], 100)
     np.testing.assert_allclose(shown["kbr"][102:], 75)
@@ -98,7 +98,7 @@ def test_what_is_told_below_it(made):
     assert "With filtered noise: sds 100 %, esm 50 %, kbr 75 % over all times." in told.description
     assert "about a switch bands miss the truth." in told.description
     assert "no band" not in told.description
-    made.covered[0, 3, 2, :10] = np.nan
+    made.covered[0, 3, 2, :, :10] = np.nan
     made.covered[0, 2, 1] = np.nan
     told = study_figures(made, summary_of(made))["coverage-square"]
     assert "Of these times and trials no band, and not counted: esm 25 %, kbr 1 %." in told.description

@@ -90,7 +90,7 @@ def test_when_everything_failed(experiment):
 def test_some_recordings_failed(experiment):
     failed = fail(experiment.results.copy(deep=True), "no", recording="P1-prbs")
     shown = experiment_figures(failed, summary_of(failed), {}, {})
-    assert np.isfinite(failed.true_stiffness.values).any()
+    assert np.isfinite(failed.truth.sel(quantity="stiffness").values).any()
     for each in shown.values():
         drawn(each.draw(), "png")
         assert "nan" not in each.description

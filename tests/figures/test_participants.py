@@ -52,10 +52,10 @@ def test_lines_are_means_over_bootstraps_of_the_least_data(results):
     for method, hue in HUES.items():
         (line,) = labelled(axes, method)
         chosen = results.sel(recording="P2-prbs", analysis=f"{method}-{20 if method == 'kbr' else 75}")
-        np.testing.assert_allclose(line.get_ydata(), chosen.stiffness.values.mean(axis=0))
+        np.testing.assert_allclose(line.get_ydata(), chosen.estimate.sel(quantity="stiffness").values.mean(axis=0))
         assert line.get_color() == hue
     (truth,) = labelled(axes, "truth")
-    np.testing.assert_array_equal(truth.get_ydata(), results.true_stiffness.sel(recording="P2-prbs"))
+    np.testing.assert_array_equal(truth.get_ydata(), results.truth.sel(quantity="stiffness").sel(recording="P2-prbs"))
 
 
 def test_torque_below(results):
@@ -121,9 +121,9 @@ def test_a_period_of_walking_and_other_amounts():
 
 def test_spikes_do_not_hide_the_rest(results):
     spiked = results.copy(deep=True)
-    spiked["stiffness"][0, 0, :, 100] = 1e5
+    spiked["estimate"][0, 0, ..., 100] = 1e5
     high = stiffness_of_participants(spiked).axes[0].get_ylim()[1]
-    assert results.true_stiffness.max() < high < 400
+    assert results.truth.sel(quantity="stiffness").max() < high < 400
 
 
 def test_details_of_a_participant(results):
@@ -138,11 +138,13 @@ def test_details_of_a_participant(results):
         "filtered noise\ntime-varying VAF\n(%)", "PRBS\ntime-varying VAF\n(%)",
     ]  # fmt: skip
     for row, (name, signal) in enumerate(
-        (name, signal) for name in ("stiffness", "time_varying_vaf") for signal in ("noise", "prbs")
+        (name, signal) for name in ("estimate", "time_varying_vaf") for signal in ("noise", "prbs")
     ):
         for column, method in enumerate(METHODS):
             chosen = (
-                results[name].sel(recording=f"P2-{signal}", analysis=f"{method}-{20 if method == 'kbr' else 75}").values
+                results.sel(quantity="stiffness")[name]
+                .sel(recording=f"P2-{signal}", analysis=f"{method}-{20 if method == 'kbr' else 75}")
+                .values
             )
             axes = grid[row, column]
             (mean,) = labelled(axes, "mean")
@@ -188,11 +190,11 @@ def test_a_single_bootstrap_has_no_band():
 
 def test_times_without_an_estimate_stay_empty(results):
     holed = results.copy(deep=True)
-    holed["stiffness"][:, 0, :, :12] = np.nan
-    holed["stiffness"][:, 0, 2] = np.nan
+    holed["estimate"][:, 0, ..., :12] = np.nan
+    holed["estimate"][:, 0, 2] = np.nan
     (mean,) = labelled(participant_in_detail(holed, "P1").axes[0], "mean")
     assert np.isnan(mean.get_ydata()[:12]).all()
-    left = holed.stiffness.values[0, 0, [0, 1, 3, 4, 5], 12:]
+    left = holed.estimate.sel(quantity="stiffness").values[0, 0, [0, 1, 3, 4, 5], 12:]
     np.testing.assert_allclose(mean.get_ydata()[12:], left.mean(axis=0))
 
 
@@ -209,7 +211,7 @@ def test_bands_of_one_recording_in_one_row(results):
     FigureCanvasAgg(figure).draw()
     assert figure.get_figwidth() == pytest.approx(18 / 2.54, abs=0.01)  # two columns of a journal
     assert len(figure.axes) == 6
-    chosen = results.stiffness.sel(recording="P3-prbs", analysis="birf-75").values
+    chosen = results.estimate.sel(quantity="stiffness").sel(recording="P3-prbs", analysis="birf-75").values
     np.testing.assert_allclose(labelled(figure.axes[2], "mean")[0].get_ydata(), chosen.mean(axis=0))
     assert legend(figure) == ["mean over bootstraps", "± 2 standard deviations", "truth", "torque to be followed"]
     box = figure.legends[0].get_window_extent()
@@ -226,9 +228,9 @@ def test_who_is_not_there_is_named(results):
 
 def test_a_method_that_is_far_off_does_not_hide_the_others_but_a_stiffer_person_is_shown(results):
     far = results.copy(deep=True)
-    far["stiffness"][:, 0] *= 20  # eirf
+    far["estimate"][:, 0] *= 20  # eirf
     assert participant_in_detail(far, "P1").axes[0].get_ylim()[1] < 400
     assert stiffness_of_participants(far).axes[0].get_ylim()[1] < 400
     stiff = results.copy(deep=True)
-    stiff["stiffness"][results.participant.values == "P2"] *= 4
+    stiff["estimate"][results.participant.values == "P2"] *= 4
     assert stiffness_of_participants(stiff).axes[0].get_ylim()[1] > 4 * 140

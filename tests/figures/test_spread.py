@@ -109,7 +109,7 @@ def test_error_over_time_and_by_method(experiment):
     zero, *people, mean = grid[1, 2].lines
     assert set(zero.get_ydata()) == {0}
     cells = results.sel(recording=["P1-prbs", "P2-prbs", "P3-prbs"], analysis="birf-75")
-    off = (cells.stiffness.mean("bootstrap") - cells.true_stiffness).values
+    off = (cells.estimate.sel(quantity="stiffness").mean("bootstrap") - cells.truth.sel(quantity="stiffness")).values
     np.testing.assert_allclose([line.get_ydata() for line in people], off)
     np.testing.assert_allclose(mean.get_ydata(), off.mean(axis=0))
     assert np.mean(mean.get_ydata()) == pytest.approx(METHODS["birf"][0], abs=3)
@@ -121,7 +121,7 @@ def test_error_over_time_and_by_method(experiment):
 
 def test_only_those_whose_truth_is_known_count():
     results = results_of(methods=("sds",))
-    results["true_stiffness"][results.participant.values == "P2"] = np.nan
+    results["truth"][results.participant.values == "P2"] = np.nan
     figure = error_against_truth(results, summary_of(results))
     drawn(figure, "png")
     assert len(figure.subfigs[0].axes[0].lines) == 1 + 2 + 1

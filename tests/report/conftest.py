@@ -24,7 +24,7 @@ def study():
     )
     for trial in range(3):
         fail(results, "kbr", trial, "KernelRegression: the record is <too short>")
-    results["doubts"][0, :2, 0] = "few realizations"
+    results["warnings"][0, :2, 0] = "few realizations"
     return results, summary_of(results)
 
 
@@ -43,7 +43,7 @@ def experiment():
     made = experiment_of(methods=("eirf", "birf", "kbr", HOSTILE))
     fail_recording(made.results, "InputError: every file of <P3> is unreadable", recording="P3-prbs")
     fail_recording(made.results, "KernelRegression: no convergence", recording="P1-noise", analysis="kbr-40")
-    made.results["doubts"].loc[{"analysis": "birf-75"}] = ["few realizations", "", "", "", "noisy", ""]
+    made.results["warnings"].loc[{"analysis": "birf-75"}] = ["few realizations", "", "", "", "noisy", ""]
     made.results["remarks"].loc[{"recording": "P2-noise"}] = "trial_3.mat left out: <no torque>\nangle is clipped"
     made.results["trials_left_out"].loc[{"recording": "P2-noise"}] = 1
     made.summary = experimental_summary(made.results)

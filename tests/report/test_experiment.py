@@ -178,7 +178,7 @@ def test_what_was_run_and_how_to_do_it_again(elements):
         assert words in text
     command, code = ("".join(texts) for tag, _, texts in elements.found if tag == "pre")
     assert command == "tvsysid experiment --virtual 3 && echo"
-    assert 'results.stiffness.sel(recording="P1-noise", analysis="eirf-75")' in code
+    assert 'results.estimate.sel(quantity="stiffness", recording="P1-noise", analysis="eirf-75")' in code
 
 
 def test_hostile_labels_are_only_text(experiment_page, elements):

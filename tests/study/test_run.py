@@ -2,6 +2,7 @@ import os
 import re
 import threading
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,9 +10,9 @@ import xarray as xr
 from tests.study.conftest import SMALL, TIMES, Mine
 
 import tvsysid as tv
-from tvsysid.study import Study, plan, run, score, summarize
-from tvsysid.study.task import carry_out, pickled
-from tvsysid.study.trial import NUMBERS, Trial
+from tvsysid.study import Study, of_quantity, plan, run, score, summarize
+from tvsysid.study.source import Simulations
+from tvsysid.study.task import carry_out
 from tvsysid.study.workers import cores
 
 
@@ -20,15 +21,16 @@ def same(one, other):
 
 
 def test_results_are_labelled_and_whole(results):
-    assert results.stiffness.dims == ("scenario", "trial", "method_key", "time")
+    assert results.estimate.dims == results.covered.dims == ("scenario", "trial", "method_key", "quantity", "time")
+    assert results.truth.dims == ("scenario", "quantity", "time")
     assert results.vaf.dims == ("scenario", "trial", "method_key", "statistic")
     assert results.sizes["time"] == 200
-    assert results.stiffness.attrs["units"] == "N m/rad"
+    assert results.unit.values.tolist() == ["N m/rad", "N m s/rad", "kg m2"]
     for name, values in results.data_vars.items():
-        texts = name in ("doubts", "failure")
+        texts = name in ("warnings", "failure")
         assert all(text == "" for text in values.values.ravel()) if texts else np.isfinite(values).all()
     cell = results.sel(scenario="square-prbs-60s-10dB")
-    np.testing.assert_array_equal(cell.true_stiffness, tv.simulate.SquareWave()(results.time.values))
+    np.testing.assert_array_equal(cell.truth.sel(quantity="stiffness"), tv.simulate.SquareWave()(results.time.values))
     assert (cell.perturbation, cell.duration_s) == ("prbs", 60)
     assert (results.vaf.sel(statistic="lowest") < results.vaf.sel(statistic="mean")).all()
 
@@ -44,10 +46,14 @@ def test_a_trial_is_what_its_parts_give(results):
     torque = noiseless.torque[:, noiseless.core]
     model = tv.ShortDataSegments().identify(ensemble)
     found = results.sel(scenario=scenario.label, trial=2, method_key="sds")
-    np.testing.assert_array_equal(found.stiffness, model.stiffness)
+    np.testing.assert_array_equal(found.estimate.sel(quantity="stiffness"), model.stiffness)
     np.testing.assert_array_equal(found.time_varying_vaf, tv.metrics.time_varying_vaf(torque, model.predict(ensemble)))
-    lower, upper = model.estimates["stiffness"].band(0.95)
-    np.testing.assert_array_equal(found.covered, (lower <= found.true_stiffness) & (found.true_stiffness <= upper))
+    for name, estimate in model.estimates.items():
+        own = found.sel(quantity=name)
+        lower, upper = estimate.band(0.95)
+        np.testing.assert_array_equal(own.estimate, estimate.values)
+        np.testing.assert_array_equal(own.standard_error, estimate.standard_error.values)
+        np.testing.assert_array_equal(own.covered, (lower <= own.truth) & (own.truth <= upper))
     vaf = tv.metrics.vaf(torque, model.predict(ensemble))
     np.testing.assert_allclose(found.vaf, [vaf.mean(), vaf.std(), vaf.min()], rtol=1e-12)
     assert found.parameters == model.diagnostics.parameters
@@ -71,7 +77,7 @@ def test_more_methods_trials_and_scenarios_change_no_number(results):
     part = more.sel(scenario=results.scenario.values, trial=[0, 1, 2], method_key=["sds", "kbr"])
     xr.testing.assert_equal(part.drop_vars(TIMES), results.drop_vars(TIMES))
     other = run(Study(**SMALL | {"seed": 1}), workers=1)
-    assert not np.array_equal(other.stiffness, results.stiffness)
+    assert not np.array_equal(other.estimate, results.estimate)
 
 
 def test_progress_is_reported():
@@ -104,8 +110,11 @@ def test_few_trials_are_under_way_at_a_time():
 def test_own_method_enters(results):
     both = run(Study(**SMALL | {"methods": ["sds", Mine()]}), workers=1)
     assert list(both.method_key.values) == ["sds", "Mine(fault='')"]
-    xr.testing.assert_equal(both.stiffness.sel(method_key="sds"), results.stiffness.sel(method_key="sds"))
-    table = summarize(score(both))
+    xr.testing.assert_equal(
+        both.estimate.sel(quantity="stiffness").sel(method_key="sds"),
+        results.estimate.sel(quantity="stiffness").sel(method_key="sds"),
+    )
+    table = of_quantity(summarize(score(both)))
     assert len(table[table.method == "Mine(fault='')"]) == len(table[table.method == "sds"])
 
 
@@ -124,13 +133,15 @@ def test_a_method_that_fails_is_marked_and_spoils_no_other(fault, reason):
     at = found.sel(scenario="square-prbs-80s-10dB")
     for text in at.failure.sel(method_key=label).values:
         assert re.fullmatch(reason, text), text
-    assert np.isnan(at.stiffness.sel(method_key=label)).all()
-    assert np.isfinite(found.stiffness.sel(method_key="sds")).all()
-    table = summarize(score(found)).set_index(["scenario", "method", "metric"]).sort_index()
+    assert np.isnan(at.estimate.sel(quantity="stiffness").sel(method_key=label)).all()
+    assert np.isfinite(found.estimate.sel(quantity="stiffness").sel(method_key="sds")).all()
+    table = of_quantity(summarize(score(found))).set_index(["scenario", "method", "metric"]).sort_index()
     assert table.loc[("square-prbs-80s-10dB", label, "failed"), "value"] == 2
     assert np.isfinite(table.loc[("square-prbs-80s-10dB", "sds", "bias_error"), "value"])
     if fault == "raises":
-        assert np.isfinite(found.stiffness.sel(method_key=label, scenario="square-prbs-40s-10dB")).all()
+        assert np.isfinite(
+            found.estimate.sel(quantity="stiffness").sel(method_key=label, scenario="square-prbs-40s-10dB")
+        ).all()
 
 
 @pytest.mark.slow
@@ -151,9 +162,9 @@ def test_a_method_that_kills_its_worker_does_not_kill_this_process_with_one_tria
 
 def test_a_trial_gives_the_same_numbers_whenever_and_however_often_it_is_run():
     study = Study(duration_s=40, trials=1, perturbation="prbs", methods=["eirf"])
-    trial = Trial(study.scenarios[0], 0, study.seed_of(study.scenarios[0], 0), pickled(study.named_methods))
+    trial = Simulations(study).task_at((0, 0))
     first, second = carry_out(trial), carry_out(trial)
-    np.testing.assert_array_equal(first["stiffness"], second["stiffness"])
+    np.testing.assert_array_equal(first["estimate"], second["estimate"])
 
 
 def test_threads_keep_each_trial_s_doubts():
@@ -185,11 +196,10 @@ def test_a_plain_object_is_named_by_its_class():
 
 def test_a_method_that_a_worker_cannot_unpickle_spoils_no_other():
     study = Study(duration_s=40, trials=1, perturbation="prbs", methods=["sds", "birf"])
-    scenario = study.scenarios[0]
-    sent = pickled(study.named_methods) | {"birf": b"no pickle"}
-    outcome = carry_out(Trial(scenario, 0, study.seed_of(scenario, 0), sent))
+    trial = Simulations(study).task_at((0, 0))
+    outcome = carry_out(replace(trial, methods=trial.methods | {"birf": b"no pickle"}))
     assert "UnpicklingError" in outcome["failure"][1]
-    assert np.isfinite(outcome["stiffness"][0]).all()
+    assert np.isfinite(outcome["estimate"][0, 0]).all()
 
 
 def test_a_method_that_cannot_be_pickled_is_refused():
@@ -201,8 +211,7 @@ def test_a_method_that_cannot_be_pickled_is_refused():
 
 def test_a_worker_with_other_software_is_refused():
     study = Study(duration_s=40, trials=1, methods="sds")
-    scenario = study.scenarios[0]
-    sent = Trial(scenario, 0, study.seed_of(scenario, 0), {}, {"numpy": "1.0"})
+    sent = replace(Simulations(study).task_at((0, 0)), versions={"numpy": "1.0"})
     with pytest.raises(tv.InputError, match=r"a worker has other software: numpy: 1.0 there, \d.* here"):
         carry_out(sent)
 
@@ -228,6 +237,5 @@ def test_a_plan_tells_time_and_size():
     told = plan(study)
     assert (told.trials, told.simulated_s) == (20, 1200)
     assert 0 < told.work_s < 60
-    over_time = sum(shape == (200,) for shape in NUMBERS.values())
-    assert over_time == 3
+    over_time = 3 * 3 + 1  # estimates, standard errors and coverage of three quantities, and the VAF
     assert 20 * over_time * 200 * 8 < told.size_bytes < 20 * (over_time + 1) * 200 * 8

@@ -19,22 +19,22 @@ def made_up(estimates, over_time=None, profile="square", covered=None):
     over_time = np.full((trials, 200), 90.0) if over_time is None else over_time
     return xr.Dataset(
         {
-            "stiffness": ((*cell, "time"), estimates[None, :, None]),
+            "estimate": ((*cell, "quantity", "time"), estimates[None, :, None, None]),
             "time_varying_vaf": ((*cell, "time"), over_time[None, :, None]),
-            "covered": ((*cell, "time"), covered[None, :, None]),
+            "covered": ((*cell, "quantity", "time"), covered[None, :, None, None]),
             "vaf": ((*cell, "statistic"), np.linspace(90, 99, 3 * trials).reshape(1, trials, 1, 3)),
             "bandpassed_vaf": ((*cell, "statistic"), np.linspace(80, 89, 3 * trials).reshape(1, trials, 1, 3)),
             "seconds": (cell, np.ones((1, trials, 1))),
             "failure": (cell, np.full((1, trials, 1), "")),
-            "true_stiffness": (("scenario", "time"), truth[None]),
+            "truth": (("scenario", "quantity", "time"), truth[None, None]),
             "checksums": (("scenario", "trial", "variable"), np.ones((1, trials, 1), dtype=np.uint64)),
         },
         coords={
-            "scenario": ["cell"], "method_key": ["mine"], "trial": np.arange(trials),
+            "scenario": ["cell"], "method_key": ["mine"], "quantity": ["stiffness"], "trial": np.arange(trials),
             "time": time,
             "profile": ("scenario", [profile]), "perturbation": ("scenario", ["prbs"]),
             "duration_s": ("scenario", [150.0]), "snr_db": ("scenario", [10.0]),
-            "viscosity": ("scenario", ["constant"]),
+            "viscosity": ("scenario", ["constant"]), "system": ("scenario", ["joint"]),
         },
     )  # fmt: skip
 
@@ -48,13 +48,18 @@ def test_summary_holds_every_metric(results):
     table = summarize(score(results))
     assert tuple(table.columns) == COLUMNS
     assert set(table.metric) == set(UNITS)
-    cell = table[(table.method == "sds") & (table.perturbation == "prbs")].set_index("metric").value
+    assert set(table.quantity) == {"", "stiffness", "viscosity", "inertia"}
+    cell = (
+        table[table.quantity.isin(["", "stiffness"]) & (table.method == "sds") & (table.perturbation == "prbs")]
+        .set_index("metric")
+        .value
+    )
     found = results.sel(scenario="square-prbs-60s-10dB", method_key="sds")
-    estimates, truth = found.stiffness.values, found.true_stiffness.values
+    estimates, truth = found.estimate.sel(quantity="stiffness").values, found.truth.sel(quantity="stiffness").values
     assert cell["bias_error"] == tv.metrics.bias_error(estimates, truth)
     assert cell["total_error"] ** 2 == pytest.approx(cell["bias_error"] ** 2 + cell["random_error"] ** 2)
     assert cell["rise_time"] == tv.metrics.rise_time(results.time.values, estimates)
-    share = found.covered.values.mean()
+    share = found.covered.sel(quantity="stiffness").values.mean()
     assert cell["coverage"] == pytest.approx(100 * share)
     assert 0.5 < share < 1
     assert cell["vaf"] == pytest.approx(float(found.vaf.sel(statistic="mean").mean()))
@@ -116,7 +121,7 @@ def test_one_trial_has_no_spread_and_no_standard_error(random):
 def test_draws_of_methods_are_paired_also_where_trials_failed(random):
     results = made_up(noisy(random, 10))
     both = xr.concat([results, results.assign_coords(method_key=["other"])], "method_key", data_vars="all")
-    both = both.assign(true_stiffness=results.true_stiffness, checksums=results.checksums)
+    both = both.assign(truth=results.truth, checksums=results.checksums)
     failed = both.failure.values.astype(object)
     failed[0, 2:, 1] = "x"
     both["failure"] = (both.failure.dims, failed)
@@ -155,7 +160,7 @@ def test_spreads_where_the_joint_is_soft_and_stiff(random):
 def test_failed_trials_are_left_out_and_counted(random):
     estimates = noisy(random, 5)
     results = made_up(estimates)
-    results.stiffness[0, 2] = np.nan
+    results.estimate[0, 2] = np.nan
     results.failure[0, 2] = "x"
     scores = score(results)
     assert scores.trials.item() == 4

@@ -10,7 +10,7 @@ from tests.study.conftest import SMALL, TIMES
 
 import tvsysid as tv
 from tvsysid.study import Study, read_results, run
-from tvsysid.study.layout import OF_TRIAL, layout_of
+from tvsysid.study.contents import OF_TRIAL, layout_of
 from tvsysid.study.store import open_store
 from tvsysid.study.task import versions
 
@@ -44,16 +44,16 @@ def test_reading_needs_only_xarray_and_gives_no_warning(finished, results):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         plain = xr.open_zarr(finished).load()
-    np.testing.assert_array_equal(plain.stiffness, results.stiffness)
+    np.testing.assert_array_equal(plain.estimate, results.estimate)
     assert list(plain.perturbation.values) == ["noise", "prbs"]
     assert "perturbation" in plain.coords
     same(read_results(finished), results)
 
 
 def test_each_trial_has_a_chunk_of_its_own(finished):
-    chunks = [file for file in (finished / "stiffness" / "c").rglob("*") if file.is_file()]
+    chunks = [file for file in (finished / "estimate" / "c").rglob("*") if file.is_file()]
     assert len(chunks) == 2 * 3
-    assert {file.stat().st_size for file in chunks} == {2 * 200 * 8}
+    assert {file.stat().st_size for file in chunks} == {2 * 3 * 200 * 8}
 
 
 def test_a_finished_study_is_not_run_again(copy, results):
@@ -62,7 +62,7 @@ def test_a_finished_study_is_not_run_again(copy, results):
     same(found, results)
 
 
-@pytest.mark.parametrize("name", ["stiffness", "vaf", "checksums"])
+@pytest.mark.parametrize("name", ["estimate", "vaf", "checksums"])
 @pytest.mark.parametrize("left", [0, 11, None])
 def test_a_chunk_that_is_missing_or_cut_short_is_run_again(copy, results, name, left):
     chunk = next(file for file in sorted((copy / name / "c").rglob("*")) if file.is_file())
@@ -87,7 +87,7 @@ def test_a_loss_of_power_that_cuts_the_newest_files_short_loses_only_their_trial
 
 
 def test_the_leavings_of_a_kill_are_cleared_away(copy):
-    partial = copy / "stiffness" / "c" / "0" / "0" / "0" / "0.abc.partial"
+    partial = copy / "estimate" / "c" / "0" / "0" / "0" / "0" / "0.abc.partial"
     partial.write_bytes(b"half")
     leftover, mine = copy.parent / ".results.zarr.new", copy.parent / ".results.zarr-mine"
     leftover.mkdir()
@@ -100,17 +100,17 @@ def test_the_leavings_of_a_kill_are_cleared_away(copy):
 
 
 def test_damage_is_refused_and_the_file_named(copy):
-    chunk = copy / "stiffness" / "c" / "1" / "2" / "0" / "0"
+    chunk = copy / "estimate" / "c" / "1" / "2" / "0" / "0" / "0"
     content = bytearray(chunk.read_bytes())
     content[5] ^= 1
     chunk.write_bytes(content)
-    with pytest.raises(tv.InputError, match=r"stiffness/c/1/2/0/0: this file does not hold what was written there"):
+    with pytest.raises(tv.InputError, match=r"estimate/c/1/2/0/0/0: this file does not hold what was written there"):
         rerun(copy)
     chunk.unlink()
     assert rerun(copy)[1] == 1
 
 
-@pytest.mark.parametrize("name", ["stiffness/zarr.json", "duration_s/c/0", "zarr.json"])
+@pytest.mark.parametrize("name", ["estimate/zarr.json", "duration_s/c/0", "zarr.json"])
 def test_damaged_metadata_is_refused(copy, name):
     file = copy / name
     content = bytearray(file.read_bytes())
@@ -135,9 +135,9 @@ def test_the_store_of_another_version_is_refused_with_what_differs(copy):
         rerun(copy)
     found["attributes"]["layout"] = 99
     root.write_text(json.dumps(found))
-    with pytest.raises(tv.InputError, match=r"layout 3, found .*layout 99"):
+    with pytest.raises(tv.InputError, match=r"layout 4, found .*layout 99"):
         rerun(copy)
-    with pytest.raises(tv.InputError, match=r"layout 3, found .*layout 99"):
+    with pytest.raises(tv.InputError, match=r"layout 4, found .*layout 99"):
         read_results(copy)
 
 
@@ -207,18 +207,18 @@ def test_a_failure_never_takes_the_place_of_a_result(tmp_path, results):
     with open_store(path, layout_of(STUDY)) as opened:
         good, bad = store_outcome(results, 0, 1), store_outcome(results, 0, 1)
         good["failure"][1] = "kbr failed the first time"
-        good["stiffness"][1] = np.nan
+        good["estimate"][1] = np.nan
         opened.write((0, 1), good)
         bad["failure"][0] = "sds failed the second time"
-        bad["stiffness"][0] = np.nan
+        bad["estimate"][0] = np.nan
         opened.write((0, 1), bad)
         assert (0, 1) not in opened.missing()
-    np.testing.assert_array_equal(read_results(path).stiffness[0, 1], results.stiffness[0, 1])
+    np.testing.assert_array_equal(read_results(path).estimate[0, 1], results.estimate[0, 1])
 
 
 @pytest.mark.parametrize("left", [0, 100, None])
 def test_torn_results_are_not_read(copy, left):
-    chunk = copy / "stiffness" / "c" / "1" / "2" / "0" / "0"
+    chunk = copy / "estimate" / "c" / "1" / "2" / "0" / "0" / "0"
     chunk.unlink() if left is None else os.truncate(chunk, left)
     with pytest.raises(tv.InputError, match=r"1 results are cut short.*give the command that ran the study again"):
         read_results(copy)
@@ -239,8 +239,8 @@ def test_written_trials_are_there_and_others_missing(tmp_path, results):
         assert len(opened.missing()) == 5
     part = read_results(path)
     assert part.checksums.values.any(axis=-1).sum() == 1
-    np.testing.assert_array_equal(part.stiffness[1, 0], results.stiffness[1, 0])
-    assert np.isnan(part.stiffness[0]).all()
+    np.testing.assert_array_equal(part.estimate[1, 0], results.estimate[1, 0])
+    assert np.isnan(part.estimate.sel(quantity="stiffness")[0]).all()
 
 
 def test_unfinished_results_are_scored(tmp_path, results):
@@ -251,5 +251,5 @@ def test_unfinished_results_are_scored(tmp_path, results):
     scores = tv.study.score(read_results(path))
     assert scores.trials.values.tolist() == [[0, 0], [2, 2]]
     assert np.isnan(scores.value.sel(metric="bias_error").values[0]).all()
-    two = results.stiffness.values[1, :2, 0]
+    two = results.estimate.sel(quantity="stiffness").values[1, :2, 0]
     assert scores.value.sel(metric="random_error").values[1, 0] == tv.metrics.random_error(two)

@@ -33,7 +33,7 @@ def test_snr_and_viscosity_presets():
 
 def test_covarying_viscosity_lies_between_1_and_3():
     scenario = Study(viscosity="covarying").scenarios[0]
-    joint = tv.simulate.Joint(stiffness=scenario.profile, viscosity=scenario.viscosity_profile)
+    joint, _ = Study(viscosity="covarying").simulated(scenario)
     simulation = joint.simulate(4.0, perturbation=tv.simulate.PRBS(), snr_db=10, seed=0)
     truth = simulation.truth
     assert set(truth["viscosity"][truth["stiffness"] == 50]) == {1.0}
@@ -69,12 +69,12 @@ def test_a_study_from_toml(tmp_path):
     [
         (
             "trails = 3",
-            r"study.toml: study: trails: unknown key; did you mean trials\? \(settings of a study: stiffness",
+            r"study.toml: study: trails: unknown key; did you mean trials\? \(known: stiffness",
         ),
         ("duration_ms = [40000]", r"duration_ms: unknown key; did you mean duration_s\?"),
         ('duration_s = ["150 s"]', r"duration_s.0: .*valid number.*got '150 s' \(expected numbers of seconds\)"),
         ("duration_s = 0.04", "duration_s: expected whole realizations of 2 s, two at least: multiples of 2 s; got "),
-        ("[[also]]\ntrials = 5", r"also.0.trials: unknown key.*settings of a study: stiffness, .* viscosity\)"),
+        ("[[also]]\ntrials = 5", r"also.0.trials: unknown key.*known: stiffness, .* viscosity, system\)"),
         ("trials = ", "study.toml: not a TOML file: "),
         ('also = "sine"', "also"),
         ("also = [3]", "also"),

@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 import tvsysid as tv
-from tvsysid.study import Study, run, score, summarize, trial
+from tvsysid.study import Study, of_quantity, run, score, summarize, task
 from tvsysid.study.trial import STAGES
 
 TIMES = 200
@@ -80,20 +80,20 @@ def results():
 
 
 def of(results, name):
-    return results.isel(scenario=0, method_key=list(METHODS).index(name))
+    return results.sel(quantity="stiffness").isel(scenario=0, method_key=list(METHODS).index(name))
 
 
 @pytest.mark.parametrize("name", METHODS)
 def test_the_share_of_known_bands(results, name):
     table = summarize(score(results))
     label = str(of(results, name).method_key.values)
-    told = table[table.method == label].set_index("metric").value
+    told = of_quantity(table[table.method == label]).set_index("metric").value
     assert told["failed"] == 0
     np.testing.assert_equal(told["coverage"], METHODS[name][1])
 
 
 def test_it_is_told_of_each_time_and_is_nan_where_there_is_no_band(results):
-    truth = results.true_stiffness.values[0]
+    truth = results.truth.sel(quantity="stiffness").values[0]
     assert (of(results, "always").covered == 1).all()
     np.testing.assert_array_equal(of(results, "where soft").covered, np.tile(truth <= 100, (2, 1)))
     at_first = of(results, "at first").covered.values
@@ -110,13 +110,13 @@ def test_a_band_of_the_wrong_shape_is_a_failure_that_is_told(results):
 
 
 def test_no_band_is_no_doubt_of_the_method(results):
-    assert all(text == "" for text in of(results, "no band").doubts.values)
+    assert all(text == "" for text in of(results, "no band").warnings.values)
 
 
 def test_the_time_that_bands_take_is_not_that_of_identification(monkeypatch):
     """The clock stands still, but goes on a second with each band."""
     now = [0.0]
-    monkeypatch.setattr(trial, "time", SimpleNamespace(perf_counter=lambda: now[0]))
+    monkeypatch.setattr(task, "time", SimpleNamespace(perf_counter=lambda: now[0]))
     band = tv.Estimate.band
 
     def slow(self, level=0.95):
@@ -126,5 +126,5 @@ def test_the_time_that_bands_take_is_not_that_of_identification(monkeypatch):
     monkeypatch.setattr(tv.Estimate, "band", slow)
     results = run(Study(duration_s=20.0, trials=1, perturbation="prbs", methods="sds"), workers=1)
     spent = dict(zip(STAGES, results.stage_seconds.values[0, 0], strict=True))
-    assert spent["bands"] == 1
+    assert spent["bands"] == 3  # of stiffness, viscosity and inertia
     assert spent["simulation"] == spent["scoring"] == results.seconds.item() == 0

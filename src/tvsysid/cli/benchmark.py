@@ -174,16 +174,17 @@ def write_study(results: Any, out: Path, command: str) -> bool:
     from tvsysid.recordings import whole_file
     from tvsysid.report import problems, write_report
     from tvsysid.studies.van_de_ruit_2021 import example_responses, judge, study_figures
-    from tvsysid.study import cores, score, summarize
+    from tvsysid.study import cores, of_quantity, score, summarize
 
     with waiting("scoring and drawing"), helpers(cores()) as pool:
-        for name in ("seconds", "stage_seconds", "doubts", "failure", "checksums"):
+        for name in ("seconds", "stage_seconds", "warnings", "failure", "checksums"):
             results[name].load()  # small, and needed more than once
         scores = score(results)
         summary, claims = summarize(scores), judge(scores)
         for name, table in (("summary.csv", summary), ("claims.csv", claims)):
             with whole_file(out / name) as file:
                 table.to_csv(file, index=False, float_format="%.6g")
+        summary = of_quantity(summary)
         square = bool((results.profile == "square").any())
         seed = json.loads(results.attrs["study"])["seed"]
         illustrations = study_figures(results, summary, example_responses(seed) if square else None)

@@ -10,27 +10,30 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-OVER_TIME = ["stiffness", "true_stiffness", "time_varying_vaf"]
+OVER_TIME = ["estimate", "truth", "time_varying_vaf"]
 """Variables of a study that are drawn over time; of an experiment, also those of :data:`TORQUES`."""
 TORQUES = ["target_torque", "mean_torque"]
-BANDS = ["covered", "true_stiffness"]
+BANDS = ["covered", "truth"]
 """Variables that :func:`tvsysid.figures.coverage_over_time` takes."""
 
 
 def estimates(results: xr.Dataset, quantity: str = "stiffness") -> xr.DataArray:
     """What the methods estimated, over time and the axes of the study; NaN where there is no estimate."""
-    found: xr.DataArray = results[quantity]
-    return found
+    return _of(results.estimate, quantity)
 
 
 def truth(results: xr.Dataset, quantity: str = "stiffness") -> xr.DataArray:
     """What the simulation knows, over scenario or recording and time; NaN where it is not known."""
-    return results[f"true_{quantity}"]
+    return _of(results.truth, quantity)
 
 
 def covered(results: xr.Dataset, quantity: str = "stiffness") -> xr.DataArray:
     """Whether the 95 % band holds the truth: 1, 0, or NaN where there is no band."""
-    found: xr.DataArray = results.covered
+    return _of(results.covered, quantity)
+
+
+def _of(values: xr.DataArray, quantity: str) -> xr.DataArray:
+    found: xr.DataArray = values.sel(quantity=quantity) if "quantity" in values.dims else values
     return found
 
 
@@ -46,5 +49,5 @@ def unique(values: Any) -> list[str]:
 
 def warnings_of(results: xr.Dataset) -> xr.DataArray:
     """What the methods warned of, a text for each identification; empty where there is nothing."""
-    found: xr.DataArray = results.doubts
+    found: xr.DataArray = results.warnings
     return found

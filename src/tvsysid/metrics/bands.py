@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tvsysid.errors import InputError
+from tvsysid.metrics.errors import weighted_mean
 
 
-def coverage(lower: ArrayLike, upper: ArrayLike, truth: ArrayLike) -> float:
+def coverage(lower: ArrayLike, upper: ArrayLike, truth: ArrayLike, weights: ArrayLike | None = None) -> Any:
     """Share of trials and times at which a band holds the truth, its edges included.
 
     Parameters
@@ -20,10 +21,12 @@ def coverage(lower: ArrayLike, upper: ArrayLike, truth: ArrayLike) -> float:
         out in that trial.
     truth
         Shape (time,).
+    weights
+        Of the trials, see :func:`tvsysid.metrics.weighted_mean`.
 
     Returns
     -------
-    float
+    float or Array
         In per cent; NaN where there is no band at all. Best is the band's own level: more says that it is too wide.
 
     Raises
@@ -33,7 +36,7 @@ def coverage(lower: ArrayLike, upper: ArrayLike, truth: ArrayLike) -> float:
 
     Examples
     --------
-    >>> coverage([[0.0, 1.0], [2.0, 1.0]], [[2.0, 3.0], [4.0, 3.0]], [1.0, 2.0])
+    >>> float(coverage([[0.0, 1.0], [2.0, 1.0]], [[2.0, 3.0], [4.0, 3.0]], [1.0, 2.0]))
     75.0
     """
     low, high = np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)
@@ -44,6 +47,31 @@ def coverage(lower: ArrayLike, upper: ArrayLike, truth: ArrayLike) -> float:
             f"{low.shape}, {high.shape} and {true.shape}"
         )
     known = np.isfinite(low) & np.isfinite(high)
-    if not known.any():
-        return math.nan
-    return 100 * float(np.mean(((low <= true) & (true <= high))[known]))
+    return share_covered(np.where(known, (low <= true) & (true <= high), np.nan), weights)
+
+
+def share_covered(covered: ArrayLike, weights: ArrayLike | None = None) -> Any:
+    """Coverage where it is known already whether each band holds the truth.
+
+    Parameters
+    ----------
+    covered
+        1 where it does, 0 where not, NaN where there is no band; shape (trial, time).
+    weights
+        Of the trials, see :func:`tvsysid.metrics.weighted_mean`.
+
+    Returns
+    -------
+    float or Array
+        As of :func:`coverage`.
+
+    Examples
+    --------
+    >>> float(share_covered([[1.0, 0.0, np.nan], [1.0, 1.0, np.nan]]))
+    75.0
+    """
+    held = np.asarray(covered, dtype=np.float64)
+    known = np.isfinite(held)
+    counts = weighted_mean(np.stack([np.nansum(held, axis=1), known.sum(axis=1)], axis=-1), weights)
+    there = counts[..., 1] > 0
+    return np.where(there, 100 * counts[..., 0] / np.where(there, counts[..., 1], 1.0), np.nan)[()]

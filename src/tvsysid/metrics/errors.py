@@ -1,8 +1,11 @@
-"""Errors of the stiffness estimated in repeated trials, against the truth or about their own mean."""
+"""Errors of what was estimated in repeated trials, against the truth or about their own mean.
+
+Each takes weights of the trials, one set or many, so that its bootstrap over trials is the same code.
+"""
 
 from __future__ import annotations
 
-import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,6 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from tvsysid.errors import InputError
 
 Array = NDArray[np.float64]
+Value = Any
+"""A number; with many sets of weights an array with one for each."""
 
 
 def _trials(estimates: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
@@ -28,8 +33,54 @@ def _against(estimates: ArrayLike, truth: ArrayLike) -> tuple[Array, Array]:
     return values[:, known], true[known]
 
 
-def _root_mean_square(values: Array) -> float:
-    return float(np.sqrt(np.mean(np.square(values)))) if values.size else math.nan
+def weighted_mean(values: ArrayLike, weights: ArrayLike | None = None) -> Array:
+    """Mean over trials, the first axis.
+
+    Parameters
+    ----------
+    values
+        Shape (trial, ...).
+    weights
+        Of the trials, of any sum: shape (trial,), or (draw, trial) for many sets of them; None weighs all alike.
+
+    Returns
+    -------
+    Array
+        Shape (...), or (draw, ...).
+
+    Examples
+    --------
+    >>> weighted_mean([1.0, 4.0], [[1, 1], [2, 0], [1, 2]])
+    array([2.5, 1. , 3. ])
+    """
+    array = np.asarray(values, dtype=np.float64)
+    if weights is None:
+        return np.asarray(array.mean(axis=0))
+    shares = np.asarray(weights, dtype=np.float64)
+    return np.asarray((shares / shares.sum(axis=-1, keepdims=True)) @ array)
+
+
+def _power_of_mean(values: Array, weights: ArrayLike | None) -> Array:
+    """Mean over time of the square of the mean over trials; NaN of no time."""
+    if not values.shape[1]:
+        return np.full(np.shape(weights)[:-1] if weights is not None else (), np.nan)
+    if weights is None:
+        return np.asarray(np.mean(np.square(values.mean(axis=0))))
+    # A quadratic form of the weights, which spares an array of draws times times.
+    shares = np.asarray(weights, dtype=np.float64)
+    shares = shares / shares.sum(axis=-1, keepdims=True)
+    return np.asarray(np.sum((shares @ (values @ values.T / values.shape[1])) * shares, axis=-1))
+
+
+def _mean_power(values: Array, weights: ArrayLike | None) -> Array:
+    """Mean over time and trials of the square; NaN of no time."""
+    if not values.shape[1]:
+        return _power_of_mean(values, weights)
+    return weighted_mean(np.mean(np.square(values), axis=1), weights)
+
+
+def _root(squares: Array) -> Value:
+    return np.sqrt(np.maximum(squares, 0.0))[()]
 
 
 def left_out(estimates: ArrayLike) -> int:
@@ -48,7 +99,7 @@ def left_out(estimates: ArrayLike) -> int:
     return int(np.count_nonzero(~_trials(estimates)[1]))
 
 
-def bias_error(estimates: ArrayLike, truth: ArrayLike) -> float:
+def bias_error(estimates: ArrayLike, truth: ArrayLike, weights: ArrayLike | None = None) -> Value:
     r"""Root mean square over time of the mean estimate's error.
 
     .. math:: \sqrt{\frac1T \sum_i \left(\overline{\hat K}(i) - K(i)\right)^2}
@@ -61,22 +112,24 @@ def bias_error(estimates: ArrayLike, truth: ArrayLike) -> float:
         Shape (trial, time).
     truth
         Shape (time,).
+    weights
+        Of the trials, see :func:`weighted_mean`.
 
     Returns
     -------
-    float
-        In the unit of the estimates; NaN if no time has an estimate in every trial.
+    float or Array
+        In the unit of the estimates; NaN if no time has an estimate in every trial. For many sets of weights one each.
 
     Examples
     --------
-    >>> bias_error([[1.0, 2.0], [3.0, 4.0]], [0.0, 3.0])
+    >>> float(bias_error([[1.0, 2.0], [3.0, 4.0]], [0.0, 3.0]))
     1.4142135623730951
     """
     values, true = _against(estimates, truth)
-    return _root_mean_square(values.mean(axis=0) - true)
+    return _root(_power_of_mean(values - true, weights))
 
 
-def debiased_bias_error(estimates: ArrayLike, truth: ArrayLike) -> float:
+def debiased_bias_error(estimates: ArrayLike, truth: ArrayLike, weights: ArrayLike | None = None) -> Value:
     r"""Bias error without what the random error contributes to it.
 
     .. math:: \sqrt{\max\left(0, Err_{bias}^2 - Err_{random}^2 / (M - 1)\right)}
@@ -86,13 +139,13 @@ def debiased_bias_error(estimates: ArrayLike, truth: ArrayLike) -> float:
     where no time has an estimate in every trial.
     """
     trials = len(_trials(estimates)[0])
-    squared = bias_error(estimates, truth) ** 2
-    if trials < 2 or math.isnan(squared):
-        return math.nan
-    return math.sqrt(max(0.0, squared - random_error(estimates) ** 2 / (trials - 1)))
+    if trials < 2:
+        return np.full(np.shape(weights)[:-1] if weights is not None else (), np.nan)[()]
+    part = np.square(random_error(estimates, weights)) / (trials - 1)
+    return np.sqrt(np.maximum(0.0, np.square(bias_error(estimates, truth, weights)) - part))[()]
 
 
-def random_error(estimates: ArrayLike) -> float:
+def random_error(estimates: ArrayLike, weights: ArrayLike | None = None) -> Value:
     r"""Root mean square, over time and trials, of the deviation from the mean estimate.
 
     .. math:: \sqrt{\frac{1}{M T} \sum_{i, r} \left(\hat K(i, r) - \overline{\hat K}(i)\right)^2}
@@ -103,22 +156,25 @@ def random_error(estimates: ArrayLike) -> float:
     ----------
     estimates
         Shape (trial, time).
+    weights
+        Of the trials, see :func:`weighted_mean`.
 
     Returns
     -------
-    float
-        In the unit of the estimates; NaN if no time has an estimate in every trial.
+    float or Array
+        As of :func:`bias_error`.
 
     Examples
     --------
-    >>> random_error([[1.0, 2.0], [3.0, 4.0]])
+    >>> float(random_error([[1.0, 2.0], [3.0, 4.0]]))
     1.0
     """
     values, known = _trials(estimates)
-    return _root_mean_square(values[:, known] - values[:, known].mean(axis=0))
+    deviations = values[:, known] - values[:, known].mean(axis=0)
+    return _root(_mean_power(deviations, weights) - _power_of_mean(deviations, weights))
 
 
-def total_error(estimates: ArrayLike, truth: ArrayLike) -> float:
+def total_error(estimates: ArrayLike, truth: ArrayLike, weights: ArrayLike | None = None) -> Value:
     r"""Root mean square, over time and trials, of the error; its square is that of bias plus that of random error.
 
     .. math:: \sqrt{\frac{1}{M T} \sum_{i, r} \left(\hat K(i, r) - K(i)\right)^2}
@@ -127,11 +183,11 @@ def total_error(estimates: ArrayLike, truth: ArrayLike) -> float:
 
     Examples
     --------
-    >>> total_error([[1.0, 2.0], [3.0, 4.0]], [0.0, 3.0])
+    >>> float(total_error([[1.0, 2.0], [3.0, 4.0]], [0.0, 3.0]))
     1.7320508075688772
     """
     values, true = _against(estimates, truth)
-    return _root_mean_square(values - true)
+    return _root(_mean_power(values - true, weights))
 
 
 def rise_time(
@@ -141,7 +197,8 @@ def rise_time(
     high: float = 140.0,
     switch: float = 0.5,
     within: float = 0.4,
-) -> float:
+    weights: ArrayLike | None = None,
+) -> Value:
     """Time from where the mean estimate first exceeds one level to where it first exceeds another.
 
     Searched around the known upward switch only, and the lower crossing is the last one before the upper, for noise
@@ -159,16 +216,18 @@ def rise_time(
         Time of the true upward switch in s.
     within
         Seconds about the switch that are searched.
+    weights
+        Of the trials, see :func:`weighted_mean`.
 
     Returns
     -------
-    float
-        In s; NaN if a level is not crossed there.
+    float or Array
+        In s; NaN if a level is not crossed there. For many sets of weights one each.
 
     Examples
     --------
     >>> time = np.arange(5) / 10 + 0.3
-    >>> rise_time(time, [[50.0, 50.0, 70.0, 130.0, 150.0]])
+    >>> float(rise_time(time, [[50.0, 50.0, 70.0, 130.0, 150.0]]))
     0.2
     """
     values, _ = _trials(estimates)
@@ -176,11 +235,12 @@ def rise_time(
     if times.shape != values.shape[1:]:
         raise InputError(f"time: expected one value for each of {values.shape[1]} estimates, got shape {times.shape}")
     near = np.abs(times - switch) <= within + 1e-9
-    times, mean = times[near], values[:, near].mean(axis=0)
-    above = np.flatnonzero(mean > high)
-    if not len(above):
-        return math.nan
-    below = np.flatnonzero(mean[: above[0]] <= low)
-    if not len(below):
-        return math.nan
-    return round(float(times[above[0]] - times[below[-1] + 1]), 12)
+    times, mean = times[near], weighted_mean(values[:, near], weights)
+    places = np.arange(len(times))
+    above = mean > high
+    first = np.argmax(above, axis=-1)
+    below = (mean <= low) & (places < first[..., None])
+    last = len(times) - 1 - np.argmax(below[..., ::-1], axis=-1)
+    crossed = above.any(axis=-1) & below.any(axis=-1)
+    risen = times[first] - times[np.where(crossed, last + 1, 0)]
+    return np.where(crossed, np.round(risen, 12), np.nan)[()]

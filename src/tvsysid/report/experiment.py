@@ -154,7 +154,7 @@ def write_experiment_report(
         run_section(results, settings, float(np.nansum(results.seconds.values)), f"{failed} of {draws.size}"),
         again_section(
             command,
-            f'results.stiffness.sel(recording="{first}", analysis="{smallest}")  # N·m/rad, over bootstrap and time',
+            f'results.estimate.sel(quantity="stiffness", recording="{first}", analysis="{smallest}")  # N·m/rad',
             same="The same files, settings and version give the same numbers, except for computing times.",
         ),
     ]

@@ -135,7 +135,7 @@ def write_report(
         problems_section(problems(results), "method"),
         again_section(
             command,
-            f'results.stiffness.sel(scenario="{main}")  # N·m/rad, over trial, method_key and time',
+            f'results.estimate.sel(scenario="{main}", quantity="stiffness")  # over trial, method_key and time',
             "" if nameless else tomli_w.dumps(study),
         ),
     ]

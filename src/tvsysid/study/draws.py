@@ -1,27 +1,30 @@
-"""The unit of work: one method identifies bootstrap draws from one recording, and is scored."""
+"""The unit of work of an experiment: one method identifies bootstrap draws from one recording, and is scored."""
 
 from __future__ import annotations
 
 import re
-import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
-import cloudpickle
 import numpy as np
-from numpy.typing import NDArray
 
-from tvsysid import metrics
-from tvsysid.errors import InputError, describe_error
+from tvsysid.errors import InputError
+from tvsysid.models import Model
 from tvsysid.preprocess import block_weights, bootstrap_weights
 from tvsysid.signals import Ensemble
-from tvsysid.study.task import Outcome, Task, identified, versions
-
-Array = NDArray[np.float64]
-
-NUMBERS = ("stiffness", "time_varying_vaf", "vaf", "bandpassed_vaf", "parameters")
-"""Measured in each draw; the first two over time."""
+from tvsysid.study.task import (
+    Outcome,
+    Row,
+    Shapes,
+    Task,
+    as_text,
+    attempt,
+    explained,
+    failed,
+    over_time,
+    stacked,
+    versions,
+)
 
 
 @dataclass(frozen=True)
@@ -36,27 +39,32 @@ class DrawsTask(Task):
         To draw from; None where nothing could be prepared.
     digest
         Of the ensemble.
-    samples
-        Of a realization.
     realizations, contiguous
         How many a draw has, and whether in one piece.
     bootstraps
         Number of draws.
     seed
         Of the draws.
+    quantities
+        Whose estimates are measured.
     methods
         The one method, pickled, by its name.
+    shapes, versions, left_out
+        As of :class:`Task`.
+    reason
+        Why nothing could be prepared.
     """
 
     label: str
     ensemble: Ensemble | None
     digest: str
-    samples: int
     realizations: int
     contiguous: bool
     bootstraps: int
     seed: int
+    quantities: tuple[str, ...]
     methods: Mapping[str, bytes]
+    shapes: Shapes
     reason: str = ""
     versions: Mapping[str, str] = field(default_factory=versions)
     left_out: Mapping[str, str] = field(default_factory=dict)
@@ -72,85 +80,63 @@ class DrawsTask(Task):
         Returns
         -------
         dict
-            Arrays of ``NUMBERS`` over (bootstrap, ...), with NaN where a draw failed; ``seconds``, ``doubts`` and
+            Arrays of ``shapes`` over (bootstrap, ...), with NaN where a draw failed; ``seconds``, ``warnings`` and
             ``failure`` of all together.
         """
-        (name, pickled), *_ = self.methods.items()
+        (name, method), *_ = self.methods.items()
+        ensemble = self.ensemble
         if name in self.left_out:
             return self.all_failed(self.left_out[name])
-        if self.ensemble is None:
+        if ensemble is None:
             return self.all_failed(self.reason)
         try:
             draw = block_weights if self.contiguous else bootstrap_weights
-            weights = draw(len(self.ensemble), self.realizations, self.bootstraps, self.seed)
+            weights = draw(len(ensemble), self.realizations, self.bootstraps, self.seed)
         except InputError as error:
             return self.all_failed(str(error))
         distinct, place = np.unique(weights, axis=0, return_inverse=True)
-        found = [self._one(pickled, counts) for counts in distinct]
+        every = np.arange(len(ensemble))
+        found = [self._row(method, ensemble.select(np.repeat(every, counts))) for counts in distinct]
         rows = [found[number] for number in place.ravel()]
-        numbers = {key: np.array([row[key] for row in rows], dtype=np.float64) for key in NUMBERS}
-        return numbers | self._told([row["doubts"] for row in rows], [row["failure"] for row in rows], found)
+        failures = [row["failure"] for row in rows if row["failure"]]
+        failure = f"every draw failed, the first: {failures[0]}" if len(failures) == len(rows) else ""
+        return self._outcome(
+            rows, "; ".join(self._warnings(rows, failures)), failure, sum(row["spent"] for row in found)
+        )
 
     def all_failed(self, reason: str) -> Outcome:
         """Outcome where the method gave no result."""
-        numbers = {key: np.full((self.bootstraps, *self._shape(key)), np.nan) for key in NUMBERS}
-        return numbers | self._texts("", reason) | {"seconds": np.array(np.nan)}
+        return self._outcome([failed(reason)] * self.bootstraps, "", reason, np.nan)
 
-    def _one(self, pickled: bytes, counts: NDArray[np.int64]) -> dict[str, Any]:
-        """What one draw gives. A method that calls sys.exit() has failed like any other."""
-        assert self.ensemble is not None
-        drawn = self.ensemble.select(np.repeat(np.arange(len(counts)), counts))
-        started = time.perf_counter()
-        try:
-            # Unpickled for each draw, so that nothing that it remembers passes from one to the next.
-            model, doubts = identified(cloudpickle.loads(pickled), drawn)
-            seconds = time.perf_counter() - started
-            torque, predicted = drawn.torque[:, drawn.core], model.predict(drawn)
-            return {
-                "stiffness": model.stiffness,
-                "time_varying_vaf": metrics.time_varying_vaf(torque, predicted),
-                "vaf": _mean(metrics.vaf(torque, predicted)),
-                "bandpassed_vaf": _mean(metrics.bandpassed_vaf(torque, predicted, drawn.sampling_rate)),
-                "parameters": model.diagnostics.parameters,
-                "seconds": seconds,
-                "doubts": doubts,
-                "failure": "",
-            }
-        except (Exception, SystemExit) as error:
-            numbers = {key: np.full(self._shape(key), np.nan) for key in NUMBERS}
-            return numbers | {"seconds": time.perf_counter() - started, "doubts": [], "failure": describe_error(error)}
+    def _row(self, method: bytes, drawn: Ensemble) -> Row:
+        """What one draw gives; VAFs are means over its realizations."""
 
-    def _shape(self, key: str) -> tuple[int, ...]:
-        return (self.samples,) if key in ("stiffness", "time_varying_vaf") else ()
+        def measure(model: Model) -> Row:
+            found = explained(drawn.torque[:, drawn.core], model.predict(drawn), drawn.sampling_rate)
+            found |= {name: found[name][0] for name in ("vaf", "bandpassed_vaf")}
+            return found | {"estimate": over_time(model, self.quantities)}
 
-    def _told(self, doubts: list[list[str]], failures: list[str], found: list[dict[str, Any]]) -> Outcome:
-        """Each doubt once, whatever its numbers, with how often it was met; failure where no draw gave a result.
+        return attempt(method, drawn, measure)
 
-        Draws are the same each time: what failed in some will fail in them again, and is a doubt about the rest.
+    def _warnings(self, rows: list[Row], failures: list[str]) -> Iterator[str]:
+        """Each warning once, whatever its numbers, with how often it was met.
+
+        Draws are the same each time: what failed in some will fail in them again, and is a warning about the rest.
         """
         assert self.ensemble is not None
         count = len(self.ensemble)
-        told = []
         if self.realizations > count:
-            told.append(
+            yield (
                 f"{self.realizations} realizations are drawn from {count}: they vary less than so many recorded ones "
                 f"would; draw {count} at most"
             )
-        failed = [text for text in failures if text]
-        if 0 < len(failed) < len(failures):
-            told.append(f"{len(failed)} of {len(failures)} draws failed, the first: {failed[0]}")
+        if 0 < len(failures) < len(rows):
+            yield f"{len(failures)} of {len(rows)} draws failed, the first: {failures[0]}"
         kinds: dict[str, list[str]] = {}
-        for text in (text for texts in doubts for text in dict.fromkeys(texts)):
+        for text in (text for row in rows for text in dict.fromkeys(row["warnings"])):
             kinds.setdefault(re.sub(r"\d[\d.e+-]*", "#", text), []).append(text)
-        told += [f"{texts[0]} ({len(texts)} of {len(doubts)} draws)" for texts in kinds.values()]
-        failure = f"every draw failed, the first: {failed[0]}" if len(failed) == len(failures) else ""
-        return self._texts("; ".join(told), failure) | {"seconds": np.array(sum(row["seconds"] for row in found))}
+        yield from (f"{texts[0]} ({len(texts)} of {len(rows)} draws)" for texts in kinds.values())
 
-    def _texts(self, doubts: str, failure: str) -> Outcome:
-        texts = {"doubts": doubts, "digest": self.digest, "failure": failure}
-        return {name: np.array(text, dtype=np.dtypes.StringDType()) for name, text in texts.items()}
-
-
-def _mean(values: Array) -> float:
-    known = values[np.isfinite(values)]
-    return float(known.mean()) if len(known) else np.nan
+    def _outcome(self, rows: list[Row], warned: str, failure: str, seconds: float) -> Outcome:
+        texts = {"warnings": as_text(warned), "digest": as_text(self.digest), "failure": as_text(failure)}
+        return stacked(rows, self.shapes) | texts | {"seconds": np.array(seconds)}

@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid.errors import DataQualityWarning, InputError
+from tvsysid.methods import deviating_channels
+from tvsysid.methods.apply import inputs_of
 from tvsysid.preprocess import Account, Preparation, prepare
 from tvsysid.recordings import read_usable_trials
 from tvsysid.signals import Ensemble, Recording
@@ -40,17 +42,19 @@ class Prepared:
     recorded
         Which it is.
     ensemble
-        The survivors, mean subtracted, without channels; None where nothing could be prepared.
+        The survivors, mean subtracted, with the channels that methods need; None where nothing could be prepared.
     account
         What became of each realization; None likewise.
-    target_torque, mean_torque, true_stiffness
-        Over one realization: torque to be followed and mean torque of the survivors in N·m, their mean true stiffness
-        in N·m/rad; shape (time,), NaN where not known.
+    target_torque, mean_torque
+        Over one realization: torque to be followed and mean torque of the survivors in N·m; shape (time,), NaN where
+        not known.
+    truth
+        Means over the survivors of what a simulation knows, by quantity, each of shape (time,).
     trials
         How many can be used.
     refused
         Why other trials cannot, by file.
-    doubts
+    warnings
         What is doubtful about the recording.
     failure
         Why nothing could be prepared, or nothing.
@@ -61,17 +65,17 @@ class Prepared:
     account: Account | None
     target_torque: Array
     mean_torque: Array
-    true_stiffness: Array
+    truth: dict[str, Array]
     trials: int
     refused: dict[str, str]
-    doubts: tuple[str, ...]
+    warnings: tuple[str, ...]
     failure: str = ""
 
     @property
     def remarks(self) -> tuple[str, ...]:
         """All that should be known about it, in words."""
         left_out = (f"{name} is left out: {reason}" for name, reason in self.refused.items())
-        return (*left_out, *self.doubts, *([self.failure] if self.failure else []))
+        return (*left_out, *self.warnings, *([self.failure] if self.failure else []))
 
     @property
     def digest(self) -> str:
@@ -81,6 +85,8 @@ class Prepared:
         found = hashlib.sha256()
         for values in (self.ensemble.angle, self.ensemble.torque, self.ensemble.onsets, self.ensemble.trials):
             found.update(np.asarray(values).tobytes())
+        for name, values in self.ensemble.channels.items():
+            found.update(name.encode() + values.tobytes())
         return found.hexdigest()[:16]
 
 
@@ -133,9 +139,9 @@ def _prepared(experiment: Experiment, recorded: Recorded) -> Prepared:
             preparation = _preparation(experiment, recording)
         except (InputError, MemoryError) as error:
             failure = str(error) or "there is not enough memory"
-    doubts = tuple(dict.fromkeys(str(item.message) for item in caught))
+    warned = tuple(dict.fromkeys(str(item.message) for item in caught))
     if preparation is None:
-        return Prepared(recorded, None, None, unknown, unknown, unknown, trials, refused, doubts, failure)
+        return Prepared(recorded, None, None, unknown, unknown, {}, trials, refused, warned, failure)
     ensemble = preparation.ensemble
 
     def over_time(name: str | None) -> Array:
@@ -144,21 +150,26 @@ def _prepared(experiment: Experiment, recorded: Recorded) -> Prepared:
             return unknown
         return np.asarray(ensemble.channels[name][:, ensemble.core].mean(axis=0))
 
+    truth = {} if simulation is None else simulation.truth_of(ensemble)
+    truth = {name: values.mean(axis=0) for name, values in truth.items()}
+    wanted = {item.name for method in experiment.named_methods.values() for item in inputs_of(method)}
+    needed = [name for name in ensemble.channels if name in wanted]
     return Prepared(
         recorded=recorded,
-        ensemble=replace(ensemble, channels={}),
+        ensemble=replace(ensemble, channels={name: ensemble.channels[name] for name in needed}),
         account=preparation.account,
         target_torque=over_time(experiment.preparation.reference),
         mean_torque=over_time(TORQUE),
-        true_stiffness=unknown if simulation is None else simulation.truth_of(ensemble)["stiffness"].mean(axis=0),
+        truth=truth,
         trials=trials,
         refused=refused,
-        doubts=doubts,
+        warnings=warned,
     )
 
 
 def _preparation(experiment: Experiment, recording: Recording) -> Preparation:
-    return prepare(recording, **experiment.preparation.model_dump())
+    deviating = set(deviating_channels(experiment.named_methods.values())) & set(recording.channels)
+    return prepare(recording, **experiment.preparation.model_dump(), channels=sorted(deviating))
 
 
 def _simulated(recorded: Recorded) -> Simulation | None:
@@ -193,8 +204,11 @@ def _read(experiment: Experiment, recorded: Recorded) -> tuple[Recording, dict[s
     preparing = experiment.preparation
     files, missing = _files(experiment.folder, recorded.files)
     channels = {} if preparing.reference is None else {preparing.reference: preparing.reference}
+    channels |= experiment.reading.channels
     shortest = 2 * preparing.ends + preparing.period
-    usable = read_usable_trials(files, shortest, **experiment.reading.model_dump(), channels=channels)
+    usable = read_usable_trials(
+        files, shortest, **experiment.reading.model_dump(exclude={"channels"}), channels=channels
+    )
     refused = missing | usable.refused
     if usable.recording is None:
         reasons = "; ".join(f"{name}: {reason}" for name, reason in refused.items())

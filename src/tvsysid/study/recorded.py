@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
-from tvsysid.errors import InputError
+from tvsysid.estimates import IMPEDANCE
 from tvsysid.methods import label_of, parse
-from tvsysid.study.settings import settings_in
+from tvsysid.study.settings import AnyMethod, Listed, Settings, StudySettings, listed
 
 VIRTUAL = (1, 2, 3, 4, 5, 6)
 """Numbers of the virtual participants that are studied if nobody else is named."""
@@ -30,19 +29,11 @@ FEW, MANY = (20, 40), (75, 150)
 """Realizations in a draw: of kbr, and of the other methods."""
 
 
-def _listed(value: Any) -> Any:
-    return value if isinstance(value, (list, tuple)) else (value,)
+Counts = Annotated[tuple[Annotated[int, Field(ge=2)], ...], Listed, Field(min_length=1)]
+Files = Annotated[tuple[str, ...], Listed, Field(min_length=1)]
 
 
-Counts = Annotated[tuple[Annotated[int, Field(ge=2)], ...], BeforeValidator(_listed), Field(min_length=1)]
-Files = Annotated[tuple[str, ...], BeforeValidator(_listed), Field(min_length=1)]
-
-
-class _Settings(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True)
-
-
-class Reading(_Settings):
+class Reading(Settings):
     """How files are read; see :func:`tvsysid.read_recording`."""
 
     angle: str
@@ -51,9 +42,10 @@ class Reading(_Settings):
     angle_unit: Literal["rad", "deg"] = "rad"
     torque_sign: Literal[1, -1] = 1
     columns: Literal["contiguous", "trials"] = "contiguous"
+    channels: Mapping[str, str] = Field(default_factory=dict)
 
 
-class Preparing(_Settings):
+class Preparing(Settings):
     """How a recording is prepared; see :func:`tvsysid.preprocess.prepare`."""
 
     reference: str | None = "target"
@@ -77,22 +69,13 @@ class Preparing(_Settings):
         return values
 
 
-class Applied(_Settings):
+class Applied(Settings):
     """A method, and how many realizations it is given."""
 
-    method: Any
+    method: AnyMethod
     name: str = ""
     realizations: Counts | None = None
     contiguous: bool | None = None
-
-    @field_validator("method")
-    @classmethod
-    def _can_identify(cls, value: Any) -> Any:
-        if isinstance(value, str):
-            parse(value)
-        elif isinstance(value, type) or not callable(getattr(value, "identify", None)):
-            raise ValueError("expected the key of a method, or an object with identify(ensemble)")
-        return value
 
 
 PAPER: dict[str, dict[str, Any]] = {
@@ -139,7 +122,7 @@ class Analysis:
         return f"{self.name}-{self.realizations}"
 
 
-class Experiment(_Settings):
+class Experiment(StudySettings):
     """Participants x perturbations x methods x numbers of realizations, each bootstrapped.
 
     Parameters
@@ -152,7 +135,8 @@ class Experiment(_Settings):
         Numbers of virtual participants; by default 1 to 6 if no files are given, else none.
     reading
         How the files are read: ``angle``, ``torque``, ``sampling_rate`` and the other settings of
-        :func:`tvsysid.read_recording`.
+        :func:`tvsysid.read_recording`, ``channels`` among them: names that methods ask for, and those in the files
+        (``channels={"emg": "EMG_SIGNAL"}``).
     preparation
         Settings of :func:`tvsysid.preprocess.prepare` that are not its defaults. In a TOML file, ``false`` stands for
         None: ``reference = false`` where there was no torque to follow.
@@ -186,11 +170,13 @@ class Experiment(_Settings):
     ['sds-75', 'sds-150', 'kbr-20', 'kbr-40']
     """
 
-    participants: dict[str, dict[str, Files]] = {}
-    virtual: Annotated[tuple[Annotated[int, Field(ge=0)], ...], BeforeValidator(_listed)] | None = None
+    noun: ClassVar[str] = "experiment"
+
+    participants: dict[str, dict[str, Files]] = Field(default_factory=dict)
+    virtual: Annotated[tuple[Annotated[int, Field(ge=0)], ...], Listed] | None = None
     reading: Reading | None = None
     preparation: Preparing = Preparing()
-    perturbation: Annotated[tuple[str, ...], BeforeValidator(_listed), Field(min_length=1)] | None = None
+    perturbation: Annotated[tuple[str, ...], Listed, Field(min_length=1)] | None = None
     methods: Annotated[tuple[Applied, ...], Field(min_length=1)] = tuple(
         Applied(**{"name": key} | each) for key, each in PAPER.items()
     )
@@ -198,34 +184,6 @@ class Experiment(_Settings):
     bootstraps: Annotated[int, Field(ge=2)] = 100
     seed: Annotated[int, Field(ge=0)] = 0
     folder: Path = Path()
-
-    def __init__(self, **settings: Any) -> None:
-        try:
-            super().__init__(**settings)
-        except ValidationError as error:
-            raise InputError(f"experiment: {_explained(error)}") from error
-
-    @classmethod
-    def from_toml(cls, path: str | Path, **settings: Any) -> Experiment:
-        """Experiment from a TOML file whose keys are the settings; files in it are sought beside it.
-
-        Parameters
-        ----------
-        path
-            The file.
-        **settings
-            Take the place of the file's.
-
-        Raises
-        ------
-        InputError
-            For a file that is missing or no TOML, or a wrong experiment; names the file and the key.
-        """
-        found = settings_in(path)
-        try:
-            return cls(**{"folder": Path(path).parent, **found, **settings})
-        except InputError as error:
-            raise InputError(f"{path}: {error}") from error
 
     @field_validator("participants")
     @classmethod
@@ -243,7 +201,7 @@ class Experiment(_Settings):
     @field_validator("methods", mode="before")
     @classmethod
     def _each_applied(cls, values: Any) -> Any:
-        return tuple(_applied(value) for value in _listed(values))
+        return tuple(_applied(value) for value in listed(values))
 
     @model_validator(mode="after")
     def _consistent(self) -> Experiment:
@@ -296,6 +254,17 @@ class Experiment(_Settings):
     def named_methods(self) -> dict[str, Any]:
         """Method objects by the name that they have in results."""
         return {item.name: parse(item.method) if isinstance(item.method, str) else item.method for item in self.methods}
+
+    @property
+    def quantities(self) -> tuple[str, ...]:
+        """Whose estimates are measured.
+
+        Stiffness, viscosity and inertia; of virtual participants, the gain of their reflex, which is known; and what a
+        method says that it estimates (``quantities``).
+        """
+        virtual = any(recorded.is_virtual for recorded in self.recordings)
+        said = (name for method in self.named_methods.values() for name in getattr(method, "quantities", ()))
+        return tuple(dict.fromkeys((*IMPEDANCE, *(["reflex_gain"] if virtual else []), *said)))
 
     def seed_of(self, recorded: Recorded, realizations: int) -> int:
         """Seed of the draws from one recording, whatever else the experiment holds."""
@@ -352,23 +321,3 @@ def _applied(value: Any) -> Any:
 def _twice(labels: list[str]) -> str:
     """First label that is there more than once, or nothing."""
     return next((label for number, label in enumerate(labels) if label in labels[:number]), "")
-
-
-def _explained(error: ValidationError) -> str:
-    """First fault in plain words: the key, what came, what was expected."""
-    first = error.errors()[0]
-    where = ".".join(str(part) for part in first["loc"])
-    if first["type"] == "extra_forbidden":
-        known = _keys_beside(first["loc"])
-        close = difflib.get_close_matches(str(first["loc"][-1]), known, n=1, cutoff=0.5)
-        return f"{where}: unknown key{f'; did you mean {close[0]}?' if close else ''} (known: {', '.join(known)})"
-    message = str(first["msg"]).removeprefix("Value error, ")
-    if first["type"] == "missing":
-        return f"{where}: this is missing; give it"
-    return message if not where else f"{where}: {message}; got {first['input']!r}"
-
-
-def _keys_beside(place: tuple[int | str, ...]) -> list[str]:
-    kinds: dict[str, type[BaseModel]] = {"reading": Reading, "preparation": Preparing, "methods": Applied}
-    kind = kinds.get(str(place[0]), Experiment) if len(place) > 1 else Experiment
-    return [name for name in kind.model_fields if name != "folder"]

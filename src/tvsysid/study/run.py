@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tvsysid.errors import InputError
-from tvsysid.study.layout import EXPERIMENT, NUMBERS
+from tvsysid.study.contents import EXPERIMENT, NUMBERS
 from tvsysid.study.prepared import Prepared
 from tvsysid.study.recorded import Experiment
 from tvsysid.study.simulated import Study
@@ -58,13 +58,15 @@ def run(
     -------
     xarray.Dataset
         Read from the store when used. Of a simulation study over (scenario, trial, method_key) and, where it applies,
-        time, statistic (over the realizations of a trial) or stage: ``stiffness``, ``time_varying_vaf``, ``vaf`` and
-        ``bandpassed_vaf`` (against the noiseless torque), ``parameters`` (their effective number), ``seconds`` and
-        ``stage_seconds`` (time taken), ``doubts`` (the warnings met, or nothing), ``failure`` (why there is no result,
-        or nothing), and ``true_stiffness`` over (scenario, time). Of an experiment over (recording, analysis),
-        bootstrap and time: the same, with VAFs of the torque recorded in the very realizations drawn; and over
-        recording: numbers of realizations and trials, ``remarks``, and over time ``target_torque``, ``mean_torque``
-        and ``true_stiffness`` (NaN for people).
+        quantity, time, statistic (over the realizations of a trial), pathway or stage: ``estimate``, ``standard_error``
+        and ``covered`` (whether the 95 % band holds the truth), ``time_varying_vaf``, ``vaf`` and ``bandpassed_vaf``
+        (against the noiseless torque), ``pathway_vaf`` (where there are several pathways), ``parameters`` (their
+        effective number), ``seconds`` and ``stage_seconds`` (time taken), ``warnings`` (those met, or nothing),
+        ``failure`` (why there is no result, or nothing), and ``truth`` over (scenario, quantity, time); where it
+        differs from trial to trial, also ``trial_truth``. Of an experiment over (recording, analysis), bootstrap,
+        quantity and time: the same without standard errors, with VAFs of the torque recorded in the very realizations
+        drawn; and over recording: numbers of realizations and trials, ``remarks``, and over time ``target_torque``,
+        ``mean_torque`` and ``truth`` (NaN for people).
 
     Raises
     ------
@@ -81,10 +83,10 @@ def run(
     Examples
     --------
     >>> results = run(Study(duration_s=40, trials=2, methods="sds"), workers=1)
-    >>> dict(results.stiffness.sizes)
-    {'scenario': 2, 'trial': 2, 'method_key': 1, 'time': 200}
+    >>> dict(results.estimate.sizes)
+    {'scenario': 2, 'trial': 2, 'method_key': 1, 'quantity': 3, 'time': 200}
     >>> experiment = Experiment(virtual=1, perturbation="noise", methods="birf", realizations=75, bootstraps=5)
-    >>> run(experiment, workers=1).stiffness.shape
+    >>> run(experiment, workers=1).estimate.sel(quantity="stiffness").shape
     (1, 1, 5, 256)
     """
     if workers is not None and workers < 1:

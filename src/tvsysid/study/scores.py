@@ -1,21 +1,27 @@
-"""From the trials of a study to its metrics, and how sure they are."""
+"""From the trials of a simulation study to its metrics, and how sure they are."""
 
 from __future__ import annotations
 
+import inspect
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from tvsysid import metrics
-from tvsysid.simulate import PROFILES, SquareWave
+from tvsysid.estimates import UNITS as UNITS_OF
+from tvsysid.metrics import weighted_mean
+from tvsysid.simulate import SquareWave
 
 if TYPE_CHECKING:
     import xarray as xr
 
 Array = NDArray[np.float64]
+Weights = Array | None
 
 DRAWS = 1000
 """Bootstrap draws."""
@@ -25,25 +31,174 @@ AT_SWITCH = 0.05
 """Seconds to either side of a switch that are at it."""
 AWAY = 0.3
 """Seconds from a switch beyond which no window or lag of the paper's methods reaches it."""
+MAIN = "stiffness"
+"""The quantity whose metrics go by their plain names."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """What the trials of one method in one scenario gave of one quantity.
+
+    Parameters
+    ----------
+    time, truth
+        Shape (time,).
+    estimates, covered
+        Estimate, and whether its band holds the truth; shape (trial, time). Where the truth differs from
+        trial to trial, the estimate's error is added to the truth of the study.
+    over_time, realization_vaf, bandpassed
+        Time-varying VAF, shape (trial, time); mean VAFs of each trial, shape (trial,).
+    durations
+        Seconds that the identifications took, shape (trial,).
+
+    The other attributes are arguments of the metrics, by their names.
+    """
+
+    time: Array
+    truth: Array
+    estimates: Array
+    covered: Array
+    over_time: Array
+    realization_vaf: Array
+    bandpassed: Array
+    durations: Array
+
+    @cached_property
+    def wave(self) -> SquareWave | None:
+        """Wave that the truth is, if it has two levels and switches."""
+        return wave_of(self.time, self.truth)
+
+    @property
+    def low(self) -> float:
+        """Level of 10 % of the step."""
+        return self._level(0.1)
+
+    @property
+    def high(self) -> float:
+        """Level of 90 % of the step."""
+        return self._level(0.9)
+
+    @property
+    def switch(self) -> float:
+        """Time of the first upward switch."""
+        assert self.wave is not None
+        return self.wave.offset
+
+    def _level(self, share: float) -> float:
+        assert self.wave is not None
+        step = self.wave.high - self.wave.low
+        return self.wave.low + share * step if share < 0.5 else self.wave.high - (1 - share) * step
+
+    @cached_property
+    def from_switch(self) -> Array:
+        """Seconds from the nearest switch, shape (time,)."""
+        assert self.wave is not None
+        return from_switch(self.time, self.wave)
+
+    @cached_property
+    def at(self) -> NDArray[np.bool_]:
+        """Times at a switch."""
+        return np.asarray(self.from_switch <= AT_SWITCH + 1e-9)
+
+    @cached_property
+    def away(self) -> NDArray[np.bool_]:
+        """Times far from any."""
+        return np.asarray(self.from_switch >= AWAY)
+
+    def measured(self, name: str, weights: Weights) -> Any:
+        """Metric of the catalogue, or of this study's own; one for each set of weights."""
+        if name in OWN:
+            return OWN[name][1](self, weights)
+        function = metrics.CATALOGUE[name].function
+        wanted = inspect.signature(function).parameters
+        given = {each: getattr(self, each) for each in wanted if each != "weights" and hasattr(self, each)}
+        return function(**given, weights=weights)
+
+
+def wave_of(time: Array, truth: Array) -> SquareWave | None:
+    """Square wave of two levels that a truth is over one realization, if it is one."""
+    levels = np.unique(truth)
+    if len(levels) != 2 or not np.isfinite(levels).all():
+        return None
+    low, high = map(float, levels)
+    upward = np.flatnonzero((truth == high) & (np.roll(truth, 1) == low))
+    whole = len(time) * float(time[1] - time[0])
+    return SquareWave(low, high, whole / len(upward), float(time[upward[0]]))
+
+
+def from_switch(time: Array, wave: SquareWave) -> Array:
+    """Seconds from the nearest switch."""
+    half = wave.period / 2
+    return np.asarray(np.abs((time - wave.offset + half / 2) % half - half / 2))
+
+
+def _dip(cell: Cell, weights: Weights) -> Any:
+    """How far the mean at the switches lies below that away from them."""
+    over_time = weighted_mean(cell.over_time, weights)
+    known = np.isfinite(over_time).reshape(-1, len(cell.time)).all(axis=0)
+    at, away = known & cell.at, known & cell.away
+    if not (at.any() and away.any()):
+        return np.full(over_time.shape[:-1], np.nan)
+    return over_time[..., away].mean(axis=-1) - over_time[..., at].mean(axis=-1)
+
+
+def _lowest(cell: Cell, weights: Weights) -> Any:
+    values = weighted_mean(cell.over_time, weights)
+    known = np.isfinite(values)
+    return np.where(known.any(axis=-1), np.min(values, axis=-1, where=known, initial=100.0), np.nan)
+
+
+def _spread(side: int) -> Callable[[Cell, Weights], Any]:
+    """Standard deviation over trials, averaged over all times (0), those of less (-1) or more than the mean truth."""
+
+    def spread(cell: Cell, weights: Weights) -> Any:
+        mean = weighted_mean(cell.over_time, weights)
+        deviations = cell.over_time - cell.over_time.mean(axis=0)
+        shifted = weighted_mean(deviations, weights)
+        variance = weighted_mean(np.square(deviations), weights) - np.square(shifted)
+        deviation = np.sqrt(np.maximum(0.0, variance))
+        known = np.isfinite(mean).reshape(-1, len(cell.time)).all(axis=0)
+        chosen = deviation[..., known & ((side == 0) | (np.sign(cell.truth - cell.truth.mean()) == side))]
+        return chosen.mean(axis=-1) if chosen.shape[-1] else np.full(deviation.shape[:-1], np.nan)
+
+    return spread
+
+
+def _covered(times: str) -> Callable[[Cell, Weights], Any]:
+    return lambda cell, weights: metrics.share_covered(cell.covered[:, getattr(cell, times)], weights)
+
+
+def _of_trials(name: str) -> Callable[[Cell, Weights], Any]:
+    return lambda cell, weights: weighted_mean(getattr(cell, name), weights)
+
+
+OWN: dict[str, tuple[str, Callable[[Cell, Weights], Any]]] = {
+    "vaf": ("%", _of_trials("realization_vaf")),
+    "bandpassed_vaf": ("%", _of_trials("bandpassed")),
+    "coverage": ("%", lambda cell, weights: metrics.share_covered(cell.covered, weights)),
+    "lowest_vaf": ("%", lambda cell, weights: cell.realization_vaf.min() if weights is None else np.nan),
+    "lowest_time_varying_vaf": ("%", _lowest),
+    "switch_dip": ("percentage points", _dip),
+    "time_varying_vaf_sd": ("percentage points", _spread(0)),
+    "time_varying_vaf_sd_soft": ("percentage points", _spread(-1)),
+    "time_varying_vaf_sd_stiff": ("percentage points", _spread(1)),
+    "coverage_at_switch": ("%", _covered("at")),
+    "coverage_away": ("%", _covered("away")),
+    "without_band": ("%", lambda cell, weights: 100 * weighted_mean(np.isnan(cell.covered).mean(axis=1), weights)),
+    "left_out": ("samples", lambda cell, weights: metrics.left_out(cell.estimates) if weights is None else np.nan),
+    "failed": ("trials", lambda cell, weights: np.nan),
+    "seconds": ("s", _of_trials("durations")),
+}
+"""Metrics of a study that the catalogue does not have, or that are there of a single trial: unit and function."""
 UNITS = {
     name: metric.unit for name, metric in metrics.CATALOGUE.items() if name != "time_varying_vaf"
-} | {
-    "lowest_vaf": "%",
-    "lowest_time_varying_vaf": "%",
-    "switch_dip": "percentage points",
-    "time_varying_vaf_sd": "percentage points",
-    "time_varying_vaf_sd_soft": "percentage points",
-    "time_varying_vaf_sd_stiff": "percentage points",
-    "coverage_at_switch": "%",
-    "coverage_away": "%",
-    "without_band": "%",
-    "left_out": "samples",
-    "failed": "trials",
-    "seconds": "s",
-}  # fmt: skip
+} | {name: unit for name, (unit, _) in OWN.items()}  # fmt: skip
 """Of every metric that is computed."""
 OF_SWITCHES = ("rise_time", "switch_dip", "coverage_at_switch", "coverage_away")
 """Metrics of a stiffness that switches."""
+ERRORS = ("bias_error", "debiased_bias_error", "random_error", "total_error")
+OF_QUANTITY = (*ERRORS, "coverage", "without_band", "left_out")
+"""Metrics of each quantity that is both estimated and known."""
 
 
 def score(results: xr.Dataset) -> xr.Dataset:
@@ -56,20 +211,24 @@ def score(results: xr.Dataset) -> xr.Dataset:
     Parameters
     ----------
     results
-        As of :func:`tvsysid.study.run`, or of a run that is not finished. Trials in which a method failed are left
+        As of :func:`tvsysid.study.run` of a simulation study, finished or not. Trials in which a method failed are left
         out for that method, and counted.
 
     Returns
     -------
     xarray.Dataset
         ``value`` and ``standard_error`` over (scenario, method_key, metric), ``replicates`` over (scenario,
-        method_key, metric, draw), and ``trials`` that count over (scenario, method_key). ``vaf`` and
-        ``bandpassed_vaf`` are means over trials, ``lowest_vaf`` is that of the worst trial, ``lowest_time_varying_vaf``
-        that of the worst time after averaging over trials; all are against the noiseless torque. ``switch_dip`` (square
-        wave) is the mean time-varying VAF 0.3 s and more from the switches minus that within 0.05 s of one;
-        ``time_varying_vaf_sd`` is its standard deviation over trials, averaged over time, ``..._soft`` and
-        ``..._stiff`` over times of less and more than the mean stiffness. ``coverage`` is the share of times and trials
-        at which the 95 % band of the stiffness holds the truth, of those that have a band; ``without_band`` is the
+        method_key, metric, draw), and ``trials`` that count over (scenario, method_key). Along ``metric`` lie
+        ``measure``, ``quantity`` (empty for metrics of the torque) and ``unit``: those of the stiffness go by the name
+        of the measure, those of other quantities that are both estimated and known have their quantity before it
+        (``"viscosity bias_error"``).
+
+        ``vaf`` and ``bandpassed_vaf`` are means over trials, ``lowest_vaf`` is that of the worst trial,
+        ``lowest_time_varying_vaf`` that of the worst time after averaging over trials; all are against the noiseless
+        torque. ``switch_dip`` (square wave) is the mean time-varying VAF 0.3 s and more from the switches minus that
+        within 0.05 s of one; ``time_varying_vaf_sd`` is its standard deviation over trials, averaged over time,
+        ``..._soft`` and ``..._stiff`` over times of less and more than the mean stiffness. ``coverage`` is the share of
+        times and trials at which the 95 % band holds the truth, of those that have a band; ``without_band`` is the
         share that has none; ``coverage_at_switch`` and ``coverage_away`` (square wave) are the former within 0.05 s of
         a switch and 0.3 s and more from one. ``left_out`` counts times without an estimate; ``failed`` counts trials;
         ``seconds`` is the mean time an identification took.
@@ -83,29 +242,33 @@ def score(results: xr.Dataset) -> xr.Dataset:
     count = results.sizes["trial"]
     draws = min(DRAWS, max(DRAWS // 10, WEIGHTS // count))
     chosen = np.random.default_rng(0).multinomial(count, np.full(count, 1 / count), size=draws)
-    names = list(UNITS)
-    shape = (results.sizes["scenario"], results.sizes["method_key"], len(names))
+    truths = results.truth.sel(quantity=MAIN).values
+    quantities = [MAIN, *(str(name) for name in results.quantity.values if name != MAIN)]
+    every = [(MAIN if name in (*OF_QUANTITY, "rise_time") else "", name) for name in UNITS]
+    every += [(quantity, name) for quantity in quantities[1:] for name in OF_QUANTITY]
+    place_of = {each: number for number, each in enumerate(every)}
+    shape = (results.sizes["scenario"], results.sizes["method_key"], len(every))
     value, replicates = np.full(shape, np.nan), np.full((*shape, draws), np.nan)
     trials = np.zeros(shape[:2], dtype=np.int64)
-    for place, scenario in enumerate(results.scenario.values):
-        cell = results.sel(scenario=scenario).load()
-        there = cell.checksums.values.any(axis=-1)
-        for column, method in enumerate(results.method_key.values):
-            own = cell.sel(method_key=method)
-            failed = np.array([text != "" for text in own.failure.values], dtype=bool)
-            used = there & ~failed
-            trials[place, column] = np.count_nonzero(used)
-            value[place, column, names.index("failed")] = np.count_nonzero(there & failed)
+    for row in range(shape[0]):
+        here = results.isel(scenario=row).load()
+        there = here.checksums.values.any(axis=-1)
+        failed = np.array([[text != "" for text in texts] for texts in here.failure.values], dtype=bool)
+        for column in range(shape[1]):
+            used = there & ~failed[:, column]
+            trials[row, column] = np.count_nonzero(used)
+            value[row, column, place_of["", "failed"]] = np.count_nonzero(there & failed[:, column])
             if not used.any():
                 continue
-            own, weights = own.isel(trial=used), chosen[:, used]
+            weights = chosen[:, used].astype(np.float64)
             drawn = weights.any(axis=1)
-            weights = weights[drawn] / weights[drawn].sum(axis=1, keepdims=True)
-            for name, number in _values(own):
-                value[place, column, names.index(name)] = number
-            if trials[place, column] > 1:
-                for name, numbers in _replicates(own, weights):
-                    replicates[place, column, names.index(name), drawn] = numbers
+            for quantity in quantities:
+                cell = _cell(here, column, quantity, used)
+                for name, number, numbers in _measured(cell, quantity, weights[drawn]):
+                    at = place_of.get((quantity, name), place_of.get(("", name), 0))
+                    value[row, column, at] = number
+                    if len(cell.estimates) > 1:
+                        replicates[row, column, at, drawn] = numbers
     dims = ("scenario", "method_key", "metric")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # no replicates, no error
@@ -118,9 +281,72 @@ def score(results: xr.Dataset) -> xr.Dataset:
             "trials": (dims[:2], trials),
         },
         coords={name: coord for name, coord in results.coords.items() if set(coord.dims) <= {"scenario", "method_key"}}
-        | {"metric": names, "unit": ("metric", list(UNITS.values()))},
+        | {
+            "metric": [name if quantity in ("", MAIN) else f"{quantity} {name}" for quantity, name in every],
+            "measure": ("metric", [name for _, name in every]),
+            "quantity": ("metric", [quantity for quantity, _ in every]),
+            "unit": ("metric", [_unit(*each) for each in every]),
+            "switches": ("scenario", [wave_of(results.time.values, each) is not None for each in truths]),
+        },
         attrs=results.attrs,
     )
+
+
+def _unit(quantity: str, name: str) -> str:
+    """Of a metric; errors have the unit of their quantity."""
+    if quantity in ("", MAIN) or UNITS[name] != UNITS["bias_error"]:
+        return UNITS[name]
+    return UNITS_OF.get(quantity, "").replace("N m s", "N·m·s").replace("N m", "N·m").replace("kg m2", "kg·m²")
+
+
+def _cell(here: xr.Dataset, column: int, quantity: str, used: NDArray[np.bool_]) -> Cell:
+    known = list(here.quantity.values).index(quantity)
+    truth = here.truth.values[known]
+    estimates = here.estimate.values[used, column, known]
+    if "trial_truth" in here:
+        estimates = estimates - (here.trial_truth.values[used, known] - truth)
+    return Cell(
+        time=here.time.values,
+        truth=truth,
+        estimates=estimates,
+        covered=here.covered.values[used, column, known],
+        over_time=here.time_varying_vaf.values[used, column],
+        realization_vaf=here.vaf.values[used, column, 0],
+        bandpassed=here.bandpassed_vaf.values[used, column, 0],
+        durations=here.seconds.values[used, column],
+    )
+
+
+def _measured(cell: Cell, quantity: str, weights: Array) -> Iterator[tuple[str, Any, Any]]:
+    """Each metric, its value, and its replicates for trials drawn with replacement, weights (draw, trial)."""
+    main = quantity == MAIN
+    if not main and not (np.isfinite(cell.truth).any() and np.isfinite(cell.estimates).any()):
+        return
+    names: Sequence[str] = [name for name in UNITS if name != "failed"] if main else OF_QUANTITY
+    names = [name for name in names if cell.wave is not None or name not in OF_SWITCHES]
+    values = {name: cell.measured(name, None) for name in names}
+    if len(cell.estimates) < 2:
+        # One trial has no spread that could be told.
+        values["random_error"] = np.nan
+        yield from ((name, value, np.nan) for name, value in values.items())
+        return
+    found = {name: cell.measured(name, weights) for name in names}
+    _undraw(found, len(cell.estimates))
+    yield from ((name, value, found[name]) for name, value in values.items())
+
+
+def _undraw(found: dict[str, Any], count: int) -> None:
+    """Have replicates vary about what was measured: the one place where draws are told from samples.
+
+    A draw varies less than what it is drawn from, by (M - 1) / M. Its bias holds the random error's part twice, the
+    sample's and that of drawing from it, so that of the random error, as the draw has it, (2M - 1) / (M - 1)² is taken
+    from the square of the bias instead of 1 / (M - 1).
+    """
+    part = np.square(found["random_error"]) * (2 * count - 1) / (count - 1) ** 2
+    found["debiased_bias_error"] = np.sqrt(np.maximum(0.0, np.square(found["bias_error"]) - part))
+    spreads = {"random_error", *(f"time_varying_vaf_sd{ending}" for ending in ("", "_soft", "_stiff"))}
+    for name in spreads & found.keys():
+        found[name] *= np.sqrt(count / (count - 1))
 
 
 def time_spent(results: xr.Dataset) -> dict[str, float]:
@@ -133,115 +359,3 @@ def time_spent(results: xr.Dataset) -> dict[str, float]:
     )
     identified = {str(name): float(methods.sel(method_key=name)) for name in results.method_key.values}
     return before | identified | after
-
-
-def _values(own: Any) -> Iterator[tuple[str, float]]:
-    """Metrics of one method in one scenario, from all its trials."""
-    estimates, over_time = own.stiffness.values, own.time_varying_vaf.values
-    truth, time = own.true_stiffness.values, own.time.values
-    yield "bias_error", metrics.bias_error(estimates, truth)
-    yield "debiased_bias_error", metrics.debiased_bias_error(estimates, truth)
-    # One trial has no spread that could be told.
-    yield "random_error", metrics.random_error(estimates) if len(estimates) > 1 else np.nan
-    yield "total_error", metrics.total_error(estimates, truth)
-    wave = PROFILES[str(own.profile.values)]
-    if isinstance(wave, SquareWave):
-        yield "rise_time", _rise_time(time, estimates, wave)
-        yield "switch_dip", float(_dip(time, over_time.mean(axis=0), wave))
-    yield "vaf", float(own.vaf.values[:, 0].mean())
-    yield "bandpassed_vaf", float(own.bandpassed_vaf.values[:, 0].mean())
-    yield "lowest_vaf", float(own.vaf.values[:, 0].min())
-    yield "lowest_time_varying_vaf", float(_least(over_time.mean(axis=0)))
-    for name, spread in _spreads(over_time.std(axis=0), truth):
-        yield name, float(spread)
-    for name, held, told in _coverages(own.covered.values, time, wave):
-        yield name, float(_share(held.sum(), told.sum()))
-    yield "without_band", 100 * float(np.mean(np.isnan(own.covered.values)))
-    yield "left_out", float(metrics.left_out(estimates))
-    yield "seconds", float(own.seconds.values.mean())
-
-
-def _replicates(own: Any, weights: Array) -> Iterator[tuple[str, Array]]:
-    """The same for trials drawn with replacement: weights of shape (draw, trial), with rows that sum to one."""
-    estimates, over_time = own.stiffness.values, own.time_varying_vaf.values
-    known = np.isfinite(estimates).all(axis=0)
-    truth, time = own.true_stiffness.values, own.time.values
-    count = len(estimates)
-    narrower = count / (count - 1)  # a draw varies less than what it is drawn from
-    if known.any():
-        mean = weights @ estimates[:, known]
-        random = np.maximum(0.0, (weights @ estimates[:, known] ** 2 - mean**2).mean(axis=1))
-        bias = ((mean - truth[known]) ** 2).mean(axis=1)
-        yield "bias_error", np.sqrt(bias)
-        # A draw's bias holds the random error's part twice: the sample's, and that of drawing from it.
-        twice = random * (2 * count - 1) / (count - 1) ** 2
-        yield "debiased_bias_error", np.sqrt(np.maximum(0.0, bias - twice))
-        yield "random_error", np.sqrt(random * narrower)
-        yield "total_error", np.sqrt(bias + random)
-    mean_over_time = weights @ over_time
-    wave = PROFILES[str(own.profile.values)]
-    if isinstance(wave, SquareWave):
-        yield "rise_time", np.array([_rise_time(time, row[None], wave) for row in weights @ estimates])
-        yield "switch_dip", _dip(time, mean_over_time, wave)
-    yield "vaf", weights @ own.vaf.values[:, 0]
-    yield "bandpassed_vaf", weights @ own.bandpassed_vaf.values[:, 0]
-    yield "lowest_time_varying_vaf", _least(mean_over_time)
-    variance = narrower * np.maximum(0.0, weights @ over_time**2 - mean_over_time**2)
-    yield from _spreads(np.sqrt(variance), truth)
-    for name, held, told in _coverages(own.covered.values, time, wave):
-        yield name, _share(weights @ held, weights @ told)
-    yield "without_band", weights @ (100 * np.isnan(own.covered.values).mean(axis=1))
-    yield "seconds", weights @ own.seconds.values
-
-
-def _spreads(deviation: Array, truth: Array) -> Iterator[tuple[str, Array]]:
-    """Standard deviations over trials averaged over all, soft and stiff times; time is the last axis."""
-    known = np.isfinite(deviation).reshape(-1, len(truth)).all(axis=0)
-    mean = truth.mean()
-    for ending, times in (("", truth > -np.inf), ("_soft", truth < mean), ("_stiff", truth > mean)):
-        chosen = deviation[..., known & times]
-        empty = np.full(deviation.shape[:-1], np.nan)
-        yield f"time_varying_vaf_sd{ending}", chosen.mean(axis=-1) if chosen.shape[-1] else empty
-
-
-def _coverages(covered: Array, time: Array, wave: object) -> Iterator[tuple[str, Array, Array]]:
-    """At how many times each trial's band holds the truth, and at how many there is one, shape (trial,) each."""
-    chosen = {"coverage": np.full(len(time), True)}
-    if isinstance(wave, SquareWave):
-        distance = from_switch(time, wave)
-        chosen |= {"coverage_at_switch": distance <= AT_SWITCH + 1e-9, "coverage_away": distance >= AWAY}
-    for name, times in chosen.items():
-        shown = covered[:, times]
-        yield name, np.nansum(shown, axis=1), np.isfinite(shown).sum(axis=1).astype(np.float64)
-
-
-def _share(held: ArrayLike, told: ArrayLike) -> Array:
-    """Per cent, NaN of nothing; as :func:`tvsysid.metrics.coverage`."""
-    whole = np.asarray(told, dtype=np.float64)
-    return np.where(whole > 0, 100 * np.asarray(held) / np.where(whole > 0, whole, 1.0), np.nan)
-
-
-def _rise_time(time: Array, estimates: Array, wave: SquareWave) -> float:
-    step = wave.high - wave.low
-    return metrics.rise_time(time, estimates, wave.low + 0.1 * step, wave.high - 0.1 * step, switch=wave.offset)
-
-
-def _dip(time: Array, over_time: Array, wave: SquareWave) -> Array:
-    """How far the mean at the switches lies below that away from them; time is the last axis."""
-    distance = from_switch(time, wave)
-    known = np.isfinite(over_time).reshape(-1, len(time)).all(axis=0)
-    at, away = known & (distance <= AT_SWITCH + 1e-9), known & (distance >= AWAY)
-    if not (at.any() and away.any()):
-        return np.full(over_time.shape[:-1], np.nan)
-    return np.asarray(over_time[..., away].mean(axis=-1) - over_time[..., at].mean(axis=-1))
-
-
-def from_switch(time: Array, wave: SquareWave) -> Array:
-    """Seconds from the nearest switch."""
-    half = wave.period / 2
-    return np.asarray(np.abs((time - wave.offset + half / 2) % half - half / 2))
-
-
-def _least(values: Array) -> Array:
-    known = np.isfinite(values)
-    return np.where(known.any(axis=-1), np.min(values, axis=-1, where=known, initial=100.0), np.nan)

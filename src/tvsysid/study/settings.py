@@ -1,22 +1,63 @@
-"""The file that says what is studied."""
+"""What studies of either kind share: settings that are checked, read from TOML files, and explained where wrong."""
 
 from __future__ import annotations
 
+import difflib
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, ClassVar, Self, TypeVar, get_args
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, ValidationError
 
 from tvsysid.errors import InputError
+from tvsysid.methods import load, parse
+
+Value = TypeVar("Value")
 
 
-def settings_in(path: str | Path) -> dict[str, Any]:
-    """Settings that stand in a TOML file, by their keys.
+class Settings(BaseModel):
+    """Settings that belong together; unknown ones are refused."""
 
-    Raises
-    ------
-    InputError
-        For a file that is missing or no TOML.
-    """
+    model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True)
+
+
+class StudySettings(Settings):
+    """All settings of a study; what is wrong is explained as an InputError."""
+
+    noun: ClassVar[str]
+
+    def __init__(self, **settings: Any) -> None:
+        try:
+            super().__init__(**settings)
+        except ValidationError as error:
+            raise InputError(f"{self.noun}: {_explained(error, type(self))}") from error
+
+    @classmethod
+    def from_toml(cls, path: str | Path, **settings: Any) -> Self:
+        """Study from a TOML file whose keys are the settings; files that it names are sought beside it.
+
+        Parameters
+        ----------
+        path
+            The file.
+        **settings
+            Take the place of the file's, in its further scenarios too.
+
+        Raises
+        ------
+        InputError
+            For a file that is missing or no TOML, or a wrong study; names the file and the key.
+        """
+        beside = {"folder": Path(path).parent} if "folder" in cls.model_fields else {}
+        found = beside | _settings_in(path)
+        try:
+            return cls(**overridden(found, settings))
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
+
+
+def _settings_in(path: str | Path) -> dict[str, Any]:
     try:
         with Path(path).open("rb") as file:
             return tomllib.load(file)
@@ -29,8 +70,93 @@ def settings_in(path: str | Path) -> dict[str, Any]:
 def overridden(settings: dict[str, Any], others: dict[str, Any]) -> dict[str, Any]:
     """Settings with others in their place; further scenarios follow where they are of the kind expected."""
     merged = settings | others
-    further = merged.get("also", ())
+    further = settings.get("also", ())
     if "also" not in others and isinstance(further, (list, tuple)) and all(isinstance(item, dict) for item in further):
         kept = [{name: value for name, value in item.items() if name not in others} for item in further]
-        merged["also"] = [item for item in kept if item]
+        merged |= {"also": [item for item in kept if item]} if kept else {}
     return merged
+
+
+def listed(value: Any) -> Any:
+    """One value stands for a list of one."""
+    return value if isinstance(value, (list, tuple)) else (value,)
+
+
+Listed = BeforeValidator(listed)
+
+
+def unique(values: tuple[Value, ...]) -> tuple[Value, ...]:
+    """The values, none of which may be given twice."""
+    if len(set(map(repr, values))) < len(values):
+        raise ValueError("the same value is given twice")
+    return values
+
+
+def _identifies(value: Any) -> Any:
+    if isinstance(value, str):
+        parse(value)
+    elif isinstance(value, type) or not callable(getattr(value, "identify", None)):
+        raise ValueError("expected the key of a method, or an object with identify(ensemble)")
+    return value
+
+
+def _whole(value: Any) -> Any:
+    if isinstance(value, bool):
+        raise ValueError("expected a whole number")
+    return value
+
+
+AnyMethod = Annotated[Any, AfterValidator(_identifies)]
+"""Key of a method, or an object with ``identify``."""
+Whole = Annotated[int, BeforeValidator(_whole)]
+
+
+def found_as(value: Any, known: Mapping[str, Any], what: str) -> Any:
+    """Object that a setting stands for: a known name, ``module:Object`` (a class is made with its defaults), or itself.
+
+    Raises
+    ------
+    ValueError
+        For an unknown name.
+    InputError
+        If the module or the object cannot be loaded.
+    """
+    if not isinstance(value, str):
+        return value
+    if value in known:
+        return known[value]
+    if ":" not in value:
+        raise ValueError(f"unknown name {value!r}; expected one of {', '.join(known)}, or module:Object of your own")
+    target = load(value, what)
+    return target() if isinstance(target, type) else target
+
+
+def _explained(error: ValidationError, kind: type[BaseModel]) -> str:
+    """First fault in plain words: the key, what came, what was expected."""
+    first = error.errors()[0]
+    where = ".".join(str(part) for part in first["loc"])
+    if first["type"] == "extra_forbidden":
+        known = [name for name in _model_at(kind, first["loc"][:-1]).model_fields if name != "folder"]
+        close = difflib.get_close_matches(str(first["loc"][-1]), known, n=1, cutoff=0.5)
+        return f"{where}: unknown key{f'; did you mean {close[0]}?' if close else ''} (known: {', '.join(known)})"
+    if first["type"] == "missing":
+        return f"{where}: this is missing; give it"
+    message = str(first["msg"]).removeprefix("Value error, ")
+    field = kind.model_fields.get(str(first["loc"][0])) if first["loc"] else None
+    described = field.description if field and first["type"] != "value_error" else None
+    expected = f" (expected {described})" if described else ""
+    return f"{where}: {message}; got {first['input']!r}{expected}" if where else message
+
+
+def _model_at(kind: type[BaseModel], place: tuple[int | str, ...]) -> type[BaseModel]:
+    """Settings that stand at a place within others."""
+    for part in place:
+        if part in kind.model_fields:
+            kind = _model_within(kind.model_fields[str(part)].annotation) or kind
+    return kind
+
+
+def _model_within(annotation: Any) -> type[BaseModel] | None:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next(filter(None, map(_model_within, get_args(annotation))), None)

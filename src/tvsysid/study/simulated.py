@@ -1,140 +1,158 @@
-"""What a study compares."""
+"""What a simulation study compares: scenarios, methods, trials."""
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import itertools
 import json
+import re
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass, replace
 from functools import cached_property
-from pathlib import Path
-from typing import Annotated, Any, NamedTuple, TypeVar
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator
+from numpy.typing import NDArray
+from pydantic import Field, field_validator, model_validator
 
-from tvsysid.errors import InputError
+from tvsysid.errors import InputError, describe_error
+from tvsysid.estimates import IMPEDANCE
 from tvsysid.methods import METHODS, label_of, parse
-from tvsysid.simulate import PERTURBATIONS, PROFILES, CovaryingViscosity, Profile
-from tvsysid.study.settings import overridden, settings_in
+from tvsysid.simulate import PERTURBATIONS, PROFILES, SYSTEMS, CovaryingViscosity, Perturbation, System
+from tvsysid.study.settings import AnyMethod, Listed, Settings, StudySettings, Whole, found_as, unique
+from tvsysid.study.trial import Setting, true_values
+
+Array = NDArray[np.float64]
 
 VISCOSITIES = ("constant", "covarying")
-"""2.2 N·m·s/rad, or between 1 and 3 N·m·s/rad with the stiffness."""
-CONSTANT_VISCOSITY = 2.2
-
+"""The system's own (2.2 N·m·s/rad), or between 1 and 3 N·m·s/rad with the stiffness."""
 PERIOD = 2.0
 """Duration of a realization in s, as in the paper."""
 RATE = 100.0
 """Sampling rate in Hz after decimation, as in the paper."""
+OWN = "own"
+"""Stiffness and viscosity of a system that cannot be given any."""
+PROBED = 20
+"""Realizations that are simulated to see what a system knows."""
 
-GRID = ("stiffness", "perturbation", "duration_s", "snr_db", "viscosity")
-EXPECTED = {
-    "stiffness": f"names of profiles: {', '.join(PROFILES)}",
-    "perturbation": f"names of perturbations: {', '.join(PERTURBATIONS)}",
-    "duration_s": "numbers of seconds",
-    "snr_db": "numbers of decibels",
-    "viscosity": f"names: {', '.join(VISCOSITIES)}",
-    "methods": "keys of methods, such as 'sds:window=0.2'",
-    "trials": "a whole number of one or more",
-    "seed": "a whole number of zero or more",
-    "also": "tables of further scenarios",
+GRID = ("stiffness", "perturbation", "duration_s", "snr_db", "viscosity", "system")
+KINDS: dict[str, tuple[Mapping[str, Any], str, str]] = {
+    "stiffness": (PROFILES, "profile", "__call__"),
+    "perturbation": (PERTURBATIONS, "perturbation", "generate"),
+    "system": (SYSTEMS, "system", "simulate"),
+    "viscosity": (dict.fromkeys(VISCOSITIES, ""), "viscosity", ""),
 }
+"""What each setting may name, what it is called, and the verb of an object in its place."""
 
-Value = TypeVar("Value")
-
-
-def _listed(value: Any) -> Any:
-    return value if isinstance(value, (list, tuple)) else (value,)
+Parts = Annotated[tuple[Any, ...], Listed, Field(min_length=1)]
+Numbers = Annotated[tuple[float, ...], Listed, Field(min_length=1)]
 
 
-Names = Annotated[tuple[str, ...], BeforeValidator(_listed), Field(min_length=1)]
-Numbers = Annotated[tuple[float, ...], BeforeValidator(_listed), Field(min_length=1)]
+def _said(expected: str) -> Any:
+    """What a setting is expected to be, for messages."""
+    return Field(description=expected)
 
 
 class Scenario(NamedTuple):
-    """One kind of simulated experiment."""
+    """One kind of simulated experiment, by the labels of its parts."""
 
     stiffness: str
     perturbation: str
     duration_s: float
     snr_db: float
     viscosity: str = "constant"
+    system: str = "joint"
 
     @property
     def label(self) -> str:
         """Name in results and files."""
         words = [self.stiffness, self.perturbation, f"{self.duration_s:.10g}s", f"{self.snr_db:.10g}dB"]
-        return "-".join(words if self.viscosity == "constant" else [*words, self.viscosity])
-
-    @property
-    def profile(self) -> Profile:
-        """Stiffness over time."""
-        return PROFILES[self.stiffness]
-
-    @property
-    def viscosity_profile(self) -> float | Profile:
-        """Viscosity, or viscosity over time."""
-        return CONSTANT_VISCOSITY if self.viscosity == "constant" else CovaryingViscosity(self.profile)
+        words += [self.viscosity] if self.viscosity not in ("constant", OWN) else []
+        words = [self.system, *words] if self.system != "joint" else words
+        return re.sub(r"[^\w.+=,() -]+", "_", "-".join(words))
 
 
-class _Settings(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True)
+class Known(NamedTuple):
+    """What simulations tell before any is identified.
 
-    @field_validator("stiffness", "perturbation", "viscosity", check_fields=False)
+    Parameters
+    ----------
+    quantities
+        Whose estimates are measured: stiffness, viscosity and inertia, what a simulation knows, and what a method says
+        that it estimates (``quantities``).
+    pathways
+        Names of the pathways, if a system has several; else none.
+    truth
+        Of each scenario over one realization, shape (quantity, time); NaN where it is not known.
+    changes
+        Whether it differs from trial to trial, as where the joint is scheduled by a random signal.
+    """
+
+    quantities: tuple[str, ...]
+    pathways: tuple[str, ...]
+    truth: Mapping[Scenario, Array]
+    changes: bool
+
+
+class _Grid(Settings):
+    @field_validator(*KINDS, check_fields=False)
     @classmethod
-    def _known(cls, values: tuple[str, ...] | None, info: Any) -> tuple[str, ...] | None:
-        known = {"stiffness": (*PROFILES,), "perturbation": (*PERTURBATIONS,), "viscosity": VISCOSITIES}[
-            info.field_name
-        ]
+    def _found(cls, values: tuple[Any, ...] | None, info: Any) -> tuple[Any, ...] | None:
+        known, what, verb = KINDS[info.field_name]
         for value in values or ():
-            if value not in known:
+            if not verb and value not in known:
                 raise ValueError(f"unknown name {value!r}; expected one of {', '.join(known)}")
-        return values and _unique(values)
+            if verb and not callable(getattr(found_as(value, known, what), verb, None)):
+                raise ValueError(
+                    f"expected a name ({', '.join(known)}), module:Object, or an object "
+                    + ("that is called with times" if verb == "__call__" else f"with {verb}()")
+                )
+        return values and unique(values)
 
-    @field_validator("duration_s", check_fields=False)
+    @field_validator("duration_s", "snr_db", check_fields=False)
     @classmethod
-    def _whole_realizations(cls, values: tuple[float, ...] | None) -> tuple[float, ...] | None:
-        for value in values or ():
-            count = value / PERIOD
-            if not count >= 2 or abs(count - round(count)) > 1e-9:
-                raise ValueError(f"expected whole realizations of 2 s, two at least: multiples of {PERIOD:g} s")
-        return values and _unique(values)
-
-    @field_validator("snr_db", check_fields=False)
-    @classmethod
-    def _decibels(cls, values: tuple[float, ...] | None) -> tuple[float, ...] | None:
-        if any(np.isnan(value) or value == -np.inf for value in values or ()):
+    def _numbers(cls, values: tuple[float, ...] | None, info: Any) -> tuple[float, ...] | None:
+        if info.field_name == "snr_db" and any(np.isnan(value) or value == -np.inf for value in values or ()):
             raise ValueError("expected decibels, or inf for no noise")
-        return values and _unique(values)
+        return values and unique(values)
 
 
-class Further(_Settings):
+class Further(_Grid):
     """Scenarios beside those of the study's own grid; what is not given is as there."""
 
-    stiffness: Names | None = None
-    perturbation: Names | None = None
+    stiffness: Parts | None = None
+    perturbation: Parts | None = None
     duration_s: Numbers | None = None
     snr_db: Numbers | None = None
-    viscosity: Names | None = None
+    viscosity: Parts | None = None
+    system: Parts | None = None
 
 
-class Study(_Settings):
+class Study(_Grid, StudySettings):
     """Scenarios x methods x trials, all methods on the same simulated data.
 
     Parameters
     ----------
     stiffness
-        Stiffness profiles: ``"square"``, ``"sine"``, ``"constant"``.
+        Stiffness profiles: ``"square"``, ``"sine"``, ``"constant"``, ``"module:Object"``, or callables of time.
     perturbation
-        ``"noise"``, ``"prbs"``.
+        ``"noise"``, ``"prbs"``, ``"module:Object"``, or objects with ``generate``.
     duration_s
-        Seconds of data; each a whole number of 2-s realizations.
+        Seconds of data; each a whole number of realizations.
     snr_db
         Signal-to-noise ratios in dB.
     viscosity
-        ``"constant"`` (2.2 N·m·s/rad), ``"covarying"`` (1 to 3 N·m·s/rad with the stiffness).
+        ``"constant"`` (the system's own: 2.2 N·m·s/rad), ``"covarying"`` (1 to 3 N·m·s/rad with the stiffness).
+    system
+        What is simulated: names of :data:`tvsysid.simulate.SYSTEMS`, ``"module:Object"``, or objects with
+        ``simulate``. A dataclass with fields ``stiffness`` and ``viscosity`` is given those of the scenario; any other
+        has its own.
     also
         Further scenarios: mappings of the settings above, each a grid of its own; what is not given is as above.
+    rate
+        In Hz, to which the data are decimated.
+    period
+        Duration of a realization in s.
     methods
         Keys of methods, with settings if need be (``"sds:window=0.2"``), ``"mymodule:MyMethod"``, or objects with
         ``identify``; by default the package's own five.
@@ -151,71 +169,67 @@ class Study(_Settings):
 
     Examples
     --------
-    >>> Study(perturbation="prbs", trials=5).scenarios
-    (Scenario(stiffness='square', perturbation='prbs', duration_s=150.0, snr_db=10.0, viscosity='constant'),)
+    >>> Study(perturbation="prbs", trials=5).scenarios[0]
+    Scenario(stiffness='square', perturbation='prbs', duration_s=150.0, snr_db=10.0, viscosity='constant',
+             system='joint')
     """
 
-    stiffness: Names = ("square",)
-    perturbation: Names = ("noise", "prbs")
-    duration_s: Numbers = (150.0,)
-    snr_db: Numbers = (10.0,)
-    viscosity: Names = ("constant",)
-    also: tuple[Further, ...] = ()
-    methods: Annotated[tuple[Any, ...], BeforeValidator(_listed), Field(min_length=1)] = tuple(METHODS)
-    trials: Annotated[int, Field(ge=1)] = 20
-    seed: Annotated[int, Field(ge=0)] = 0
+    noun: ClassVar[str] = "study"
 
-    def __init__(self, **settings: Any) -> None:
-        try:
-            super().__init__(**settings)
-        except ValidationError as error:
-            raise InputError(f"study: {_explained(error)}") from error
-
-    @classmethod
-    def from_toml(cls, path: str | Path, **settings: Any) -> Study:
-        """Study from a TOML file whose keys are the settings.
-
-        Parameters
-        ----------
-        path
-            The file.
-        **settings
-            Take the place of the file's, in its further scenarios too.
-
-        Raises
-        ------
-        InputError
-            For a file that is missing or no TOML, or a wrong study; names the file and the key.
-        """
-        found = settings_in(path)
-        try:
-            return cls(**overridden(found, settings))
-        except InputError as error:
-            raise InputError(f"{path}: {error}") from error
-
-    @field_validator("trials", "seed", mode="before")
-    @classmethod
-    def _no_truth_value(cls, value: Any) -> Any:
-        if isinstance(value, bool):
-            raise ValueError("expected a whole number")
-        return value
+    stiffness: Annotated[Parts, _said(f"names of profiles: {', '.join(PROFILES)}")] = ("square",)
+    perturbation: Annotated[Parts, _said(f"names of perturbations: {', '.join(PERTURBATIONS)}")] = ("noise", "prbs")
+    duration_s: Annotated[Numbers, _said("numbers of seconds")] = (150.0,)
+    snr_db: Annotated[Numbers, _said("numbers of decibels")] = (10.0,)
+    viscosity: Annotated[Parts, _said(f"names: {', '.join(VISCOSITIES)}")] = ("constant",)
+    system: Annotated[Parts, _said(f"names of systems: {', '.join(SYSTEMS)}")] = ("joint",)
+    also: Annotated[tuple[Further, ...], _said("tables of further scenarios")] = ()
+    rate: Annotated[float, Field(gt=0), _said("a number of hertz")] = RATE
+    period: Annotated[float, Field(gt=0), _said("a number of seconds")] = PERIOD
+    methods: Annotated[
+        tuple[AnyMethod, ...], Listed, Field(min_length=1), _said("keys of methods, such as 'sds:window=0.2'")
+    ] = tuple(METHODS)
+    trials: Annotated[Whole, Field(ge=1), _said("a whole number of one or more")] = 20
+    seed: Annotated[Whole, Field(ge=0), _said("a whole number of zero or more")] = 0
 
     @field_validator("methods")
     @classmethod
-    def _can_identify(cls, values: tuple[Any, ...]) -> tuple[Any, ...]:
-        for value in values:
-            if isinstance(value, str):
-                parse(value)
-            elif isinstance(value, type) or not callable(getattr(value, "identify", None)):
-                raise ValueError("expected the key of a method, or an object with identify(ensemble)")
-        if len(set(map(label_of, _unique(values)))) < len(values):
+    def _named_apart(cls, values: tuple[Any, ...]) -> tuple[Any, ...]:
+        if len(set(map(label_of, unique(values)))) < len(values):
             raise ValueError("two methods have the same name; as dataclasses their settings tell them apart")
         return values
+
+    @model_validator(mode="after")
+    def _whole_realizations(self) -> Study:
+        samples = self.period * self.rate
+        if abs(samples - round(samples)) > 1e-6 or samples < 2:
+            raise ValueError(
+                f"period: expected whole samples, {self.period:g} s at {self.rate:g} Hz are {samples:g}; give another "
+                "period or rate"
+            )
+        for value in itertools.chain(self.duration_s, *(further.duration_s or () for further in self.also)):
+            count = value / self.period
+            if not count >= 2 or abs(count - round(count)) > 1e-9:
+                raise ValueError(
+                    f"duration_s: expected whole realizations of {self.period:g} s, two at least: multiples of "
+                    f"{self.period:g} s; got {value!r}"
+                )
+        return self
 
     @cached_property
     def named_methods(self) -> dict[str, Any]:
         """Method objects by the label that they have in results."""
         return {label_of(value): parse(value) if isinstance(value, str) else value for value in self.methods}
+
+    @cached_property
+    def parts(self) -> dict[str, Any]:
+        """Systems, profiles and perturbations by setting and label, such as ``"stiffness square"``."""
+        return {
+            f"{name} {label_of(value)}": found_as(value, known, what)
+            for name, (known, what, verb) in KINDS.items()
+            for settings in (self, *self.also)
+            for value in getattr(settings, name) or ()
+            if verb
+        }
 
     @cached_property
     def scenarios(self) -> tuple[Scenario, ...]:
@@ -225,41 +239,94 @@ class Study(_Settings):
         for further in self.also:
             given = {name: getattr(further, name) for name in GRID}
             grids.append({name: own[name] if value is None else value for name, value in given.items()})
-        every = (Scenario(*values) for grid in grids for values in itertools.product(*grid.values()))
-        return tuple(dict.fromkeys(every))
+        every = (Scenario._make(_labels(values)) for grid in grids for values in itertools.product(*grid.values()))
+        return tuple(dict.fromkeys(map(self._as_taken, every)))
+
+    def _as_taken(self, scenario: Scenario) -> Scenario:
+        """The scenario, without what its system does not take."""
+        takes = _settings_of(self.parts[f"system {scenario.system}"])
+        return scenario._replace(
+            stiffness=scenario.stiffness if "stiffness" in takes else OWN,
+            viscosity=scenario.viscosity if {"stiffness", "viscosity"} <= takes else OWN,
+        )
+
+    def simulated(self, scenario: Scenario) -> tuple[System, Perturbation]:
+        """System and perturbation of a scenario."""
+        system, changes = self.parts[f"system {scenario.system}"], {}
+        if scenario.stiffness != OWN:
+            changes["stiffness"] = self.parts[f"stiffness {scenario.stiffness}"]
+        if scenario.viscosity == "covarying":
+            changes["viscosity"] = CovaryingViscosity(changes["stiffness"])
+        return replace(system, **changes) if changes else system, self.parts[f"perturbation {scenario.perturbation}"]
+
+    def setting_of(self, scenario: Scenario, **changes: Any) -> Setting:
+        """How a scenario is simulated and cut."""
+        known = self.known
+        setting = Setting(
+            scenario.duration_s, scenario.snr_db, self.rate, self.period, known.quantities, known.pathways
+        )
+        return setting._replace(**changes)
+
+    @cached_property
+    def known(self) -> Known:
+        """What the simulations know, from a short one of each system and profile.
+
+        Raises
+        ------
+        InputError
+            If a system fails.
+        """
+        setting = Setting(PROBED * self.period, 10.0, self.rate, self.period, (), ())
+        found = {}
+        for scenario in self.scenarios:
+            key = scenario._replace(duration_s=0.0, snr_db=0.0)
+            if key not in found:
+                found[key] = self._probed(scenario, setting)
+        truths = dict.fromkeys(name for both in found.values() for name in both[0][0].truth)
+        said = (name for method in self.named_methods.values() for name in getattr(method, "quantities", ()))
+        quantities = tuple(dict.fromkeys((*IMPEDANCE, *truths, *said)))
+        pathways = dict.fromkeys(name for both in found.values() for name in both[0][0].pathways)
+        values = {key: [true_values(*each, quantities) for each in both] for key, both in found.items()}
+        return Known(
+            quantities,
+            tuple(pathways) if len(pathways) > 1 else (),
+            {each: values[each._replace(duration_s=0.0, snr_db=0.0)][0] for each in self.scenarios},
+            any(not np.array_equal(one, other, equal_nan=True) for one, other in values.values()),
+        )
+
+    def _probed(self, scenario: Scenario, setting: Setting) -> list[tuple[Any, Any]]:
+        try:
+            simulations = [setting.simulated(*self.simulated(scenario), np.random.SeedSequence(n)) for n in (0, 1)]
+            return [(each, setting.cut(each.recording)) for each in simulations]
+        except InputError:
+            raise
+        except Exception as error:
+            raise InputError(
+                f"study: scenario {scenario.label} cannot be simulated: {describe_error(error)}"
+            ) from error
 
     def seed_of(self, scenario: Scenario, trial: int) -> np.random.SeedSequence:
         """Seed of one trial of one scenario, whatever else the study holds."""
-        digest = hashlib.sha256(repr(tuple(scenario)[:4]).encode()).digest()
+        parts = (*tuple(scenario)[:4], *([scenario.system] if scenario.system != "joint" else []))
+        digest = hashlib.sha256(repr(parts).encode()).digest()
         key = [int.from_bytes(digest[i : i + 4], "little") for i in range(0, 16, 4)]
         return np.random.SeedSequence(self.seed, spawn_key=(*key, trial))
 
     def to_json(self) -> str:
-        """The settings as text, methods by their labels; what tells one study from another."""
-        settings = {name: list(getattr(self, name)) for name in GRID}
+        """The settings as text, methods and parts by their labels; what tells one study from another."""
+        settings: dict[str, Any] = {name: _labels(getattr(self, name)) for name in GRID}
         if self.also:
             settings["also"] = [
-                {name: list(value) for name, value in further if value is not None} for further in self.also
+                {name: _labels(value) for name, value in further if value is not None} for further in self.also
             ]
-        return json.dumps(settings | {"methods": list(self.named_methods), "trials": self.trials, "seed": self.seed})
+        others = {"rate": self.rate, "period": self.period, "trials": self.trials, "seed": self.seed}
+        return json.dumps(settings | {"methods": list(self.named_methods)} | others)
 
 
-def _explained(error: ValidationError) -> str:
-    """First fault in plain words: the key, what came, what was expected."""
-    first = error.errors()[0]
-    where = ".".join(str(part) for part in first["loc"])
-    key = next((str(part) for part in reversed(first["loc"]) if isinstance(part, str)), "")
-    if first["type"] == "extra_forbidden":
-        known = tuple(EXPECTED) if len(first["loc"]) == 1 else GRID
-        close = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
-        hint = f"; did you mean {close[0]}?" if close else ""
-        return f"{where}: unknown key{hint} (settings of a study: {', '.join(known)})"
-    message = str(first["msg"]).removeprefix("Value error, ")
-    expected = f" (expected {EXPECTED[key]})" if key in EXPECTED and first["type"] != "value_error" else ""
-    return f"{where}: {message}; got {first['input']!r}{expected}"
+def _labels(values: tuple[Any, ...]) -> list[Any]:
+    return [value if isinstance(value, float) else label_of(value) for value in values]
 
 
-def _unique(values: tuple[Value, ...]) -> tuple[Value, ...]:
-    if len(set(map(repr, values))) < len(values):
-        raise ValueError("the same value is given twice")
-    return values
+def _settings_of(system: Any) -> set[str]:
+    """Names of the fields of a dataclass."""
+    return {item.name for item in fields(system)} if is_dataclass(system) else set()

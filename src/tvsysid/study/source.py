@@ -6,17 +6,19 @@ import json
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from dataclasses import is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.recordings import whole_file
+from tvsysid.study.contents import layout_of, of_recordings
 from tvsysid.study.draws import DrawsTask
-from tvsysid.study.layout import layout_of, of_recordings
+from tvsysid.study.layout import Layout
 from tvsysid.study.prepared import Prepared, prepared_recordings
 from tvsysid.study.recorded import Experiment
-from tvsysid.study.simulated import Study
-from tvsysid.study.store import Layout, Place, Store
+from tvsysid.study.simulated import Scenario, Study
+from tvsysid.study.store import Place, Store
 from tvsysid.study.task import Task, pickled
 from tvsysid.study.trial import Trial
 
@@ -50,11 +52,28 @@ class Simulations(Source):
     def __init__(self, study: Study) -> None:
         self.layout = layout_of(study)
         self._study, self._methods = study, pickled(study.named_methods)
+        self._simulated: dict[str, bytes] = {}
 
     def task_at(self, place: Place) -> Trial:
         """A trial of a scenario."""
-        scenario = self._study.scenarios[place[0]]
-        return Trial(scenario, place[1], self._study.seed_of(scenario, place[1]), self._methods)
+        return self.trial(self._study.scenarios[place[0]], place[1])
+
+    def trial(self, scenario: Scenario, number: int) -> Trial:
+        """A trial of a scenario, which may be none of the study's own."""
+        label = scenario.label
+        if label not in self._simulated:
+            system, perturbation = self._study.simulated(scenario)
+            parts = (system, perturbation, *(vars(system).values() if is_dataclass(system) else ()))
+            self._simulated |= pickled({label: (system, perturbation)}, "scenario", parts)
+        return Trial(
+            label=label,
+            number=number,
+            setting=self._study.setting_of(scenario),
+            simulated=self._simulated[label],
+            seed=self._study.seed_of(scenario, number),
+            methods=self._methods,
+            shapes=self.layout.shapes("method_key"),
+        )
 
 
 class Recordings(Source):
@@ -80,11 +99,12 @@ class Recordings(Source):
             label=f"{analysis.label} of {item.recorded.label}",
             ensemble=item.ensemble,
             digest=item.digest,
-            samples=self.layout.lengths["time"],
             realizations=analysis.realizations,
             contiguous=analysis.contiguous,
             bootstraps=self._experiment.bootstraps,
             seed=self._experiment.seed_of(item.recorded, analysis.realizations),
+            quantities=self._experiment.quantities,
+            shapes=self.layout.shapes("bootstrap"),
             # A method may die of one recording alone.
             methods={f"{analysis.name} on {item.recorded.label}": self._methods[analysis.name]},
             reason=item.failure,

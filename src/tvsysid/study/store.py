@@ -18,14 +18,13 @@ import warnings
 import zlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from tvsysid.errors import InputError
+from tvsysid.study.layout import Fixed, Layout, Variable
 from tvsysid.study.task import Outcome, differences
 
 if TYPE_CHECKING:
@@ -37,86 +36,6 @@ FAILURE = "failure"
 """The variable that says why a method gave no result; every layout has it."""
 CHECKSUMS = "checksums"
 WHOLE, TORN, ABSENT = "whole", "torn", "absent"
-
-
-class Variable(NamedTuple):
-    """What is measured in each task.
-
-    Parameters
-    ----------
-    dims
-        Dimensions within a task.
-    meaning
-        In words.
-    unit
-        Empty for texts.
-    """
-
-    dims: tuple[str, ...]
-    meaning: str
-    unit: str = ""
-
-    @property
-    def is_text(self) -> bool:
-        """Whether it holds texts; else numbers, with NaN where there is none."""
-        return not self.unit
-
-
-class Fixed(NamedTuple):
-    """What is known before any task is done: the values along a dimension, or what the study itself says."""
-
-    name: str
-    dims: tuple[str, ...]
-    values: Any
-    attributes: Mapping[str, str] = {}
-
-
-@dataclass(frozen=True)
-class Layout:
-    """What the store of a study holds.
-
-    Parameters
-    ----------
-    title
-        What it is; tells the stores of one kind of study from those of another.
-    number
-        Version of the layout of this kind.
-    places
-        The two dimensions along which tasks lie.
-    fixed
-        Among them, for each dimension, its values, under its name.
-    measured
-        By name, in the order in which they are written.
-    coordinates
-        Names of the fixed that are coordinates, beside those named as a dimension.
-    identity
-        Attributes that tell one study from another, as mappings, and how to name the difference.
-    """
-
-    title: str
-    number: int
-    places: tuple[str, str]
-    fixed: tuple[Fixed, ...]
-    measured: Mapping[str, Variable]
-    coordinates: tuple[str, ...]
-    identity: Mapping[str, tuple[Mapping[str, Any], str]] = field(default_factory=dict)
-
-    @cached_property
-    def lengths(self) -> dict[str, int]:
-        """Of each dimension."""
-        known = {item.name: len(item.values) for item in self.fixed if item.dims == (item.name,)}
-        return known | {"variable": len(self.measured)}
-
-    @property
-    def bytes_of_numbers(self) -> int:
-        """About what it takes on a disk."""
-        sizes = [
-            8 * int(np.prod([self.lengths[dim] for dim in variable.dims]))
-            for variable in self.measured.values()
-            if not variable.is_text
-        ]
-        tasks = self.lengths[self.places[0]] * self.lengths[self.places[1]]
-        return tasks * (sum(sizes) + 8 * len(self.measured))
 
 
 class Store:

@@ -10,10 +10,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from tvsysid.simulate import PROFILES, SquareWave
 from tvsysid.study.prepared import Prepared
-from tvsysid.study.scores import OF_SWITCHES
-from tvsysid.study.scores import UNITS as OF_SCORES
+from tvsysid.study.scores import MAIN, OF_SWITCHES
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -22,7 +20,7 @@ Array = NDArray[np.float64]
 
 COLUMNS = (
     *("stiffness", "perturbation", "duration_s", "snr_db", "method", "trials"),
-    *("metric", "value", "unit", "standard_error", "viscosity", "scenario"),
+    *("metric", "value", "unit", "standard_error", "viscosity", "scenario", "system", "quantity"),
 )
 """Of the summary of a simulation study."""
 UNITS = {
@@ -55,9 +53,10 @@ def summarize(found: xr.Dataset) -> pd.DataFrame:
     pandas.DataFrame
         Of a simulation study a row for each scenario, method and metric, with columns ``COLUMNS``: stiffness is the
         name of the profile, trials the number that count, standard_error that of the Monte-Carlo estimate (NaN for
-        counts, for the worst trial, and for a single one). Rows of metrics that do not apply are left out.
+        counts, for the worst trial, and for a single one), quantity the one that was estimated, or empty. Rows of
+        metrics that do not apply are left out.
 
-        Of an experiment columns participant, perturbation, method, realizations, metric, value, unit.
+        Of an experiment columns participant, perturbation, method, realizations, metric, value, unit, quantity.
         ``mean_stiffness``: over time and bootstraps. ``random_error``: :math:`\sqrt{\overline{s^2(t)}}`, with s the
         standard deviation over bootstraps. ``vaf``, ``bandpassed_vaf``: means over bootstraps.
         ``lowest_time_varying_vaf``: that of the worst time after averaging over bootstraps. ``bias_error``,
@@ -72,25 +71,36 @@ def summarize(found: xr.Dataset) -> pd.DataFrame:
 
 def _rows(cell: Any) -> Iterator[tuple[Any, ...]]:
     labels = (str(cell.profile.values), str(cell.perturbation.values), float(cell.duration_s), float(cell.snr_db))
-    others = (str(cell.viscosity.values), str(cell.scenario.values))
-    absent = () if isinstance(PROFILES[labels[0]], SquareWave) else OF_SWITCHES
+    others = tuple(str(cell[name].values) for name in ("viscosity", "scenario", "system"))
+    absent = () if cell.switches else OF_SWITCHES
+    kinds = tuple(map(str, values) for values in (cell.measure.values, cell.unit.values, cell.quantity.values))
+    names = list(zip(*kinds, strict=True))
     for method in cell.method_key.values:
         own = cell.sel(method_key=method)
-        for name, value, error in zip(own.metric.values, own.value.values, own.standard_error.values, strict=True):
-            if name not in absent:
-                unit = OF_SCORES[str(name)]
-                yield (*labels, str(method), int(own.trials), str(name), float(value), unit, float(error), *others)
+        counted = (*labels, str(method), int(own.trials))
+        for (name, unit, quantity), value, error in zip(
+            names, own.value.values.tolist(), own.standard_error.values.tolist(), strict=True
+        ):
+            known = quantity in ("", MAIN) or np.isfinite(value)
+            if known and name not in absent:
+                yield (*counted, name, value, unit, error, *others, quantity)
+
+
+def of_quantity(summary: pd.DataFrame, quantity: str = MAIN) -> pd.DataFrame:
+    """Rows of a summary that tell of a quantity, and of those that belong to none."""
+    return summary[summary.quantity.isin(["", quantity])]
 
 
 def _of_experiment(results: xr.Dataset) -> pd.DataFrame:
     values = measured(results)
+    truth = results.truth.sel(quantity=MAIN).values
     rows = []
     for place in np.ndindex(results.sizes["recording"], results.sizes["analysis"]):
         recording, analysis = place
         if not results.checksums.values[place].any():
             continue
         for metric, unit in UNITS.items():
-            if metric in OF_TRUTH and np.isnan(results.true_stiffness.values[recording]).all():
+            if metric in OF_TRUTH and np.isnan(truth[recording]).all():
                 continue
             rows.append(
                 (
@@ -101,11 +111,11 @@ def _of_experiment(results: xr.Dataset) -> pd.DataFrame:
                     metric,
                     float(values[metric][place]),
                     unit,
+                    MAIN if unit == UNITS["mean_stiffness"] else "",
                 )
             )
-    return pd.DataFrame(
-        rows, columns=["participant", "perturbation", "method", "realizations", "metric", "value", "unit"]
-    )
+    columns = ["participant", "perturbation", "method", "realizations", "metric", "value", "unit", "quantity"]
+    return pd.DataFrame(rows, columns=columns)
 
 
 def measured(results: xr.Dataset) -> dict[str, Any]:
@@ -113,9 +123,9 @@ def measured(results: xr.Dataset) -> dict[str, Any]:
     with warnings.catch_warnings():
         # Of means over nothing: a method that failed.
         warnings.simplefilter("ignore", RuntimeWarning)
-        stiffness = results.stiffness.values
+        stiffness = results.estimate.sel(quantity=MAIN).values
         mean = mean_over_draws(stiffness)
-        error = mean - results.true_stiffness.values[:, None]
+        error = mean - results.truth.sel(quantity=MAIN).values[:, None]
         return {
             "mean_stiffness": np.nanmean(mean, axis=-1),
             "random_error": np.sqrt(np.nanmean(np.nanvar(stiffness, axis=2, ddof=1), axis=-1)),
@@ -145,7 +155,8 @@ def stiffness_over_time(results: xr.Dataset) -> pd.DataFrame:
         Columns participant, perturbation, method, realizations, time_s, stiffness, standard_deviation (N·m/rad) and
         time_varying_vaf (%).
     """
-    chosen = results[["stiffness", "time_varying_vaf"]]
+    chosen = results[["estimate", "time_varying_vaf"]].sel(quantity=MAIN, drop=True).rename(estimate="stiffness")
+    chosen = chosen.drop_vars("unit", errors="ignore")
     means = chosen.mean("bootstrap")
     means["standard_deviation"] = chosen.stiffness.std("bootstrap", ddof=1)
     table = means.to_dataframe().reset_index()

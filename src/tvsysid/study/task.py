@@ -1,15 +1,18 @@
-"""A unit of work: what is sent to a worker, and what comes back."""
+"""A unit of work: what is sent to a worker, how a method is run and measured there, and what comes back."""
 
 from __future__ import annotations
 
+import copyreg
 import hashlib
+import importlib
 import platform
 import sys
 import threading
+import time
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -21,14 +24,19 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
-from tvsysid import __version__
-from tvsysid.errors import DataQualityWarning, InputError, library_folders
-from tvsysid.methods.apply import apply
+from tvsysid import __version__, metrics
+from tvsysid.errors import DataQualityWarning, InputError, describe_error, library_folders
+from tvsysid.methods import apply
 from tvsysid.models import Model
 from tvsysid.signals import Ensemble
 
+Array = NDArray[np.float64]
 Outcome = dict[str, NDArray[Any]]
 """What a task measured: an array for each variable of its study's layout."""
+Row = dict[str, Any]
+"""What one identification gave: numbers by name, ``warnings``, ``failure`` (empty if there is none), ``spent`` (s)."""
+Shapes = Mapping[str, tuple[int, ...]]
+"""Numbers that are measured of each identification, and their shapes."""
 
 
 @cache
@@ -47,6 +55,8 @@ class Task(ABC):
     ----------
     methods
         Pickled methods by label. Each is unpickled by itself, so that one that cannot be spoils no other.
+    shapes
+        Of what is measured of each identification.
     versions
         Software of the process that sends it; a worker with another is refused.
     left_out
@@ -54,6 +64,7 @@ class Task(ABC):
     """
 
     methods: Mapping[str, bytes]
+    shapes: Shapes
     versions: Mapping[str, str]
     left_out: Mapping[str, str]
 
@@ -91,25 +102,105 @@ _blas = cache(ThreadpoolController)
 _ONE_AT_A_TIME = threading.Lock()
 
 
-def digests(methods: Mapping[str, Any]) -> dict[str, str]:
+class Clock:
+    """Seconds that the stages of a task took."""
+
+    def __init__(self, stages: Sequence[str]) -> None:
+        self.seconds = dict.fromkeys(stages, 0.0)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Count what the block takes."""
+        started = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[name] += time.perf_counter() - started
+
+
+def attempt(method: bytes, ensemble: Ensemble, measure: Callable[[Model], Row]) -> Row:
+    """Identify an ensemble and measure the model, whoever's the method is; a failure is kept as a text."""
+    started = time.perf_counter()
+    try:
+        # Unpickled each time, so that nothing that it remembers passes from one identification to the next.
+        ready = cloudpickle.loads(method)
+        started = time.perf_counter()
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", DataQualityWarning)
+            model = apply(ready, ensemble, type(ready).__name__)
+        _check_found(model)
+        seconds = time.perf_counter() - started
+        told = [str(item.message) for item in caught if issubclass(item.category, DataQualityWarning)]
+        row = {"seconds": seconds, "spent": seconds, "warnings": told, "failure": ""}
+        return row | {"parameters": model.diagnostics.parameters} | measure(model)
+    # A method that calls sys.exit() has failed like any other.
+    except (Exception, SystemExit) as error:
+        return failed(describe_error(error)) | {"spent": time.perf_counter() - started}
+
+
+def failed(reason: str) -> Row:
+    """Row without numbers."""
+    return {"warnings": [], "failure": reason, "spent": 0.0}
+
+
+def _check_found(model: Model) -> None:
+    main = [estimate for name, estimate in model.estimates.items() if name == "stiffness"]
+    if not any(np.isfinite(estimate.values).any() for estimate in main or model.estimates.values()):
+        raise InputError("it found no stiffness at any time" if main else "it found nothing at any time")
+
+
+def stacked(rows: Sequence[Row], shapes: Shapes) -> Outcome:
+    """Numbers of all rows, NaN where a row has none."""
+    return {
+        name: np.array([row.get(name, np.full(shape, np.nan)) for row in rows], dtype=np.float64)
+        for name, shape in shapes.items()
+    }
+
+
+def as_text(values: str | Sequence[str]) -> NDArray[Any]:
+    """Texts as they are stored."""
+    return np.array(values, dtype=np.dtypes.StringDType())
+
+
+def over_time(model: Model, quantities: Sequence[str]) -> Array:
+    """Estimates, shape (quantity, time); NaN where the model has none."""
+    return np.stack([model.over_time(name) for name in quantities])
+
+
+def explained(torque: Array, predicted: Array, sampling_rate: float) -> Row:
+    """Variance of a torque that a prediction accounts for; both of shape (realization, time)."""
+    return {
+        "time_varying_vaf": metrics.time_varying_vaf(torque, predicted),
+        "vaf": statistics(metrics.vaf(torque, predicted)),
+        "bandpassed_vaf": statistics(metrics.bandpassed_vaf(torque, predicted, sampling_rate)),
+    }
+
+
+STATISTICS = ("mean", "sd", "lowest")
+"""Of the VAFs of realizations."""
+
+
+def statistics(values: Array) -> Array:
+    """``STATISTICS`` of the values that there are."""
+    known = values[np.isfinite(values)]
+    return np.array([known.mean(), known.std(), known.min()]) if len(known) else np.full(len(STATISTICS), np.nan)
+
+
+def digests(items: Mapping[str, Any]) -> dict[str, str]:
     """Digest of the file that holds each method of somebody else's: a method that was changed is another one."""
     found = {}
-    for label, method in methods.items():
-        module = sys.modules.get(type(method).__module__)
+    for label, item in items.items():
+        module = _module_of(item)
         file = getattr(module, "__file__", None)
-        if file and not type(method).__module__.startswith("tvsysid.") and Path(file).is_file():
+        if file and not _name_of_module(item).startswith("tvsysid.") and Path(file).is_file():
             found[label] = hashlib.sha256(Path(file).read_bytes()).hexdigest()[:12]
     return found
 
 
-def _is_loose(module: ModuleType) -> bool:
-    """Whether a module is a file of the user's, not an installed package."""
-    file = getattr(module, "__file__", None)
-    return bool(file) and not str(file).startswith(library_folders()) and module.__name__ != "__main__"
-
-
-def pickled(methods: Mapping[str, Any]) -> dict[str, bytes]:
+def pickled(items: Mapping[str, Any], what: str = "method", parts: Sequence[Any] = ()) -> dict[str, bytes]:
     """Methods as they travel; a class from a script, notebook or loose file travels whole, for workers lack that.
+
+    So do the classes of what they are made of, if it is named as ``parts``.
 
     Raises
     ------
@@ -117,35 +208,39 @@ def pickled(methods: Mapping[str, Any]) -> dict[str, bytes]:
         If one cannot be pickled.
     """
     travelling = {}
-    for label, method in methods.items():
-        module = sys.modules.get(type(method).__module__)
-        by_value = module is not None and _is_loose(module)
-        if by_value:
-            cloudpickle.register_pickle_by_value(module)
-        try:
-            travelling[label] = cloudpickle.dumps(method)
-        except Exception as error:
-            raise InputError(f"method {label}: cannot be sent to a worker: {type(error).__name__}: {error}") from error
-        finally:
-            if by_value:
-                cloudpickle.unregister_pickle_by_value(module)
+    # A lazily loaded package may be of a class of its own, which cannot be pickled by itself.
+    copyreg.pickle(type(sys.modules["tvsysid"]), _by_name)
+    for label, item in items.items():
+        with ExitStack() as registered:
+            for module in {_module_of(part) for part in (item, *parts)}:
+                if module is not None and _is_loose(module):
+                    cloudpickle.register_pickle_by_value(module)
+                    registered.callback(cloudpickle.unregister_pickle_by_value, module)
+            try:
+                travelling[label] = cloudpickle.dumps(item)
+            except Exception as error:
+                reason = f"{type(error).__name__}: {error}"
+                raise InputError(f"{what} {label}: cannot be sent to a worker: {reason}") from error
     return travelling
 
 
-def identified(method: Any, ensemble: Ensemble) -> tuple[Model, list[str]]:
-    """Model that a method finds, whoever's it is, and the doubts that it tells.
+def _by_name(module: ModuleType) -> tuple[Callable[[str], ModuleType], tuple[str]]:
+    return importlib.import_module, (module.__name__,)
 
-    Raises
-    ------
-    InputError
-        If what it returns is no model, or holds no stiffness at any time. Its own errors pass.
-    """
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", DataQualityWarning)
-        model = apply(method, ensemble, type(method).__name__)
-    if not np.isfinite(model.stiffness).any():
-        raise InputError("it found no stiffness at any time")
-    return model, [str(item.message) for item in caught if issubclass(item.category, DataQualityWarning)]
+
+def _name_of_module(item: Any) -> str:
+    """Of the class, or of a function itself."""
+    return str(getattr(item, "__module__", None) or type(item).__module__)
+
+
+def _module_of(item: Any) -> ModuleType | None:
+    return sys.modules.get(_name_of_module(item))
+
+
+def _is_loose(module: ModuleType) -> bool:
+    """Whether a module is a file of the user's, not an installed package."""
+    file = getattr(module, "__file__", None)
+    return bool(file) and not str(file).startswith(library_folders()) and module.__name__ != "__main__"
 
 
 def differences(theirs: Mapping[str, Any], ours: Mapping[str, Any]) -> str:

@@ -1,45 +1,78 @@
-"""The unit of work: simulate one trial, let every method identify it, and score what they found."""
+"""The unit of work of a simulation study: one trial, simulated once, identified by every method, and scored."""
 
 from __future__ import annotations
 
-import time
 import warnings
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import cloudpickle
 import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid import metrics
-from tvsysid.errors import DataQualityWarning, describe_error
+from tvsysid.errors import DataQualityWarning
 from tvsysid.models import Model
 from tvsysid.preprocess import decimate, segment
-from tvsysid.signals import Ensemble
-from tvsysid.simulate import PERTURBATIONS, Joint
-from tvsysid.study.simulated import PERIOD, RATE, Scenario
-from tvsysid.study.task import Outcome, Task, identified, versions
+from tvsysid.signals import Ensemble, Recording
+from tvsysid.simulate import Perturbation, Simulation, System
+from tvsysid.study.task import (
+    Clock,
+    Outcome,
+    Row,
+    Shapes,
+    Task,
+    as_text,
+    attempt,
+    explained,
+    failed,
+    over_time,
+    stacked,
+    statistics,
+    versions,
+)
 
 Array = NDArray[np.float64]
 
-SAMPLES = round(PERIOD * RATE)
-STATISTICS = ("mean", "sd", "lowest")
-"""Of the VAFs of a trial's realizations."""
 STAGES = ("simulation", "preprocessing", "bands", "scoring")
 """What takes time beside the methods."""
-STRINGS = ("doubts", "failure")
-NUMBERS = {
-    "stiffness": (SAMPLES,),
-    "time_varying_vaf": (SAMPLES,),
-    "covered": (SAMPLES,),
-    "vaf": (len(STATISTICS),),
-    "bandpassed_vaf": (len(STATISTICS),),
-    "parameters": (),
-    "seconds": (),
-}
-"""Measured of each method, and its shape."""
+SIMULATED_HZ = 1000.0
+"""Rate of a simulation, which is decimated; a little more where the rate after decimation is no part of it."""
+
+
+class Setting(NamedTuple):
+    """How a trial is simulated and cut, and what is known of it.
+
+    Parameters
+    ----------
+    duration_s, snr_db
+        Of the simulation.
+    rate
+        In Hz, after decimation.
+    period
+        Duration of a realization in s.
+    quantities
+        Whose estimates are measured.
+    pathways
+        Whose torques are compared, if there are several.
+    """
+
+    duration_s: float
+    snr_db: float
+    rate: float
+    period: float
+    quantities: tuple[str, ...]
+    pathways: tuple[str, ...]
+
+    def simulated(self, system: System, perturbation: Perturbation, seed: np.random.SeedSequence) -> Simulation:
+        """Record a system."""
+        rate = self.rate * max(1, -(-SIMULATED_HZ // self.rate))
+        return system.simulate(self.duration_s, perturbation=perturbation, snr_db=self.snr_db, seed=seed, rate=rate)
+
+    def cut(self, recording: Recording) -> Ensemble:
+        """Realizations of a simulated recording."""
+        return segment(decimate(recording, self.rate), self.period)
 
 
 @dataclass(frozen=True)
@@ -48,27 +81,30 @@ class Trial(Task):
 
     Parameters
     ----------
-    scenario, number
+    label, number
         Which it is.
+    setting
+        How it is simulated.
+    simulated
+        Pickled system and perturbation.
     seed
         Of its simulation.
-    methods
-        Pickled methods by label. Each is unpickled by itself, so that one that cannot be spoils no other.
-    versions
-        Software of the process that sends it; a worker with another is refused.
-    left_out
-        Methods not to be tried, and why.
+    methods, shapes, versions, left_out
+        As of :class:`Task`.
     """
 
-    scenario: Scenario
+    label: str
     number: int
+    setting: Setting
+    simulated: bytes
     seed: np.random.SeedSequence
     methods: Mapping[str, bytes]
+    shapes: Shapes
     versions: Mapping[str, str] = field(default_factory=versions)
     left_out: Mapping[str, str] = field(default_factory=dict)
 
     def __str__(self) -> str:
-        return f"trial {self.number} of {self.scenario.label}"
+        return f"trial {self.number} of {self.label}"
 
     def work(self) -> Outcome:
         """Simulate the trial and identify it by each method.
@@ -76,98 +112,90 @@ class Trial(Task):
         Returns
         -------
         dict
-            Arrays of ``NUMBERS`` and ``STRINGS``, each over (method, ...), and ``stage_seconds`` over (stage,). Where a
-            method failed its numbers are NaN and ``failure`` says why.
+            Arrays of ``shapes``, ``warnings`` and ``failure``, each over (method, ...), ``stage_seconds`` over
+            (stage,) and ``trial_truth`` over (quantity, time). Where a method failed its numbers are NaN and
+            ``failure`` says why.
         """
-        scenario = self.scenario
-        clock = _Clock()
+        clock = Clock(STAGES)
         with clock.stage("simulation"):
-            simulation = Joint(stiffness=scenario.profile, viscosity=scenario.viscosity_profile).simulate(
-                scenario.duration_s,
-                perturbation=PERTURBATIONS[scenario.perturbation],
-                snr_db=scenario.snr_db,
-                seed=self.seed,
-            )
+            system, perturbation = cloudpickle.loads(self.simulated)
+            simulation = self.setting.simulated(system, perturbation, self.seed)
         with clock.stage("preprocessing"):
-            ensemble = segment(decimate(simulation.recording, RATE), PERIOD)
-            noiseless = segment(decimate(simulation.noiseless, RATE), PERIOD)
-            torque = noiseless.torque[:, noiseless.core]
-            truth = np.asarray(scenario.profile(ensemble.time))
+            ensemble = self.setting.cut(simulation.recording)
+            torque = _core_torque(self.setting.cut(simulation.noiseless))
+            truth = true_values(simulation, ensemble, self.setting.quantities)
+            pathways = {
+                name: _core_torque(self.setting.cut(replace(simulation.recording, torque=simulation.pathways[name])))
+                for name in self.setting.pathways
+                if name in simulation.pathways
+            }
+
+        def measure(model: Model) -> Row:
+            with clock.stage("bands"):
+                bands = _bands(model, truth, self.setting.quantities)
+            with clock.stage("scoring"):
+                own = model.pathways(ensemble)
+                predicted = np.asarray(sum(own.values()))
+                found = {"estimate": over_time(model, self.setting.quantities)}
+                found |= explained(torque, predicted, ensemble.sampling_rate)
+                if pathways:
+                    found["pathway_vaf"] = np.stack(
+                        [
+                            statistics(metrics.vaf(pathways[name], own[name]))
+                            if name in pathways and name in own and len(own) > 1
+                            else statistics(np.zeros(0))
+                            for name in self.setting.pathways
+                        ]
+                    )
+            return bands | found
+
         rows = [
-            _failed(self.left_out[label])
-            if label in self.left_out
-            else _attempt(method, ensemble, torque, truth, clock)
+            failed(self.left_out[label]) if label in self.left_out else attempt(method, ensemble, measure)
             for label, method in self.methods.items()
         ]
-        return _stacked(rows, [clock.seconds[stage] for stage in STAGES])
+        return self._outcome(rows, list(clock.seconds.values()), truth)
 
     def all_failed(self, reason: str) -> Outcome:
         """Outcome where no method gave a result."""
-        return _stacked([_failed(reason)] * len(self.methods), [np.nan] * len(STAGES))
+        unknown = np.full(self.shapes["estimate"], np.nan)
+        return self._outcome([failed(reason)] * len(self.methods), [np.nan] * len(STAGES), unknown)
 
-
-class _Clock:
-    def __init__(self) -> None:
-        self.seconds = dict.fromkeys(STAGES, 0.0)
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        started = time.perf_counter()
-        try:
-            yield
-        finally:
-            self.seconds[name] += time.perf_counter() - started
-
-
-def _stacked(rows: list[dict[str, Any]], seconds: list[float]) -> Outcome:
-    outcome: Outcome = {name: np.array([row[name] for row in rows], dtype=np.float64) for name in NUMBERS}
-    outcome |= {name: np.array([row[name] for row in rows], dtype=np.dtypes.StringDType()) for name in STRINGS}
-    return outcome | {"stage_seconds": np.array(seconds)}
-
-
-def _failed(reason: str) -> dict[str, Any]:
-    return {name: np.full(shape, np.nan) for name, shape in NUMBERS.items()} | {"doubts": "", "failure": reason}
-
-
-def _attempt(method: bytes, ensemble: Ensemble, torque: Array, truth: Array, clock: _Clock) -> dict[str, Any]:
-    # A method that calls sys.exit() has failed like any other.
-    try:
-        # Unpickled for each trial, so that nothing that it remembers passes from one to the next.
-        return _measure(cloudpickle.loads(method), ensemble, torque, truth, clock)
-    except (Exception, SystemExit) as error:
-        return _failed(describe_error(error))
-
-
-def _measure(method: Any, ensemble: Ensemble, torque: Array, truth: Array, clock: _Clock) -> dict[str, Any]:
-    started = time.perf_counter()
-    model, doubts = identified(method, ensemble)
-    seconds = time.perf_counter() - started
-    with clock.stage("bands"):
-        covered = _covered(model, truth)
-    with clock.stage("scoring"):
-        predicted = model.predict(ensemble)
-        return {
-            "stiffness": model.stiffness,
-            "time_varying_vaf": metrics.time_varying_vaf(torque, predicted),
-            "covered": covered,
-            "vaf": _statistics(metrics.vaf(torque, predicted)),
-            "bandpassed_vaf": _statistics(metrics.bandpassed_vaf(torque, predicted, RATE)),
-            "parameters": model.diagnostics.parameters,
-            "seconds": seconds,
-            "doubts": "; ".join(dict.fromkeys(doubts)),
-            "failure": "",
+    def _outcome(self, rows: list[Row], seconds: list[float], truth: Array) -> Outcome:
+        texts = {
+            "warnings": as_text(["; ".join(dict.fromkeys(row["warnings"])) for row in rows]),
+            "failure": as_text([row["failure"] for row in rows]),
         }
+        return stacked(rows, self.shapes) | texts | {"stage_seconds": np.array(seconds), "trial_truth": truth}
 
 
-def _covered(model: Model, truth: Array) -> Array:
-    """1 where the 95 % band of the stiffness holds the truth, 0 where not, NaN where there is none; shape (time,)."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DataQualityWarning)  # that there is no band
-        lower, upper = model.estimates["stiffness"].band()
-    inside = (lower <= truth) & (truth <= upper)
-    return np.where(np.isfinite(lower) & np.isfinite(upper), inside, np.nan)
+def true_values(simulation: Simulation, ensemble: Ensemble, quantities: tuple[str, ...]) -> Array:
+    """Means over an ensemble's realizations of what a simulation knows, (quantity, time); NaN where it does not."""
+    known = simulation.truth_of(ensemble)
+    return np.stack([_mean(known[name]) if name in known else np.full(ensemble.samples, np.nan) for name in quantities])
 
 
-def _statistics(values: Array) -> Array:
-    known = values[np.isfinite(values)]
-    return np.array([known.mean(), known.std(), known.min()]) if len(known) else np.full(len(STATISTICS), np.nan)
+def _mean(values: Array) -> Array:
+    """Mean over the first axis, to the last bit where all are the same."""
+    return np.asarray(values[0] if (values == values[0]).all() else values.mean(axis=0))
+
+
+def _core_torque(ensemble: Ensemble) -> Array:
+    return np.asarray(ensemble.torque[:, ensemble.core])
+
+
+def _bands(model: Model, truth: Array, quantities: tuple[str, ...]) -> Row:
+    """Standard errors, and whether the 95 % bands hold the truth, 1 or 0; NaN where there is none; (quantity, time)."""
+    covered, errors = np.full((2, *truth.shape), np.nan)
+    for place, name in enumerate(quantities):
+        estimate = model.estimates.get(name)
+        if estimate is None or estimate.axes != ("time",) or estimate.error is None:
+            continue
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DataQualityWarning)  # that there is no band
+            lower, upper = estimate.band()
+            error = estimate.standard_error
+        known = np.isfinite(lower) & np.isfinite(upper) & np.isfinite(truth[place])
+        covered[place] = np.where(known, (lower <= truth[place]) & (truth[place] <= upper), np.nan)
+        if error is not None:
+            errors[place] = np.where(np.isfinite(error.values), error.values, np.nan)
+    return {"covered": covered, "standard_error": errors}

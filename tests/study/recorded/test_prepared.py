@@ -30,7 +30,7 @@ def test_a_virtual_participant_is_prepared_as_by_hand(small):
     np.testing.assert_array_equal(prepared.ensemble.torque, by_hand.ensemble.torque)
     np.testing.assert_array_equal(prepared.account.excluded_by, by_hand.account.excluded_by)
     truth = simulation.truth_of(by_hand.ensemble)["stiffness"].mean(axis=0)
-    np.testing.assert_allclose(prepared.true_stiffness, truth)
+    np.testing.assert_allclose(prepared.truth["stiffness"], truth)
     # What the survivors' torque was before its mean was taken off: the voluntary torque, but for the answers' mean.
     voluntary = by_hand.ensemble.channels["voluntary"][:, by_hand.ensemble.core].mean(axis=0)
     assert np.sqrt(np.mean((prepared.mean_torque - voluntary) ** 2)) < 0.05 * np.ptp(voluntary)
@@ -46,7 +46,7 @@ def test_files_are_prepared_in_the_order_of_their_names(tmp_path):
     by_hand = tv.preprocess.prepare(recording, **SHORT)
     np.testing.assert_array_equal(prepared.ensemble.torque, by_hand.ensemble.torque)
     assert prepared.trials == 3
-    assert np.isnan(prepared.true_stiffness).all()
+    assert not prepared.truth
     excerpt, preparation = shown(experiment, experiment.recordings[0])
     assert excerpt.duration == pytest.approx(10.0)
     np.testing.assert_array_equal(preparation.ensemble.torque, by_hand.ensemble.torque)
@@ -179,8 +179,8 @@ def test_a_recording_without_any_usable_trial_fails_alone(tmp_path, small):
     results = tv.study.run(experiment, prepared=(lost, fine), workers=1)
     assert results.survivors.values.tolist() == [0, len(fine.ensemble)]
     assert results.failure.values[0, 0] == lost.failure
-    assert np.isnan(results.stiffness[0]).all()
-    assert np.isfinite(results.stiffness[1]).all()
+    assert np.isnan(results.estimate[0]).all()
+    assert np.isfinite(results.estimate.sel(quantity="stiffness")[1]).all()
     table = exclusions((lost, fine))
     assert set(table.recording) == {"P8-noise"}
 

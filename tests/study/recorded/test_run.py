@@ -27,12 +27,12 @@ def same(one, other):
 
 def test_results_lie_over_recording_analysis_bootstrap_and_time(small):
     results = small.results
-    assert results.stiffness.dims == ("recording", "analysis", "bootstrap", "time")
-    assert results.stiffness.shape == (2, 6, 4, 256)
+    assert results.estimate.sel(quantity="stiffness").dims == ("recording", "analysis", "bootstrap", "time")
+    assert results.estimate.sel(quantity="stiffness").shape == (2, 6, 4, 256)
     assert results.analysis.values.tolist() == ["birf-10", "birf-20", "esm-10", "esm-20", "kbr-10", "kbr-20"]
-    assert np.isfinite(results.stiffness).all()
+    assert np.isfinite(results.estimate.sel(quantity="stiffness")).all()
     assert (results.failure == "").all()
-    assert results.stiffness.attrs["units"] == "N m/rad"
+    assert results.estimate.sel(quantity="stiffness").attrs["units"] == "N m/rad"
     assert results.realizations.values.tolist() == [10, 20, 10, 20, 10, 20]
 
 
@@ -44,7 +44,7 @@ def test_a_draw_is_what_its_weights_say_and_all_methods_see_the_same(small):
         drawn = item.ensemble.select(np.repeat(np.arange(len(item.ensemble)), weights[2]))
         model = method.identify(drawn)
         at = small.results.isel(recording=1, analysis=place, bootstrap=2)
-        np.testing.assert_allclose(at.stiffness, model.stiffness, rtol=1e-9)
+        np.testing.assert_allclose(at.estimate.sel(quantity="stiffness"), model.stiffness, rtol=1e-9)
         torque, predicted = drawn.torque[:, drawn.core], model.predict(drawn)
         assert float(at.vaf) == pytest.approx(tv.metrics.vaf(torque, predicted).mean())
         assert float(at.bandpassed_vaf) == pytest.approx(tv.metrics.bandpassed_vaf(torque, predicted, 128.0).mean())
@@ -55,7 +55,7 @@ def test_a_method_that_needs_one_piece_gets_realizations_that_follow_each_other(
     experiment, item = small.experiment, small.prepared[0]
     weights = block_weights(len(item.ensemble), 20, 4, experiment.seed_of(item.recorded, 20))
     model = tv.KernelRegression.preset("experiment").identify(item.ensemble.select(weights[3] > 0))
-    found = small.results.stiffness.sel(recording="P1-noise", analysis="kbr-20").values[3]
+    found = small.results.estimate.sel(quantity="stiffness").sel(recording="P1-noise", analysis="kbr-20").values[3]
     np.testing.assert_allclose(found, model.stiffness, rtol=1e-9)
 
 
@@ -82,7 +82,7 @@ def test_the_same_draw_is_identified_once(tmp_path):
     results = run(experiment, workers=1)
     # No more blocks than realizations to begin at.
     assert len(log.read_text()) <= int(results.survivors[0]) < 40
-    assert np.isfinite(results.stiffness).all()
+    assert np.isfinite(results.estimate.sel(quantity="stiffness")).all()
 
 
 @pytest.mark.slow
@@ -124,7 +124,9 @@ def test_other_settings_are_refused_and_other_data_identified_again(tmp_path):
         tv.DataQualityWarning, match="not the data that were identified before: P1-noise; identified again"
     ):
         changed = run(Experiment(**settings), store=path, workers=1)
-    xr.testing.assert_allclose(changed.stiffness, run(Experiment(**settings), workers=1).stiffness)
+    xr.testing.assert_allclose(
+        changed.estimate.sel(quantity="stiffness"), run(Experiment(**settings), workers=1).estimate
+    )
 
 
 def test_stores_of_another_kind_are_refused(small, tmp_path):
@@ -132,7 +134,7 @@ def test_stores_of_another_kind_are_refused(small, tmp_path):
     run(small.experiment, prepared=small.prepared, store=path, workers=1)
     with pytest.raises(tv.InputError, match=r"expected 'Simulation study .* found 'Experimental study"):
         run(tv.study.Study(duration_s=40, trials=1, methods="sds"), store=path, workers=1)
-    xr.testing.assert_identical(read_results(path).stiffness.load(), small.results.stiffness)
+    xr.testing.assert_identical(read_results(path).stiffness.load(), small.results.estimate.sel(quantity="stiffness"))
 
 
 @dataclass(frozen=True)
@@ -151,7 +153,7 @@ def test_draws_that_fail_are_told_and_the_others_count(tmp_path, small):
     results = run(experiment, prepared=small.prepared[:1], workers=1)
     failed = np.isnan(results.vaf.sel(analysis="sometimes-10").values[0])
     assert 0 < failed.sum() < 30
-    text = str(results.doubts.sel(analysis="sometimes-10").values[0])
+    text = str(results.warnings.sel(analysis="sometimes-10").values[0])
     assert (results.failure == "").all()
     assert text.startswith(f"{failed.sum()} of 30 draws failed, the first: ")
     assert "RuntimeError: too early" in text
@@ -169,13 +171,13 @@ def test_more_realizations_in_one_piece_than_there_are_is_told(tmp_path):
     )  # fmt: skip
     results = run(experiment, workers=1)
     assert "a block of 50 realizations cannot be drawn from" in str(results.failure.values[0, 0])
-    assert np.isfinite(results.stiffness.values[0, 1]).all()
+    assert np.isfinite(results.estimate.sel(quantity="stiffness").values[0, 1]).all()
 
 
 def test_a_doubt_is_told_once_with_how_often_it_was_met(small):
     experiment = Experiment(**SMALL | {"methods": "eirf", "perturbation": "noise", "realizations": 20})
     results = run(experiment, prepared=small.prepared[:1], workers=1)
-    text = str(results.doubts.values[0, 0])
+    text = str(results.warnings.values[0, 0])
     assert text.count("20 realizations are fewer than the 31 lags") == 1
     assert "(4 of 4 draws)" in text
 
@@ -210,7 +212,7 @@ def test_killed_at_any_moment_it_goes_on_with_the_same_results(small, tmp_path):
 def test_the_recordings_are_prepared_if_they_are_not_given(small):
     experiment = Experiment(**SMALL | {"methods": "birf", "perturbation": "prbs"})
     results = run(experiment, workers=1)
-    np.testing.assert_array_equal(results.stiffness[0, 0], small.results.stiffness[1, 0])
+    np.testing.assert_array_equal(results.estimate[0, 0], small.results.estimate[1, 0])
     assert len(prepared_recordings(experiment)) == 1
 
 
@@ -228,7 +230,7 @@ def moved(tmp_path):
 def test_a_recording_that_is_mended_is_done_and_the_others_are_kept(tmp_path):
     folder, settings = moved(tmp_path)
     first = run(Experiment(**settings, folder=folder), store=folder / "r.zarr", workers=1).load()
-    assert np.isnan(first.stiffness[1]).all()
+    assert np.isnan(first.estimate.sel(quantity="stiffness")[1]).all()
     (folder / "b").mkdir()
     write_trials(folder / "b", stiffness=50.0)
     seen = []
@@ -238,8 +240,8 @@ def test_a_recording_that_is_mended_is_done_and_the_others_are_kept(tmp_path):
             progress=lambda done, total: seen.append(done),
         )  # fmt: skip
     assert seen == [1, 2]
-    np.testing.assert_array_equal(second.stiffness[0], first.stiffness[0])
-    assert float(second.stiffness[1].mean()) == pytest.approx(50, rel=0.1)
+    np.testing.assert_array_equal(second.estimate[0], first.estimate[0])
+    assert float(second.estimate.sel(quantity="stiffness")[1].mean()) == pytest.approx(50, rel=0.1)
 
 
 def test_a_study_that_is_moved_with_its_files_is_gone_on_with(tmp_path):
@@ -255,7 +257,7 @@ def test_a_study_that_is_moved_with_its_files_is_gone_on_with(tmp_path):
     )  # fmt: skip
     assert seen[0] == 1
     assert "trial9.mat is left out" in str(read_results(other / "r.zarr").remarks.values[0])
-    assert np.isfinite(results.stiffness[0]).all()
+    assert np.isfinite(results.estimate.sel(quantity="stiffness")[0]).all()
 
 
 def test_recordings_prepared_of_another_experiment_are_refused(small):
@@ -266,4 +268,4 @@ def test_recordings_prepared_of_another_experiment_are_refused(small):
 def test_more_realizations_than_there_are_is_a_doubt(small):
     experiment = Experiment(**SMALL | {"methods": "birf", "perturbation": "noise", "realizations": 400})
     results = run(experiment, prepared=small.prepared[:1], workers=1)
-    assert "400 realizations are drawn from 268: they vary less" in str(results.doubts.values[0, 0])
+    assert "400 realizations are drawn from 268: they vary less" in str(results.warnings.values[0, 0])

@@ -40,7 +40,7 @@ def example_responses(seed: int = 0) -> xr.Dataset:
     """
     import xarray as xr  # noqa: PLC0415  # heavy
 
-    simulation = Joint(stiffness=SCENARIO.profile).simulate(
+    simulation = Joint(stiffness=PROFILES[SCENARIO.stiffness]).simulate(
         SCENARIO.duration_s,
         perturbation=PERTURBATIONS[SCENARIO.perturbation],
         snr_db=SCENARIO.snr_db,

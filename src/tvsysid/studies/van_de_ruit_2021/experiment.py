@@ -17,8 +17,9 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
+from tvsysid.figures.results import estimates
 from tvsysid.studies.verdicts import COLUMNS, RATIO, Claim, judged
-from tvsysid.study.layout import STEPS
+from tvsysid.study.contents import STEPS
 from tvsysid.study.summary import mean_over_draws, measured
 
 if TYPE_CHECKING:
@@ -135,7 +136,7 @@ class Figures:
         A mean over few bootstraps is off by chance; what that adds is taken off.
         """
         few, many = self._analyses[method][:2]
-        stiffness = self._results.stiffness.values
+        stiffness = estimates(self._results).values
 
         def change(number: int) -> float:
             one, other = stiffness[number, few], stiffness[number, many]
@@ -176,7 +177,7 @@ def _mean(values: Array) -> float:
 
 def _rising(results: xr.Dataset) -> Array:
     """Correlation over time of the mean stiffness with the mean torque, (recording, analysis)."""
-    mean = mean_over_draws(results.stiffness.values)
+    mean = mean_over_draws(estimates(results).values)
     torque = np.broadcast_to(results.mean_torque.values[:, None], mean.shape)
     found = np.full(mean.shape[:2], np.nan)
     for place in np.ndindex(*found.shape):

@@ -93,7 +93,7 @@ def participant_figures(results: xr.Dataset) -> dict[str, Illustration]:
 
 def _of(results: xr.Dataset, participant: str) -> xr.Dataset:
     """What is drawn of one participant."""
-    return results[SHOWN].isel(recording=results.participant.values == participant)
+    return results[SHOWN].sel(quantity="stiffness").isel(recording=results.participant.values == participant)
 
 
 def _of_one(given: Mapping[str, Any], results: xr.Dataset, preferred: str) -> list[str]:
@@ -120,7 +120,7 @@ def representative(results: xr.Dataset, summary: pd.DataFrame) -> str:
 
 def _stiffness(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illustration]:
     """All participants, or the only recording."""
-    shown, told = results[SHOWN], f"({_amounts(results)}){_truth(results)}. "
+    shown, told = results[SHOWN].sel(quantity="stiffness"), f"({_amounts(results)}){_truth(results)}. "
     if results.sizes["recording"] == 1:
         label = str(results.recording.values[0])
         title = f"Stiffness in {label}"
@@ -170,7 +170,7 @@ def _metrics(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illustrati
             f"their mean ({_amounts(results)}); below as bars with two standard deviations over participants. "
             f"{_sentences(summary, ('bias_error', 'mean_bias'))}"
         )
-        drawing = partial(error_against_truth, results[SHOWN], summary, title)
+        drawing = partial(error_against_truth, results[SHOWN].sel(quantity="stiffness"), summary, title)
         shown["error-against-truth"] = Illustration(drawing, title, text)
     return shown
 

@@ -101,7 +101,7 @@ def _comparison(results: xr.Dataset, summary: pd.DataFrame, rows: pd.DataFrame) 
     labels = list(dict.fromkeys([*shown.index, *bars.index]))
     drawing = partial(
         method_comparison,
-        results[OVER_TIME].sel(scenario=labels),
+        results[OVER_TIME].sel(scenario=labels, quantity="stiffness"),
         summary[summary.scenario.isin(labels)],
         list(shown.index),
         list(bars.index),
@@ -137,7 +137,7 @@ def _coverage(results: xr.Dataset, summary: pd.DataFrame, rows: pd.DataFrame) ->
     covarying = ", viscosity varies with stiffness" if first.viscosity == "covarying" else ""
     title = f"{_name(first.profile)}: how often the bands hold the truth, {first.duration_s:g} s{covarying}"
     labels = list(rows.index)
-    chosen = results[BANDS].sel(scenario=labels)
+    chosen = results[BANDS].sel(scenario=labels, quantity="stiffness")
     missed = ": about a switch bands miss the truth." if first.profile == "square" else "."
     text = [
         "Share of trials in which the 95 % band of each method holds the true stiffness, over one realization, "

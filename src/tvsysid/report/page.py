@@ -27,17 +27,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Column:
-    """Column of a table.
-
-    Parameters
-    ----------
-    heading
-        What it holds.
-    unit
-        In brackets below the heading.
-    kind
-        ``"number"`` is set to the right, ``"label"`` may be broken anywhere, ``"long"`` is wide, ``"verdict"`` is bold.
-    """
+    """Column of a table; ``"label"`` may be broken anywhere, ``"long"`` is wide, ``"verdict"`` is bold."""
 
     heading: str
     unit: str = ""
@@ -46,17 +36,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Row:
-    """Row of a table; its first cell is its heading.
-
-    Parameters
-    ----------
-    cells
-        One for each column: text, a number, or a :class:`Cell`.
-    group
-        What it belongs to, if the table can be narrowed down.
-    total
-        Whether it sums up others.
-    """
+    """Row of a table, a cell for each column; the first one is its heading. ``total``: it sums up others."""
 
     cells: Sequence[Cell | str | float]
     group: str = ""
@@ -65,26 +45,11 @@ class Row:
 
 @dataclass(frozen=True)
 class Table:
-    """Table with a caption.
+    """Table with a caption in full sentences.
 
-    Parameters
-    ----------
-    label
-        What a screen reader calls it.
-    caption
-        Full sentences.
-    columns, rows
-        What it holds.
-    anchor
-        Its identifier.
-    sortable
-        Whether a click on a heading sorts it.
-    narrow
-        Whether headings of numbers may be broken.
-    groups
-        Words for each group of rows, by its name; the reader chooses one or all.
-    chosen
-        Group that is shown first.
+    ``label`` is its name for a screen reader. If it is ``sortable``, a click on a heading sorts it; in a ``narrow``
+    one, headings of numbers may be broken. ``groups`` of rows have a name in words: the reader chooses one or all, and
+    sees ``chosen`` first.
     """
 
     kind: ClassVar = "table"
@@ -127,7 +92,7 @@ class Box:
 
 @dataclass(frozen=True)
 class Code:
-    """Something to type, with what a screen reader calls it."""
+    """Something to type, with its name for a screen reader."""
 
     kind: ClassVar = "code"
     label: str
@@ -145,7 +110,7 @@ class Fold:
 
 @dataclass(frozen=True)
 class Figure:
-    """Picture with its title and description; a number of 0 is not told."""
+    """Picture with its title and description; a number of 0 is not shown."""
 
     kind: ClassVar = "figure"
     anchor: str
@@ -164,7 +129,7 @@ Block = str | Table | Heading | Bullets | Box | Code | Fold | Figure
 
 @dataclass(frozen=True)
 class Section:
-    """Part of a page with a heading; ``contents`` is what the page's contents call it, if not the same."""
+    """Part of a page with a heading; the page's contents call it ``contents``, or by its title."""
 
     anchor: str
     title: str
@@ -175,17 +140,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Page:
-    """A whole page.
-
-    Parameters
-    ----------
-    title, subtitle
-        What it is about, and in one sentence what it says of that.
-    sections
-        In order.
-    version
-        Of this package when the results came about.
-    """
+    """A whole page, with the version of this package that its results came from."""
 
     title: str
     subtitle: str

@@ -41,6 +41,12 @@ class Writes(Fit):
         return super().identify(ensemble)
 
 
+class Replaces(Fit):
+    def identify(self, ensemble):
+        object.__setattr__(ensemble, "torque", 1.001 * ensemble.torque)
+        return super().identify(ensemble)
+
+
 class Crashes(Fit):
     def identify(self, ensemble):
         return np.zeros(3) @ np.zeros(4)
@@ -288,6 +294,7 @@ def test_good_methods_pass(method):
         (Fit, "has identify", "got the class Fit itself; give Fit()"),
         (3, "has identify", "expected an object with identify(ensemble), got an object of type int"),
         (Writes(), "identifies a joint", "work on a copy, as in ensemble.angle.copy()"),
+        (Replaces(), "leaves the ensemble untouched", "identify changed the ensemble, which all methods share"),
         (WrongInputs(), "states its inputs", "expected inputs of tvsysid.methods.Input(name, kind, unit), got 'emg'"),
         (TooManyInputs(), "states its inputs", "no system that the package simulates has all of emg, force"),
         (

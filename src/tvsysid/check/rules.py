@@ -312,7 +312,7 @@ _RULES = (
     _Rule("states its inputs", _states_inputs, "has identify"),
     _Rule("identifies a joint", _identifies, "states its inputs"),
     _Rule("leaves the ensemble untouched", _untouched, "identifies a joint"),
-    _Rule(_MODEL, _returns_model, "identifies a joint"),
+    _Rule(_MODEL, _returns_model, "leaves the ensemble untouched"),
     _Rule("has pathways that add up", _adds_up, _MODEL),
     _Rule("tells intrinsic and reflex torque apart", _tells_pathways_apart, "has pathways that add up", required=False),
     _Rule("recovers a constant stiffness", _recovers_constant, _MODEL),

@@ -14,8 +14,6 @@ from tvsysid.cli.console import duration_text, remark, say, say_written, show_ta
 from tvsysid.cli.options import (
     MethodOption,
     OutOption,
-    Perturbation,
-    Profile,
     SchedulerOption,
     SeedOption,
     WorkersOption,
@@ -58,11 +56,29 @@ def benchmark(
             "its settings."
         ),
     ] = None,
+    system: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="What is simulated: `joint`, `reflex`, `compliant`, `scheduled` (see `tvsysid simulate`), or your own "
+            "as `module:Object`; repeatable. [joint]",
+        ),
+    ] = None,
     stiffness: Annotated[
-        list[Profile] | None, typer.Option(help="Stiffness profile of the simulated joint; repeatable. [square]")
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="Stiffness over time: `square`, `sine`, `constant`, or your own function of time as `module:Object`; "
+            "repeatable. [square]",
+        ),
     ] = None,
     perturbation: Annotated[
-        list[Perturbation] | None, typer.Option(help="Angular perturbation; repeatable. [noise and prbs]")
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="Perturbation of the angle: `noise`, `prbs`, or your own as `module:Object`; repeatable. "
+            "[noise and prbs]",
+        ),
     ] = None,
     duration: Annotated[
         list[float] | None,
@@ -115,8 +131,9 @@ def benchmark(
     from tvsysid.study import Study, cores
 
     options: dict[str, Any] = {
-        "stiffness": [item.value for item in stiffness or ()],
-        "perturbation": [item.value for item in perturbation or ()],
+        "system": system,
+        "stiffness": stiffness,
+        "perturbation": perturbation,
         "duration_s": duration,
         "snr_db": snr,
         "viscosity": [item.value for item in viscosity or ()],
@@ -144,10 +161,11 @@ def _print_plan(study: Any, workers: int) -> None:
     with waiting("timing a trial of the shortest and the longest scenario"):
         taken = plan(study)
     rows = [
-        (each.stiffness, each.perturbation, f"{each.duration_s:g}", f"{each.snr_db:g}", each.viscosity)
+        (each.system, each.stiffness, each.perturbation, f"{each.duration_s:g}", f"{each.snr_db:g}", each.viscosity)
         for each in study.scenarios
     ]
-    show_table("the study", ["stiffness", "perturbation", "duration (s)", "SNR (dB)", "viscosity"], rows, "lllll")
+    headings = ["system", "stiffness", "perturbation", "duration (s)", "SNR (dB)", "viscosity"]
+    show_table("the study", headings, rows, "llllll")
     say(
         f"methods: {', '.join(study.named_methods)}\n"
         f"{study.trials} trials of each of {len(study.scenarios)} scenarios, seed {study.seed}: {taken.trials} trials, "
@@ -204,8 +222,8 @@ def write_study(results: Any, out: Path, command: str) -> bool:
 
 
 def _scenario_title(row: Any) -> str:
-    profile = {"square": "square wave", "sine": "sine wave", "constant": "constant"}[row.stiffness]
-    perturbation = {"noise": "filtered noise", "prbs": "PRBS"}[row.perturbation]
+    profile = {"square": "square wave", "sine": "sine wave"}.get(row.stiffness, row.stiffness)
+    perturbation = {"noise": "filtered noise", "prbs": "PRBS"}.get(row.perturbation, row.perturbation)
     repeats = "1 trial" if row.trials == 1 else f"{row.trials} trials"
     covarying = ", viscosity covarying" if row.viscosity == "covarying" else ""
     return f"{profile}, {perturbation}, {row.duration_s:g} s, {row.snr_db:g} dB{covarying}, {repeats}"

@@ -23,21 +23,6 @@ class AngleUnit(StrEnum):
     deg = "deg"
 
 
-class Perturbation(StrEnum):
-    """Perturbations that can be simulated."""
-
-    noise = "noise"
-    prbs = "prbs"
-
-
-class Profile(StrEnum):
-    """Stiffness profiles that can be simulated."""
-
-    square = "square"
-    sine = "sine"
-    constant = "constant"
-
-
 MethodOption = Annotated[
     list[str],
     typer.Option(

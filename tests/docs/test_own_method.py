@@ -86,8 +86,8 @@ def test_the_script_compares_the_object(folder):
 
 def test_the_method_that_reads_a_channel(folder):
     (folder / "scheduled.py").write_text(SCHEDULED, encoding="utf-8")
-    (commands,) = blocks("sh")
-    check, *others = commands.splitlines()
+    commands, benchmark = blocks("sh")
+    check, *others = [*commands.splitlines(), f"{benchmark} --trials 1 --duration 20 --perturbation noise --workers 1"]
     done = tvsysid(folder, check)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "✗" not in done.stdout
@@ -95,6 +95,10 @@ def test_the_method_that_reads_a_channel(folder):
     for command in others:
         done = tvsysid(folder, command)
         assert done.returncode == 0, done.stdout + done.stderr
+    table = pd.read_csv(folder / "tvsysid-benchmark" / "summary.csv")
+    scored = table[(table.metric == "total_error") & (table.quantity == "stiffness")]
+    assert set(scored.method) == {"scheduled:ScheduledFit", "sds"}
+    assert np.isfinite(scored.value).all()
     with xr.open_datatree(folder / "tvsysid-identify" / "models.nc") as tree:
         stored = tree["scheduled:ScheduledFit"].to_dataset().load()
     assert stored.stiffness.dims == ("realization", "time")

@@ -1,0 +1,133 @@
+"""Methods, systems, profiles and perturbations of one's own take part in studies as the package's own do."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from tests.contracts import toys
+from tests.contracts.test_toys import ERROR, SYSTEMS, every_toy
+from tests.contracts.toys import Cascade, Instrumental, Scheduled
+
+import tvsysid as tv
+from tvsysid import cli
+
+OBJECTS = '''
+from dataclasses import dataclass
+
+import numpy as np
+
+import tvsysid as tv
+
+
+@dataclass(frozen=True)
+class HeavyJoint:
+    """A joint on a heavy foot."""
+
+    stiffness: object = tv.simulate.SineWave()
+
+    def simulate(self, duration, *, perturbation, snr_db, seed, rate=1000.0):
+        joint = tv.simulate.Joint(stiffness=self.stiffness, inertia=0.05)
+        return joint.simulate(duration, perturbation=perturbation, snr_db=snr_db, seed=seed, rate=rate)
+
+
+def ramp(time):
+    return 60.0 + 40.0 * (np.asarray(time) % 2.0)
+
+
+class Wobble:
+    def generate(self, samples, rate, random):
+        return np.cumsum(random.standard_normal(samples) - 0.5 * random.standard_normal(samples)) * 1e-2
+'''
+
+
+def study_of(toy, **settings):
+    return tv.study.Study(
+        **{"system": SYSTEMS[toy], "stiffness": "sine", "perturbation": "noise", "duration_s": 60, "trials": 2}
+        | {"methods": [toy(), "sds"]}
+        | settings
+    )
+
+
+@every_toy
+def test_takes_part_in_a_benchmark(toy, tmp_path):
+    tv.study.run(study_of(toy), store=tmp_path / "results.zarr", workers=1)
+    results = tv.study.read_results(tmp_path / "results.zarr").load()
+    assert not (results.failure != "").any()
+    own = results.isel(scenario=0).sel(method_key=toy.__name__)
+    truth = results.truth if "trial_truth" not in results else results.trial_truth
+    for name in ("stiffness", "viscosity", "inertia", *(["reflex_gain"] if toy is Cascade else [])):
+        found = own.estimate.sel(quantity=name)
+        error = np.sqrt(np.nanmean((found - truth.isel(scenario=0).sel(quantity=name)) ** 2))
+        assert error < 1.5 * ERROR[name], name
+    if toy in (Cascade, Instrumental):
+        assert np.isfinite(own.covered.sel(quantity="stiffness")).all()
+        assert np.isfinite(own.standard_error.sel(quantity="stiffness")).all()
+    if toy is Cascade:
+        assert list(results.pathway.values) == ["intrinsic", "reflex"]
+        assert (own.pathway_vaf.sel(statistic="mean") > 80).all()
+    assert (own.vaf.sel(statistic="mean") > 80).all()
+    table = tv.study.summarize(tv.study.score(results))
+    scored = table[(table.method == toy.__name__) & (table.metric == "total_error")]
+    assert np.isfinite(scored.value).all()
+
+
+@pytest.mark.parametrize("toy", [Scheduled, Instrumental])
+def test_fails_with_the_reason_where_its_channel_is_missing(toy):
+    results = tv.study.run(study_of(toy, system="joint", trials=1), workers=1)
+    failures = results.failure.isel(scenario=0, trial=0)
+    assert "it needs the channel" in str(failures.sel(method_key=toy.__name__).item())
+    assert str(failures.sel(method_key="sds").item()) == ""
+
+
+@every_toy
+def test_takes_part_in_an_experiment(toy, tmp_path):
+    (item,) = getattr(toy, "inputs", None) or (None,)
+    simulation = SYSTEMS[toy].simulate(150, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=3)
+    tv.recordings.write_recording(tmp_path / "ankle.mat", simulation.recording)
+    experiment = tv.study.Experiment(
+        folder=tmp_path,
+        participants={"P1": {"noise": "ankle.mat"}},
+        reading={
+            "angle": "angle",
+            "torque": "torque",
+            "sampling_rate": 1000.0,
+            "channels": {} if item is None else {item.name: item.name},
+        },
+        preparation={"reference": None, "rate": 100.0, "task_limit": None, "residual_limit": None},
+        methods=[toy(), "sds"],
+        realizations=40,
+        bootstraps=3,
+    )
+    tv.study.run(experiment, store=tmp_path / "results.zarr", workers=1)
+    results = tv.study.read_results(tmp_path / "results.zarr").load()
+    assert not (results.failure != "").any()
+    own = results.isel(recording=0, analysis=0)
+    assert str(own.method_key.item()) == toy.__name__
+    assert np.isfinite(own.estimate.sel(quantity="stiffness")).mean() > 0.9
+    assert (own.vaf > 80).all()
+    if toy is Cascade:
+        assert np.isfinite(own.estimate.sel(quantity="reflex_gain")).mean() > 0.9
+    table = tv.study.summarize(results)
+    assert np.isfinite(table[(table.method == toy.__name__) & (table.metric == "mean_stiffness")].value).all()
+
+
+def test_a_joint_a_profile_and_a_perturbation_of_ones_own_enter_a_benchmark(tmp_path, monkeypatch, capsys):
+    (tmp_path / "myobjects.py").write_text(OBJECTS, encoding="utf-8")
+    (tmp_path / "mytoys.py").write_bytes(Path(toys.__file__).read_bytes())
+    monkeypatch.chdir(tmp_path)
+    words = ["--system=myobjects:HeavyJoint", "--stiffness=myobjects:ramp", "--perturbation=myobjects:Wobble"]
+    words += ["--method=mytoys:Recursive", "--method=birf", "--trials=2", "--duration=40", "--workers=1", "--out=out"]
+    monkeypatch.setattr(sys, "argv", ["tvsysid", "benchmark", *words])
+    with pytest.raises(SystemExit) as stopped:
+        cli.main()
+    assert stopped.value.code == 0, capsys.readouterr().err
+    results = tv.study.read_results(tmp_path / "out" / "results.zarr").load()
+    np.testing.assert_allclose(results.truth.isel(scenario=0).sel(quantity="inertia"), 0.05)
+    truth = results.truth.isel(scenario=0).sel(quantity="stiffness")
+    np.testing.assert_allclose(truth, 60 + 40 * results.time)
+    found = results.estimate.isel(scenario=0).sel(method_key="birf", quantity="stiffness").mean("trial")
+    assert np.sqrt(np.mean((found - truth) ** 2)) < 15
+    table = pd.read_csv(tmp_path / "out" / "summary.csv")
+    assert set(table.method) == {"mytoys:Recursive", "birf"}

@@ -11,7 +11,7 @@ from typing import Annotated, Any, ClassVar, Self, TypeVar, get_args
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, ValidationError
 
 from tvsysid.errors import InputError
-from tvsysid.methods import load, parse
+from tvsysid.methods import from_text, parse
 
 Value = TypeVar("Value")
 
@@ -112,7 +112,7 @@ Whole = Annotated[int, BeforeValidator(_whole)]
 
 
 def found_as(value: Any, known: Mapping[str, Any], what: str) -> Any:
-    """Object that a setting stands for: a known name, ``module:Object`` (a class is made with its defaults), or itself.
+    """Object that a setting stands for: a known name, ``module:Object`` with settings if need be, or itself.
 
     Raises
     ------
@@ -127,8 +127,7 @@ def found_as(value: Any, known: Mapping[str, Any], what: str) -> Any:
         return known[value]
     if ":" not in value:
         raise ValueError(f"unknown name {value!r}; expected one of {', '.join(known)}, or module:Object of your own")
-    target = load(value, what)
-    return target() if isinstance(target, type) else target
+    return from_text(value, what)
 
 
 def _explained(error: ValidationError, kind: type[BaseModel]) -> str:

@@ -209,7 +209,8 @@ class Segments(NamedTuple):
         noise = np.where(weight > fitted, left / np.where(weight > fitted, weight - fitted, 1.0), np.nan)
         white = noise[:, None] * np.diagonal(inverse @ fourth @ inverse, axis1=1, axis2=2)
         overlap = _overlap(self.power, len(self.colour.covariance))
-        return np.asarray(self.colour.factors(overlap / overlap[0]) * white)
+        _, factors = self.colour.noise_and_factors(overlap / overlap[0])
+        return np.asarray(factors * white)
 
     @property
     def freedom(self) -> float:
@@ -278,12 +279,18 @@ def _variance_at_rest(angle: Array, torque: Array, stiffness: Array, independent
     window = hann(angle.shape[1] - len(stiffness) + 1)
     weights = np.broadcast_to(window[::-1], (len(stiffness), len(window)))
     sums, answers = convolve_lags(angle, weights), convolve_lags(torque, weights)
-    squares = sums**2
+    squares = sums * sums
     total = np.maximum(squares.sum(axis=0), np.finfo(float).tiny)
-    left = answers - stiffness * sums
-    leverage = squares / total + 1 - independent / len(angle)
+    # In place: what takes time here is memory.
+    sums *= stiffness
+    answers -= sums
+    answers *= answers
+    answers *= squares
+    squares /= total
+    np.subtract(independent / len(angle), squares, out=squares)
     with np.errstate(divide="ignore", invalid="ignore"):
-        variance = np.sum(squares * left**2 / (1 - leverage), axis=0) / total**2
+        answers /= squares
+        variance = np.sum(answers, axis=0) / total**2
     return np.where(np.isfinite(variance), variance, np.nan)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.fft import rfft
+from scipy.linalg import hankel
 
 from tvsysid.numerics.moments import diagonal_moments
 
@@ -59,7 +60,7 @@ def short_time_spectra(u: Array, y: Array, length: int) -> ShortTimeSpectra:
 
 def _from_moments(u: Array, y: Array, length: int) -> ShortTimeSpectra:
     window = hann(length)
-    taper = np.array([np.pad(window[: length - d] * window[d:], (0, d)) for d in range(length)])
+    taper = window * hankel(window)  # of a sample and the one that comes d later, shape (d, sample)
     turns = 2 * np.pi / length * np.outer(np.arange(length), np.arange(length // 2 + 1))
     twice = np.where(np.arange(length) == 0, 1.0, 2.0)[:, None]
 

@@ -37,7 +37,8 @@ class Windows(NamedTuple):
     found from, how many of them are ``independent``, the ``noise`` variance and its degrees of ``freedom``, the power
     of the torque that a second-order fit ``fitted``, what lagged angles explain ``beyond`` it and what they would by
     ``chance``, all (time,); ``readout`` (time, 3, lag) by which stiffness, viscosity and inertia follow from the
-    correlations, the ``impedance`` itself and its ``white`` variances, were the noise white, both (time, 3).
+    correlations, the ``impedance`` itself and, of windows of one sample, its variances under ``white`` noise, both
+    (time, 3).
     """
 
     realizations: int
@@ -110,7 +111,9 @@ def solve_windows(ensemble: Ensemble, lags: int, half: int, solve: Solver | None
         noise = np.where(freedom > 0, left * count / np.maximum(freedom, 1), np.nan)
         chance = noise * np.maximum(usable - 3, 0) / count
         impedance = (readout @ phi_uy[..., None])[..., 0]
-        white = (noise / count)[:, None] * np.einsum("tmk,tmk->tm", readout @ phi_uu, readout)
+        white = np.full(impedance.shape, np.nan)
+        if not half:  # within a window, noise is not white
+            white = (noise / count)[:, None] * np.einsum("tmk,tmk->tm", readout @ phi_uu, readout)
         by_noise = noise, freedom, fitted, explained - fitted, chance
         parts.append((weights, rank, count, independent, *by_noise, readout, impedance, white))
     arrays = (np.concatenate(values) for values in zip(*parts, strict=True))

@@ -110,17 +110,14 @@ class Colour(NamedTuple):
         share = taken * len(ensemble) / independent_realizations(ensemble)
         return cls(autocovariance(left, lags), share, filters, products)
 
-    def noise(self) -> Array:
-        """Autocorrelation of the noise, shape (lag,)."""
-        regressors = regressor_covariances(self.filters, self.products)
-        return noise_correlation(self.covariance, np.asarray(self.taken * regressor_correlation(regressors)))
-
-    def factors(self, seen: Array | float = 1.0) -> Array:
-        """Variances of a fit of these regressors, as multiples of those under white noise, shape (regressor,).
+    def noise_and_factors(self, seen: Array | float = 1.0) -> tuple[Array, Array]:
+        """Autocorrelation of the noise (lag,), and variances of the fit as multiples of those under white noise.
 
         ``seen`` is the share of the products of noise at each lag that the fit sees.
         """
-        return colour_factors(regressor_covariances(self.filters, self.products), self.noise() * seen)
+        regressors = regressor_covariances(self.filters, self.products)
+        noise = noise_correlation(self.covariance, np.asarray(self.taken * regressor_correlation(regressors)))
+        return noise, colour_factors(regressors, noise * seen)
 
 
 def agreement_of(fit: Array, left: Array, angle: Array, around: Array, lags: int) -> float:
@@ -167,8 +164,8 @@ class PosteriorErrors:
 
     def standard_errors(self) -> dict[str, StandardError]:
         """By quantity, with the arcs of simultaneous bands."""
-        power = max(power_in_band(self.colour.noise(), *self.band), LEAST_POWER)
-        factors = self.stronger * self.colour.factors() / power
+        noise, factors = self.colour.noise_and_factors()
+        factors *= self.stronger / max(power_in_band(noise, *self.band), LEAST_POWER)
         errors = {
             name: StandardError.none(self.times, f"the model has no {name} (order {len(factors) - 1})")
             for name in IMPEDANCE[len(factors) :]

@@ -29,5 +29,5 @@ def tvsysid(monkeypatch, capsys, tmp_path):
 @pytest.fixture
 def undrawn(monkeypatch):
     """Without figures, which take most of the time; other tests have them."""
-    monkeypatch.setattr("tvsysid.studies.van_de_ruit_2021.study_figures", lambda results, summary, responses=None: {})
+    monkeypatch.setattr("tvsysid.studies.van_de_ruit_2021.folder.study_figures", lambda *given: {})
     monkeypatch.setattr("tvsysid.figures.save", lambda figure, file: None)

@@ -91,7 +91,7 @@ def test_files_of_which_some_cannot_be_used(tvsysid, tmp_path):
     code, _, err = tvsysid("report", "found")
     assert code == 0
     assert "trial3.mat is left out" in (tmp_path / "found" / "report.html").read_text()
-    assert "the recordings are not there, or not as they were" in err
+    assert "the recordings are missing or have changed" in err
     assert (tmp_path / "found" / "exclusions.csv").read_bytes() == kept
 
 
@@ -99,7 +99,7 @@ def test_without_any_usable_recording_nothing_is_run(tvsysid, tmp_path):
     (tmp_path / "study.toml").write_text(FILES)
     code, _, err = tvsysid("experiment", "study.toml")
     assert code == 2
-    assert "no recording can be used; mend what is said above" in err
+    assert "no recording can be used; correct the errors above" in err
 
 
 def test_a_wrong_study_is_told_by_file_and_key(tvsysid, tmp_path):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
@@ -23,6 +22,9 @@ from tvsysid.errors import InputError
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray as xr
+
+    from tvsysid.study import Study
 
 MOST_TABLES = 4
 """Scenarios whose table is printed; the report has all."""
@@ -52,8 +54,8 @@ def benchmark(
         Preset | None,
         typer.Option(
             help="`quick` (the default), `paper` (van de Ruit et al. 2021: 40 to 600 s, 100 trials, and their sine), "
-            "`snr` (0 to 30 dB), `viscosity` (constant, and rising with stiffness). Options below take the place of "
-            "its settings."
+            "`snr` (0 to 30 dB), `viscosity` (constant, and rising with stiffness). The options below "
+            "override its settings."
         ),
     ] = None,
     system: Annotated[
@@ -106,22 +108,23 @@ def benchmark(
 
     Simulates a joint (inertia 0.02 kg·m², viscosity 2.2 N·m·s/rad) whose stiffness follows the profile, lets every
     method identify the same data, and scores them against the truth, as van de Ruit et al. (2021) do: bias (error of
-    the mean over trials), random error (spread about that mean), total error (both), rise time (from 10 to 90 % of the
-    step), VAF (share of the noiseless torque that the model predicts), and VAF after a 1-10 Hz band-pass.
+    the mean over trials), random error (standard deviation over trials), total error (both), rise time (from 10 to 90 %
+    of the step), VAF (share of the noiseless torque's variance that the model predicts), and VAF after a 1-10 Hz
+    band-pass.
 
     Writes to the folder:
 
-    - `report.html`: everything below in one page: ranking, figures, the paper's claims held against the figures;
+    - `report.html`: all results in one page: ranking, figures, and the paper's claims compared with the results;
 
     - `summary.csv`: a row for each scenario, method and metric, with value, standard error and unit;
 
-    - `claims.csv`: each claim of the paper, with figures and verdict;
+    - `claims.csv`: each claim of the paper, with the values found here and a verdict;
 
-    - `figures/`: each as PNG, PDF and SVG;
+    - `figures/`: each figure as PNG, PDF and SVG;
 
-    - `results.zarr`: stiffness, VAF, time taken and warnings of every trial; `xarray.open_zarr` reads it.
+    - `results.zarr`: estimates, VAF, time taken and warnings of every trial; `xarray.open_zarr` reads it.
 
-    Every trial is kept when it is done. If the command is interrupted or killed, the same command goes on from there.
+    Every trial is saved as soon as it is done. If the command is interrupted or killed, the same command resumes.
 
     Example: `tvsysid benchmark --method sds --method sds:window=0.2 --trials 50`
 
@@ -149,13 +152,12 @@ def benchmark(
         _print_plan(study, workers or cores())
         return
     check_folder(out)
-    results = _run_study(study, out, workers, scheduler)
-    complete = write_study(results, out, command_line())
-    if not complete:
+    results = _run(study, out, workers, scheduler)
+    if not write(results, out, command_line()):
         raise typer.Exit(1)
 
 
-def _print_plan(study: Any, workers: int) -> None:
+def _print_plan(study: Study, workers: int) -> None:
     from tvsysid.study import plan
 
     with waiting("timing a trial of the shortest and the longest scenario"):
@@ -177,8 +179,7 @@ def _print_plan(study: Any, workers: int) -> None:
         remark("error", f"{label} fails: {reason}")
 
 
-def _run_study(study: Any, out: Path, workers: int | None, scheduler: str | None) -> Any:
-    """Results, with progress; what ends it early says how to go on."""
+def _run(study: Study, out: Path, workers: int | None, scheduler: str | None) -> xr.Dataset:
     from tvsysid.study import run
 
     count = len(study.scenarios)
@@ -186,28 +187,13 @@ def _run_study(study: Any, out: Path, workers: int | None, scheduler: str | None
     return run_in(out, partial(run, study), title, "trials", workers, scheduler)
 
 
-def write_study(results: Any, out: Path, command: str) -> bool:
+def write(results: xr.Dataset, out: Path, command: str) -> bool:
     """Write tables, figures and report, and print the essence; whether every method gave a result in every trial."""
-    from tvsysid.figures import draw_all, helpers
-    from tvsysid.recordings import whole_file
-    from tvsysid.report import problems, write_report
-    from tvsysid.studies.van_de_ruit_2021 import example_responses, judge, study_figures
-    from tvsysid.study import cores, of_quantity, score, summarize
+    from tvsysid.report import problems
+    from tvsysid.studies.van_de_ruit_2021 import write_study
 
-    with waiting("scoring and drawing"), helpers(cores()) as pool:
-        for name in ("seconds", "stage_seconds", "warnings", "failure", "checksums"):
-            results[name].load()  # small, and needed more than once
-        scores = score(results)
-        summary, claims = summarize(scores), judge(scores)
-        for name, table in (("summary.csv", summary), ("claims.csv", claims)):
-            with whole_file(out / name) as file:
-                table.to_csv(file, index=False, float_format="%.6g")
-        summary = of_quantity(summary)
-        square = bool((results.profile == "square").any())
-        seed = json.loads(results.attrs["study"])["seed"]
-        illustrations = study_figures(results, summary, example_responses(seed) if square else None)
-        pictures = draw_all(illustrations, out / "figures", pool)
-        write_report(out / "report.html", results, summary, claims, pictures, command)
+    with waiting("scoring and drawing"):
+        summary, claims, files, _ = write_study(results, out, command)
     labels = list(dict.fromkeys(summary.scenario))
     for label in labels[:MOST_TABLES]:
         _show_scores(summary[summary.scenario == label])
@@ -217,7 +203,7 @@ def write_study(results: Any, out: Path, command: str) -> bool:
         show_claims(claims, "simulations", "other scenarios: --preset paper, snr, viscosity")
     _show_times(results)
     complete = print_met(results, problems(results), "trials", "trials")
-    say_written(out, ["report.html", "summary.csv", "claims.csv", f"figures/ ({len(illustrations)})", STORE])
+    say_written(out, [*files, STORE])
     return complete
 
 
@@ -253,7 +239,7 @@ def _show_scores(summary: pd.DataFrame) -> None:
     show_table(_scenario_title(most), ["method", *(shown[name][0] for name in present)], rows)
 
 
-def _show_times(results: Any) -> None:
+def _show_times(results: xr.Dataset) -> None:
     """Where the time of the trials went, and how much data each stage gets through."""
     from tvsysid.study import time_spent
 

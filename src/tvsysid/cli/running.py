@@ -15,6 +15,7 @@ from tvsysid.errors import InputError
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray as xr
 
     from tvsysid.report.sections import Problem
 
@@ -40,12 +41,12 @@ def command_line() -> str:
 
 def run_in(
     out: Path,
-    study_run: Callable[..., Any],
+    study_run: Callable[..., xr.Dataset],
     title: str,
     units: str,
     workers: int | None,
     scheduler: str | None,
-) -> Any:
+) -> xr.Dataset:
     """Results of a run with store, workers, executor and progress; if it ends early, the message says how to resume."""
     kept = [0, 0]
     try:
@@ -95,7 +96,7 @@ def _executor(scheduler: str | None) -> Iterator[tuple[Any, int | None]]:
         yield client.get_executor(pure=False), threads
 
 
-def print_met(results: Any, met: list[Problem], units: str, counted: str) -> bool:
+def print_met(results: xr.Dataset, met: list[Problem], units: str, counted: str) -> bool:
     """Print failures, warnings and what is missing; return whether no method failed."""
     there = results.checksums.values.any(axis=-1)
     if not there.all():

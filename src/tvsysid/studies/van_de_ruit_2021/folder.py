@@ -1,0 +1,143 @@
+"""What a study writes to its folder: tables, figures and pages."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import suppress
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, NamedTuple
+
+from tvsysid.errors import InputError
+from tvsysid.figures import Picture, draw_all, helpers, share_out
+from tvsysid.quality import Diagnosis, diagnose
+from tvsysid.recordings import whole_file, write_ensemble
+from tvsysid.report import write_diagnosis, write_experiment_report, write_report
+from tvsysid.studies.van_de_ruit_2021.example import example_responses
+from tvsysid.studies.van_de_ruit_2021.experiment import COUNTS
+from tvsysid.studies.van_de_ruit_2021.experiment_figures import experiment_figures, participant_figures, representative
+from tvsysid.studies.van_de_ruit_2021.figures import study_figures
+from tvsysid.studies.van_de_ruit_2021.judge import judge
+from tvsysid.study import (
+    Experiment,
+    Prepared,
+    cores,
+    exclusions,
+    of_quantity,
+    score,
+    shown,
+    stiffness_over_time,
+    summarize,
+)
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+
+class Written(NamedTuple):
+    """What was written to a folder, and its essence."""
+
+    summary: pd.DataFrame
+    """A row for each metric of the stiffness, as of :func:`tvsysid.study.summarize`."""
+    claims: pd.DataFrame
+    """A row for each claim of the paper, with its verdict."""
+    files: tuple[str, ...]
+    """Names in the folder."""
+    diagnoses: Mapping[str, Diagnosis] = MappingProxyType({})
+    """Of an experiment: by recording."""
+
+
+def write_study(results: xr.Dataset, folder: Path, command: str = "") -> Written:
+    """Write tables, figures and page of a simulation study.
+
+    Parameters
+    ----------
+    results
+        As of :func:`tvsysid.study.run`, finished or not.
+    folder
+        Where to.
+    command
+        What was typed to run the study; the page does not mention it if it is empty.
+    """
+    with helpers(cores()) as pool:
+        for name in ("seconds", "stage_seconds", "warnings", "failure", "checksums"):
+            results[name].load()  # small, and needed more than once
+        scores = score(results)
+        summary, claims = summarize(scores), judge(scores)
+        _write_tables(folder, {"summary.csv": summary, "claims.csv": claims})
+        summary = of_quantity(summary)
+        square = bool((results.profile == "square").any())
+        seed = json.loads(results.attrs["study"])["seed"]
+        illustrations = study_figures(results, summary, example_responses(seed) if square else None)
+        pictures = draw_all(illustrations, folder / "figures", pool)
+        write_report(folder / "report.html", results, summary, claims, pictures, command)
+    return Written(summary, claims, ("report.html", "summary.csv", "claims.csv", f"figures/ ({len(pictures)})"))
+
+
+def write_experiment(
+    experiment: Experiment, results: xr.Dataset, prepared: Sequence[Prepared], folder: Path, command: str = ""
+) -> Written:
+    """Write tables, ensembles, figures and pages of an experiment.
+
+    Parameters
+    ----------
+    experiment
+        What was studied.
+    results
+        As of :func:`tvsysid.study.run`, finished or not.
+    prepared
+        The recordings; none, if they are gone: then ``exclusions.csv`` and ``prepared/`` stay as they are.
+    folder, command
+        As for :func:`write_study`.
+    """
+    import pandas as pd  # noqa: PLC0415  # heavy
+
+    with helpers(cores()) as pool:
+        results = results.load()
+        summary, claims = summarize(results), judge(results)
+        tables = {"summary.csv": summary, "claims.csv": claims, "stiffness.csv": stiffness_over_time(results)}
+        kept = folder / "exclusions.csv"
+        if prepared or not kept.is_file():
+            excluded = tables["exclusions.csv"] = exclusions(prepared)
+        else:
+            excluded = pd.read_csv(kept, keep_default_na=False, na_values={"reached": [""], "limit": [""]})
+        _write_tables(folder, tables)
+        ensembles = {item.recorded.label: item.ensemble for item in prepared if item.ensemble is not None}
+        for label, ensemble in ensembles.items():
+            write_ensemble(folder / "prepared" / f"{label}.nc", ensemble)
+        pictures = _experiment_pictures(experiment, results, summary, prepared, folder / "figures", pool)
+        diagnoses = share_out(diagnose, {label: (ensemble,) for label, ensemble in ensembles.items()}, pool)
+        if diagnoses:
+            write_diagnosis(folder / "diagnosis.html", diagnoses, command, pool)
+        write_experiment_report(folder / "report.html", results, summary, claims, excluded, pictures, command, COUNTS)
+    pages = ["report.html", "diagnosis.html"] if diagnoses else ["report.html"]
+    return Written(summary, claims, (*pages, *tables, "prepared/", f"figures/ ({len(pictures)})"), diagnoses)
+
+
+def _write_tables(folder: Path, tables: Mapping[str, pd.DataFrame]) -> None:
+    for name, table in tables.items():
+        with whole_file(folder / name) as file:
+            table.to_csv(file, index=False, float_format="%.6g")
+
+
+def _experiment_pictures(
+    experiment: Experiment,
+    results: xr.Dataset,
+    summary: pd.DataFrame,
+    prepared: Sequence[Prepared],
+    folder: Path,
+    pool: Executor | None,
+) -> dict[str, Picture]:
+    """Draw and save everything; returns those of the page, by the stems of their files."""
+    excerpts, preparations = {}, {}
+    who = representative(results, summary)
+    for item in prepared:
+        if item.recorded.participant == who and item.ensemble is not None:
+            with suppress(InputError):  # a file that is gone since
+                excerpts[item.recorded.label], preparations[item.recorded.label] = shown(experiment, item.recorded)
+    illustrations = experiment_figures(results, summary, excerpts, preparations)
+    pictures = draw_all(illustrations | participant_figures(results), folder, pool)
+    return {name: pictures[name] for name in illustrations}

@@ -52,7 +52,7 @@ def sliding_fit(regressors, torque, instruments):
     noise = windowed(np.sum(residual**2, axis=0)) / np.maximum(windowed(known.sum(axis=0).astype(float)), 1.0)
     spread = np.einsum("tij,tjk,tik->it", inverse, windowed(np.einsum("irt,jrt->tij", z, z)), inverse)
     values[:, ~known.any(axis=0)] = np.nan
-    return values, np.sqrt(noise * np.maximum(spread, 0.0)) + 0 * values
+    return values, np.sqrt(np.maximum(noise * spread, 0.0)) + 0 * values  # a running sum may leave less than 0
 
 
 class Cascade:

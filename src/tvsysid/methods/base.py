@@ -1,4 +1,4 @@
-"""What the five methods share: checks before, doubts and timing after."""
+"""What the five methods share: checks before, warnings and timing after."""
 
 from __future__ import annotations
 
@@ -92,17 +92,17 @@ class Method(ABC):
         Warns
         -----
         DataQualityWarning
-            For what is legal but doubtful; kept in the model's diagnostics.
+            For what is legal, but makes the result doubtful; kept in the model's diagnostics.
         """
         _check_ensemble("identify", ensemble)
         if reason := self.skip(ensemble):
             raise InputError(f"{type(self).__name__}: {reason}")
         started = perf_counter()
         model = self._identify(ensemble)
-        doubts = (*self._doubts(ensemble), *_doubts_of_all(ensemble, model, *self._needed_band(ensemble)))
-        diagnostics = replace(model.diagnostics, warnings=doubts, seconds=perf_counter() - started)
-        for doubt in doubts:
-            warnings.warn(f"{self.key}: {doubt}", DataQualityWarning, stacklevel=2)
+        texts = (*self._own_warnings(ensemble), *_common_warnings(ensemble, model, *self._needed_band(ensemble)))
+        diagnostics = replace(model.diagnostics, warnings=texts, seconds=perf_counter() - started)
+        for text in texts:
+            warnings.warn(f"{self.key}: {text}", DataQualityWarning, stacklevel=2)
         return replace(model, diagnostics=diagnostics)
 
     def skip(self, ensemble: Ensemble) -> str | None:
@@ -147,7 +147,7 @@ class Method(ABC):
     def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
         """Frequency below which the angle must have power, and the one above which, in Hz."""
 
-    def _doubts(self, ensemble: Ensemble) -> Iterator[str]:
+    def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
         yield from ()
 
 
@@ -216,7 +216,7 @@ def check_choice(method: object, name: str, allowed: object) -> None:
         raise InputError(f"{type(method).__name__}: {name} must be one of {listed}; got {value!r}")
 
 
-def _doubts_of_all(ensemble: Ensemble, model: Model, low: float, high: float) -> Iterator[str]:
+def _common_warnings(ensemble: Ensemble, model: Model, low: float, high: float) -> Iterator[str]:
     known = model.stiffness[np.isfinite(model.stiffness)]
     if len(known) and np.mean(known < 0) > MOSTLY_NEGATIVE:
         yield (

@@ -126,7 +126,7 @@ class EnsembleIRF(Method):
     def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
         return 1 / (2 * self.max_lag), EXCITED_ABOVE
 
-    def _doubts(self, ensemble: Ensemble) -> Iterator[str]:
+    def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
         unknowns = 2 * whole_samples(self.max_lag, ensemble) + 1
         if len(ensemble) < 2 * unknowns:
             few, fault = (

@@ -158,7 +158,7 @@ class EnsembleSpectral(Method):
             diagnostics=Diagnostics(float(length), details={"second_order_agreement": agreement}),
         )
 
-    def _doubts(self, ensemble: Ensemble) -> Iterator[str]:
+    def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
         rate = ensemble.sampling_rate
         if power_share(ensemble.angle[:: max(1, len(ensemble) // 64)], rate, rate / 4, math.inf) < OVERSAMPLED:
             yield (

@@ -90,7 +90,7 @@ class ShortDataSegments(Method):
         errors = SegmentErrors(windows, windows.angle_products(ensemble), noise, ensemble.samples, counted(ensemble))
         return window_model(repr(self), ensemble, windows, noise, errors)
 
-    def _doubts(self, ensemble: Ensemble) -> Iterator[str]:
+    def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
         unknowns = 2 * whole_samples(self.max_lag, ensemble) + 1
         samples = (2 * whole_samples(self.window / 2, ensemble) + 1) * len(ensemble)
         if samples < 4 * unknowns:

@@ -317,7 +317,7 @@ class KernelRegression(Method):
     def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
         return self.band[1], max(self.band[0], EXCITED_ABOVE)
 
-    def _doubts(self, ensemble: Ensemble) -> Iterator[str]:
+    def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
         period = self._period(ensemble)
         if abs(ensemble.duration / period - round(ensemble.duration / period)) > 1e-6:
             yield (

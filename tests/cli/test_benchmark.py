@@ -98,3 +98,23 @@ def test_doubts_in_a_benchmark_are_told(tvsysid):
     assert code == 0
     assert "warning: eirf: " in err
     assert "fewer than the 25 lags" in err
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_system_a_profile_and_a_perturbation_of_one_s_own(tvsysid, tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "mysystem.py").write_text(
+        "import numpy as np\nimport tvsysid as tv\n"
+        "def ramp(time):\n    return 80 + 20 * np.mod(time, 1.0)\n"
+        "class Joint(tv.simulate.Joint):\n    pass\n"
+        "class Noise(tv.simulate.FilteredNoise):\n    pass\n"
+    )
+    own = [f"--{name}=mysystem:{what}" for name, what in (("system", "Joint"), ("stiffness", "ramp"))]
+    options = ("--duration", 8, "--period", 1, "--rate", 125, "--trials", 1, "--method", "birf", "--workers", 1)
+    assert tvsysid("benchmark", *own, "--perturbation", "mysystem:Noise", *options)[0] == 0
+    table = pd.read_csv(tmp_path / "tvsysid-benchmark" / "summary.csv")
+    assert set(table.system) == {"mysystem:Joint"}
+    assert set(table.quantity.dropna()) == {"stiffness", "viscosity", "inertia"}
+    code, _, err = tvsysid("benchmark", "--system", "ankle", "--dry-run")
+    assert code == 2
+    assert "unknown name 'ankle'; expected one of joint, reflex, compliant, scheduled, or module:Object" in err

@@ -248,3 +248,46 @@ def test_an_excerpt_shows_the_torque_to_be_followed_whatever_it_is_called(tmp_pa
     experiment = experiment_on(tmp_path, "trial*.mat", preparation=preparing)
     excerpt, _ = shown(experiment, experiment.recordings[0])
     assert list(excerpt.channels) == ["target"]
+
+
+class Driven:
+    """Stands for a method that needs the muscles' activity."""
+
+    inputs = (tv.methods.Input("emg", "input", "V"), tv.methods.Input("level", "scheduling", "1"))
+
+    def identify(self, ensemble):
+        if set(ensemble.channels) != {"emg", "level"}:
+            raise ValueError("a channel is lost")
+        return tv.BasisIRF().identify(ensemble)
+
+
+def test_channels_that_methods_need_reach_them(tmp_path):
+    for number in range(3):
+        signals = trial(number)
+        activity = 1.0 + 0.1 * np.random.default_rng(number).standard_normal(len(signals["angle"]))
+        savemat(tmp_path / f"trial{number}.mat", signals | {"EMG_SIGNAL": activity, "LEVEL": 2.0 + 0 * activity})
+    channels = {"emg": "EMG_SIGNAL", "level": "LEVEL"}
+
+    def experiment(methods):
+        return Experiment(
+            participants={"A": {"noise": "*.mat"}}, reading={**READING, "channels": channels}, preparation=SHORT,
+            methods=methods, realizations=8, bootstraps=2, folder=tmp_path,
+        )  # fmt: skip
+
+    (prepared,) = prepared_recordings(experiment([Driven()]))
+    assert set(prepared.ensemble.channels) == {"emg", "level"}
+    (without,) = prepared_recordings(experiment(["birf"]))
+    assert not without.ensemble.channels
+    assert prepared.digest != without.digest
+    # What acts on the joint loses its mean with the angle, what only schedules it keeps it.
+    assert np.abs(prepared.ensemble.signal("emg").mean(axis=0)).max() < 1e-9
+    np.testing.assert_allclose(prepared.ensemble.signal("level"), 2.0, rtol=1e-3)
+    results = tv.study.run(experiment([Driven()]), workers=1)
+    assert not (results.failure != "").any()
+
+
+def test_a_channel_that_is_not_there_is_told(tmp_path):
+    write_trials(tmp_path)
+    study = experiment_on(tmp_path, "*.mat", methods=[Driven()])
+    found = tv.study.run(study, workers=1)
+    assert "it needs the channel 'emg' (input, V)" in str(found.failure.values.ravel()[0])

@@ -1,0 +1,115 @@
+"""A study simulates any system, profile and perturbation, at any rate and period."""
+
+import sys
+
+import numpy as np
+import pytest
+
+import tvsysid as tv
+from tvsysid.study import Study, of_quantity, run, score, summarize
+
+MODULE = """
+from dataclasses import dataclass
+
+import numpy as np
+
+import tvsysid as tv
+
+
+def ramp(time):
+    return 80 + 20 * np.mod(time, 1.0)
+
+
+class Tones:
+    def generate(self, count, rate, random):
+        time = np.arange(count) / rate
+        return sum(np.sin(2 * np.pi * f * time + random.uniform(0, 2 * np.pi)) for f in np.arange(0.7, 30, 0.9))
+
+
+@dataclass(frozen=True)
+class Stiff(tv.simulate.Joint):
+    inertia: float = 0.03
+
+
+class Fixed:
+    def simulate(self, duration, *, perturbation, snr_db, seed, rate=1000.0):
+        joint = tv.simulate.Joint(stiffness=tv.simulate.Constant(70.0))
+        return joint.simulate(duration, perturbation=perturbation, snr_db=snr_db, seed=seed, rate=rate)
+
+
+class Broken:
+    def simulate(self, duration, *, perturbation, snr_db, seed, rate=1000.0):
+        raise RuntimeError("no such joint")
+"""
+
+
+@pytest.fixture(scope="module")
+def mine(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("own")
+    (folder / "ownsystems.py").write_text(MODULE)
+    sys.path.insert(0, str(folder))
+    yield "ownsystems"
+    sys.path.remove(str(folder))
+
+
+def test_parts_of_one_s_own_by_name(mine):
+    study = Study(
+        stiffness=f"{mine}:ramp", perturbation=f"{mine}:Tones", system=[f"{mine}:Stiff", f"{mine}:Fixed"],
+        duration_s=8, period=1.0, rate=125, trials=2, methods="birf", snr_db=20,
+    )  # fmt: skip
+    found = run(study, workers=2)
+    assert found.sizes["time"] == 125
+    assert found.time.values[-1] == pytest.approx(0.992)
+    assert list(found.profile.values) == [f"{mine}:ramp", "own"]
+    assert not (set("/:\\") & set("".join(found.scenario.values)))
+    stiff, fixed = (found.isel(scenario=place) for place in (0, 1))
+    np.testing.assert_allclose(stiff.truth.sel(quantity="stiffness"), 80 + 20 * found.time.values)
+    assert (stiff.truth.sel(quantity="inertia") == 0.03).all()
+    assert (fixed.truth.sel(quantity="stiffness") == 70).all()
+    assert not (found.failure != "").any()
+    assert float(abs(stiff.estimate - stiff.truth).sel(quantity="stiffness").mean()) < 10
+    table = summarize(score(found))
+    assert set(table.system) == {f"{mine}:Stiff", f"{mine}:Fixed"}
+    assert not {"rise_time", "switch_dip"} & set(table.metric)
+
+
+def test_a_system_as_an_object_and_one_that_fails(mine):
+    joint = tv.simulate.Joint(inertia=0.025)
+    found = run(Study(system=joint, duration_s=8, trials=1, perturbation="prbs", methods="birf"), workers=1)
+    assert (found.truth.sel(quantity="inertia") == 0.025).all()
+    with pytest.raises(tv.InputError, match=r"cannot be simulated: RuntimeError: no such joint"):
+        run(Study(system=f"{mine}:Broken", duration_s=8, trials=1, methods="birf"), workers=1)
+    with pytest.raises(tv.InputError, match=r"system: .*with simulate\(\); got"):
+        Study(system=[3])
+    with pytest.raises(tv.InputError, match=r"stiffness: .*called with times; got"):
+        Study(stiffness=[3])
+
+
+def test_seeds_do_not_depend_on_rate_and_period_but_on_the_system():
+    usual, other = Study(), Study(rate=50, period=1.0)
+    assert usual.seed_of(usual.scenarios[0], 3).spawn_key == other.seed_of(other.scenarios[0], 3).spawn_key
+    reflex = Study(system="reflex")
+    assert usual.seed_of(usual.scenarios[0], 3).spawn_key != reflex.seed_of(reflex.scenarios[0], 3).spawn_key
+    # As it was before a study could take other systems.
+    assert usual.seed_of(usual.scenarios[0], 3).spawn_key == (4227018733, 870690802, 2055610964, 848547876, 3)
+
+
+def test_a_reflex_is_known_with_its_pathway():
+    found = run(Study(system="reflex", duration_s=20, trials=2, perturbation="prbs", methods="birf"), workers=1)
+    assert list(found.quantity.values)[:3] == ["stiffness", "viscosity", "inertia"]
+    assert "reflex_gain" in found.quantity.values
+    assert np.isfinite(found.truth.sel(quantity="reflex_gain")).all()
+    assert np.isnan(found.estimate.sel(quantity="reflex_gain")).all()
+    assert list(found.pathway.values) == ["intrinsic", "reflex"]
+    assert np.isnan(found.pathway_vaf).all()  # birf has one pathway
+    assert set(of_quantity(summarize(score(found))).quantity) == {"", "stiffness"}
+
+
+def test_a_truth_that_changes_from_trial_to_trial_is_scored_by_trial():
+    study = Study(system="scheduled", stiffness="sine", duration_s=20, trials=3, perturbation="prbs", methods="birf")
+    found = run(study, workers=1)
+    truth = found.trial_truth.sel(quantity="stiffness").values[0]
+    assert np.ptp(truth, axis=0).max() > 0.1
+    scores = score(found)
+    off = found.estimate.sel(quantity="stiffness").values[0, :, 0] - truth
+    assert scores.value.sel(metric="total_error").item() == pytest.approx(np.sqrt(np.mean(off**2)))

@@ -84,8 +84,10 @@ def benchmark(
     ] = None,
     duration: Annotated[
         list[float] | None,
-        typer.Option(metavar="S", help="Seconds of data, a whole number of 2-s realizations; repeatable. [150]"),
+        typer.Option(metavar="S", help="Seconds of data, a whole number of realizations; repeatable. [150]"),
     ] = None,
+    rate: Annotated[float | None, typer.Option(metavar="HZ", help="Rate to which data are decimated. [100]")] = None,
+    period: Annotated[float | None, typer.Option(metavar="S", help="Duration of a realization. [2]")] = None,
     snr: Annotated[
         list[float] | None,
         typer.Option("--snr", metavar="DB", help="Signal-to-noise ratio of the torque in dB; repeatable. [10]"),
@@ -137,6 +139,8 @@ def benchmark(
         "system": system,
         "stiffness": stiffness,
         "perturbation": perturbation,
+        "rate": rate,
+        "period": period,
         "duration_s": duration,
         "snr_db": snr,
         "viscosity": [item.value for item in viscosity or ()],

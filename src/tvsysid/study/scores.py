@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -62,6 +62,7 @@ class Cell:
     realization_vaf: Array
     bandpassed: Array
     durations: Array
+    kept: dict[tuple[str, int], Array] = field(default_factory=dict, repr=False)
 
     @cached_property
     def wave(self) -> SquareWave | None:
@@ -105,6 +106,26 @@ class Cell:
         """Times far from any."""
         return np.asarray(self.from_switch >= AWAY)
 
+    def mean_over_time(self, weights: Weights) -> Array:
+        """Time-varying VAF, mean over trials; shape (..., time)."""
+        return self._once("mean", weights, lambda: weighted_mean(self.over_time, weights))
+
+    def deviation(self, weights: Weights) -> Array:
+        """Standard deviation over trials of the time-varying VAF; shape (..., time)."""
+        return self._once("deviation", weights, lambda: self._deviation(weights))
+
+    def _deviation(self, weights: Weights) -> Array:
+        own = self.over_time - self.over_time.mean(axis=0)
+        variance = weighted_mean(np.square(own), weights) - np.square(weighted_mean(own, weights))
+        return np.asarray(np.sqrt(np.maximum(0.0, variance)))
+
+    def _once(self, name: str, weights: Weights, work: Callable[[], Array]) -> Array:
+        """What several metrics need, worked out once for the same weights."""
+        key = name, id(weights)
+        if key not in self.kept:
+            self.kept[key] = work()
+        return self.kept[key]
+
     def measured(self, name: str, weights: Weights) -> Any:
         """Metric of the catalogue, or of this study's own; one for each set of weights."""
         if name in OWN:
@@ -134,7 +155,7 @@ def from_switch(time: Array, wave: SquareWave) -> Array:
 
 def _dip(cell: Cell, weights: Weights) -> Any:
     """How far the mean at the switches lies below that away from them."""
-    over_time = weighted_mean(cell.over_time, weights)
+    over_time = cell.mean_over_time(weights)
     known = np.isfinite(over_time).reshape(-1, len(cell.time)).all(axis=0)
     at, away = known & cell.at, known & cell.away
     if not (at.any() and away.any()):
@@ -143,7 +164,7 @@ def _dip(cell: Cell, weights: Weights) -> Any:
 
 
 def _lowest(cell: Cell, weights: Weights) -> Any:
-    values = weighted_mean(cell.over_time, weights)
+    values = cell.mean_over_time(weights)
     known = np.isfinite(values)
     return np.where(known.any(axis=-1), np.min(values, axis=-1, where=known, initial=100.0), np.nan)
 
@@ -152,12 +173,8 @@ def _spread(side: int) -> Callable[[Cell, Weights], Any]:
     """Standard deviation over trials, averaged over all times (0), those of less (-1) or more than the mean truth."""
 
     def spread(cell: Cell, weights: Weights) -> Any:
-        mean = weighted_mean(cell.over_time, weights)
-        deviations = cell.over_time - cell.over_time.mean(axis=0)
-        shifted = weighted_mean(deviations, weights)
-        variance = weighted_mean(np.square(deviations), weights) - np.square(shifted)
-        deviation = np.sqrt(np.maximum(0.0, variance))
-        known = np.isfinite(mean).reshape(-1, len(cell.time)).all(axis=0)
+        deviation = cell.deviation(weights)
+        known = np.isfinite(deviation).reshape(-1, len(cell.time)).all(axis=0)
         chosen = deviation[..., known & ((side == 0) | (np.sign(cell.truth - cell.truth.mean()) == side))]
         return chosen.mean(axis=-1) if chosen.shape[-1] else np.full(deviation.shape[:-1], np.nan)
 
@@ -330,7 +347,7 @@ def _measured(cell: Cell, quantity: str, weights: Array) -> Iterator[tuple[str, 
         values["random_error"] = np.nan
         yield from ((name, value, np.nan) for name, value in values.items())
         return
-    found = {name: cell.measured(name, weights) for name in names}
+    found = {name: cell.measured(name, weights) for name in names if name != "debiased_bias_error"}
     _undraw(found, len(cell.estimates))
     yield from ((name, value, found[name]) for name, value in values.items())
 

@@ -15,7 +15,7 @@ class InputError(ValueError):
 
 
 class DataQualityWarning(UserWarning):
-    """Input that is legal, but whose result deserves doubt; kept in the model's diagnostics too."""
+    """Input that is legal, but makes the result doubtful; kept in the model's diagnostics too."""
 
 
 def describe_error(error: BaseException, file: str | None = None) -> str:

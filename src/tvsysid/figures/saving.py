@@ -146,7 +146,7 @@ def _picture(illustration: Illustration, path: Path | None) -> Picture:
 
 
 def save(figure: Figure, path: str | Path) -> None:
-    """Write a figure whole; its format is told by the ending: svg, pdf or png."""
+    """Write a figure whole; its ending says in which format: svg, pdf or png."""
     with whole_file(path) as temporary:
         temporary.write_bytes(drawn(figure, temporary.suffix.removeprefix(".")))
 

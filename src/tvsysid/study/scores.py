@@ -353,7 +353,7 @@ def _measured(cell: Cell, quantity: str, weights: Array) -> Iterator[tuple[str, 
 
 
 def _undraw(found: dict[str, Any], count: int) -> None:
-    """Have replicates vary about what was measured: the one place where draws are told from samples.
+    """Have replicates vary about what was measured: the one place where draws differ from samples.
 
     A draw varies less than what it is drawn from, by (M - 1) / M. Its bias holds the random error's part twice, the
     sample's and that of drawing from it, so that of the random error, as the draw has it, (2M - 1) / (M - 1)² is taken

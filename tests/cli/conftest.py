@@ -5,6 +5,7 @@ import sys
 import pytest
 
 from tvsysid import cli
+from tvsysid.cli.console import errors, output
 
 IDENTIFY = ("--angle", "angle", "--torque", "torque", "--rate", 1000, "--decimate", 100, "--period", 2)
 """How a simulated recording is identified."""
@@ -15,6 +16,8 @@ def tvsysid(monkeypatch, capsys, tmp_path):
     """Run the command line in a folder of its own; returns exit code, output and errors."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "200")
+    for console in (output, errors):  # made before, they have read another width
+        monkeypatch.setattr(console, "width", 200)
 
     def command(*words):
         monkeypatch.setattr(sys, "argv", ["tvsysid", *map(str, words)])

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.signal import bessel, cont2discrete, ss2tf
 
-from tvsysid.study import Study, run, score, summarize
+from tvsysid.study import Study, of_quantity, run, score, summarize
 
 pytestmark = pytest.mark.slow
 
@@ -31,7 +31,7 @@ INDEPENDENT = {
 
 
 def study_figures(trials):
-    table = summarize(score(run(Study(trials=trials), workers=1)))
+    table = of_quantity(summarize(score(run(Study(trials=trials), workers=1))))
     return table.set_index(["perturbation", "method", "metric"]).sort_index().value
 
 

@@ -22,7 +22,7 @@ BLOCK = 512
 
 @dataclass(frozen=True)
 class CompliantActuator(Joint):
-    r"""A joint on an actuator that gives way to its torque.
+    r"""A joint in closed loop: its torque moves the actuator, which is not infinitely stiff.
 
     .. math:: y(t) = I\,\ddot\theta + b(t)\,\dot\theta + k(t)\,\theta + n(t), \qquad
               M\,\ddot\theta + B\,\dot\theta + A\,(\theta - d(t)) = -y(t)

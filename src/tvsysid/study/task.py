@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import copyreg
 import hashlib
-import importlib
 import platform
 import sys
 import threading
@@ -119,7 +117,7 @@ class Clock:
 
 
 def attempt(method: bytes, ensemble: Ensemble, measure: Callable[[Model], Row]) -> Row:
-    """Identify an ensemble and measure the model, whoever's the method is; a failure is kept as a text."""
+    """Identify an ensemble by any method and measure the model; a failure is kept as a text."""
     started = time.perf_counter()
     try:
         # Unpickled each time, so that nothing that it remembers passes from one identification to the next.
@@ -208,8 +206,6 @@ def pickled(items: Mapping[str, Any], what: str = "method", parts: Sequence[Any]
         If one cannot be pickled.
     """
     travelling = {}
-    # A lazily loaded package may be of a class of its own, which cannot be pickled by itself.
-    copyreg.pickle(type(sys.modules["tvsysid"]), _by_name)
     for label, item in items.items():
         with ExitStack() as registered:
             for module in {_module_of(part) for part in (item, *parts)}:
@@ -222,10 +218,6 @@ def pickled(items: Mapping[str, Any], what: str = "method", parts: Sequence[Any]
                 reason = f"{type(error).__name__}: {error}"
                 raise InputError(f"{what} {label}: cannot be sent to a worker: {reason}") from error
     return travelling
-
-
-def _by_name(module: ModuleType) -> tuple[Callable[[str], ModuleType], tuple[str]]:
-    return importlib.import_module, (module.__name__,)
 
 
 def _name_of_module(item: Any) -> str:

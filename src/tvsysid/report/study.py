@@ -45,6 +45,9 @@ SETTINGS = {
     "trials": "trials of each scenario",
     "seed": "seed",
     "viscosity": "viscosity",
+    "system": "system",
+    "rate": "sampling rate after decimation (Hz)",
+    "period": "duration of a realization (s)",
 }
 RANKED = {
     "bias_error": ("bias error", "N·m/rad", 2),

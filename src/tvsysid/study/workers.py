@@ -225,14 +225,24 @@ def processes(workers: int, ready: bool = True) -> Iterator[ProcessPoolExecutor]
                 "run: the worker processes did not start. A script must call run from under "
                 "`if __name__ == '__main__':`, because each worker imports it; or give workers=1"
             ) from error
+        if len(pool._processes or {}) == workers:  # no more will be started
+            _close_results(pool)
         yield pool
     except (KeyboardInterrupt, GeneratorExit):
         # Nobody waits for what is under way any more, least of all for a method that hangs.
+        _close_results(pool)
         for process in list((pool._processes or {}).values()):
             process.terminate()
         raise
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _close_results(pool: ProcessPoolExecutor) -> None:
+    """Leave only the workers able to write results: one that ends halfway through would be read from for ever."""
+    results: Any = getattr(pool, "_result_queue", None)
+    if results is not None:
+        results._writer.close()
 
 
 @contextmanager

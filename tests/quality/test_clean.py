@@ -9,8 +9,8 @@ from tests.faults import changed, cut, simulated
 from tests.virtual import prepared
 
 import tvsysid as tv
-from tvsysid.quality.behaviour import lines
 from tvsysid.quality.fitted import FittedEnsemble
+from tvsysid.quality.timing import lines
 
 # 40 to 300 s, 5 to 20 dB.
 SCENARIOS = [

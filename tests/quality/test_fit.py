@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tvsysid.quality.fit import fit_motion, fit_second_order, time_bins
+from tvsysid.quality.fitted import fit_motion, fit_second_order, time_bins
 
 
 def dense(motion, torque, bins):

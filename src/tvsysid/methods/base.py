@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.models import Model
 from tvsysid.numerics.spectra import power_share
-from tvsysid.quality.limits import LEAST_POWER, MOSTLY_NEGATIVE, mean_left, still_samples
+from tvsysid.quality.statistics import LEAST_POWER, MOSTLY_NEGATIVE, mean_left, still_samples
 from tvsysid.signals import Ensemble
 
 if TYPE_CHECKING:

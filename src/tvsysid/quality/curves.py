@@ -7,19 +7,11 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from tvsysid.numerics.spectra import hann, short_time_spectra
-from tvsysid.quality.fit import fit_motion
 from tvsysid.quality.fitted import FittedEnsemble
-from tvsysid.quality.statistics import innovations
 from tvsysid.signals import Array
 
-SEGMENT = 0.64
-"""Length in s of the segments whose coherence is shown."""
-WELCH = 2.0
-"""Length in s of the segments whose spectrum is shown."""
-FARTHEST = 0.3
-"""Lags in s that are shown, to either side."""
-WHITENING = 0.12
-"""Seconds of a signal's past that make it white before it is correlated."""
+SEGMENT, WELCH = 0.64, 2.0  # length in s of the segments whose coherence is shown, and of those whose spectrum is
+FARTHEST = 0.3  # lags in s that are shown, to either side
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,28 +66,18 @@ def curves(data: FittedEnsemble) -> Curves:
     """All that the pictures show."""
     rate, fit = data.rate, data.fit
     length = min(fit.torque.shape[1], round(WELCH * rate))
-    angle, torque, residual = (_power(values, length, rate) for values in (fit.motion[0], fit.torque, data.residual))
-    coherence, coherence_time, coherence_frequency = _coherence(data)
-    lag, correlation, chance = _correlation(data)
-    halves = []
-    for half in data.half_orders:
-        own = fit_motion(fit.motion[:, half], fit.torque[half], rate, fit.first)
-        halves.append(own.stiffness[own.bins])
+    angle, torque, residual = (_power(values, length, rate) for values in (fit.motion[0], fit.torque, fit.residual))
     return Curves(
         np.asarray(np.fft.rfftfreq(length, 1 / rate), dtype=np.float64),
         angle,
         torque,
         residual,
-        coherence,
-        coherence_time,
-        coherence_frequency,
+        *_coherence(data),
         (fit.first - data.ensemble.context + np.arange(fit.torque.shape[1])) / rate,
-        np.stack(halves),
+        np.stack([fit.of(half).impedance[0] for half in data.half_orders]),
         data.relative_stiffness[data.order],
         data.relative_noise[data.order],
-        lag,
-        correlation,
-        np.asarray(chance),
+        *_correlation(data),
     )
 
 
@@ -107,6 +89,7 @@ def _power(values: Array, length: int, rate: float) -> Array:
 
 
 def _coherence(data: FittedEnsemble) -> tuple[Array, Array, Array]:
+    """Coherence, with its times and frequencies."""
     length = min(2 * (round(SEGMENT * data.rate) // 2), data.angle.shape[1] // 2 * 2)
     spectra = short_time_spectra(data.angle, data.torque, length)
     power = spectra.uu * spectra.yy
@@ -117,21 +100,16 @@ def _coherence(data: FittedEnsemble) -> tuple[Array, Array, Array]:
     return coherence[inside], centres[inside] / data.rate, frequency
 
 
-def _correlation(data: FittedEnsemble) -> tuple[Array, Array, float]:
-    """Correlation of what is left of the torque with angle and speed, all whitened, each lag over the same samples."""
-    residual, first = data.white_residual, data.first_white
-    speed = np.abs(np.gradient(data.angle, axis=1))
-    causes = []
-    for signal in (data.angle, speed - speed.mean(axis=0)):
-        order = min(max(2, round(WHITENING * data.rate)), first)
-        values = innovations(signal, order)[:, first - order :]
-        causes.append(values[:, : residual.shape[1]])
+def _correlation(data: FittedEnsemble) -> tuple[Array, Array, Array]:
+    """Lags, correlation of what is left with angle and speed, all whitened, each over the same samples, and chance."""
+    residual, speed = data.white_residual, np.abs(np.gradient(data.angle, axis=1))
     reach = min(round(FARTHEST * data.rate), residual.shape[1] // 3)
     lags = np.arange(-reach, reach + 1)
     inner = slice(reach, residual.shape[1] - reach)
     correlation = np.zeros((2, len(lags)))
-    for row, cause in zip(correlation, causes, strict=True):
+    for row, signal in zip(correlation, (data.angle, speed - speed.mean(axis=0)), strict=True):
+        cause = data.unpredicted(signal)
         scale = np.sqrt(np.mean(cause**2) * np.mean(residual**2))
         if scale > 0:
             row[:] = [np.mean(cause[:, inner] * residual[:, reach + lag : inner.stop + lag]) / scale for lag in lags]
-    return lags / data.rate, correlation, 1.96 / np.sqrt(residual[:, inner].size)
+    return lags / data.rate, correlation, np.asarray(1.96 / np.sqrt(residual[:, inner].size))

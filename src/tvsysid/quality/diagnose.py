@@ -13,13 +13,12 @@ import numpy as np
 from tvsysid.errors import InputError
 from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.numerics.moments import window_moments
-from tvsysid.quality import amount, behaviour, losses, realizations, scales, structure
+from tvsysid.quality import losses, realizations, scales, structure, timing
 from tvsysid.quality.catalogue import FAULTS
 from tvsysid.quality.curves import Curves, curves
 from tvsysid.quality.finding import Finding, Seen, finding_of
-from tvsysid.quality.fit import known_samples
 from tvsysid.quality.fitted import FittedEnsemble
-from tvsysid.quality.resampling import SHORTEST
+from tvsysid.quality.resampling import SHORTEST, known_samples
 from tvsysid.signals import Ensemble
 
 if TYPE_CHECKING:
@@ -193,17 +192,17 @@ def diagnose(ensemble: Ensemble) -> Diagnosis:
 
 
 TIMELY: dict[str, Callable[[FittedEnsemble], Seen]] = {
-    "few-realizations": amount.few_realizations,
-    "weak-answer": amount.weak_answer,
-    "narrow-excitation": amount.narrow_excitation,
-    "same-perturbation": amount.same_perturbation,
+    "few-realizations": scales.few_realizations,
+    "weak-answer": scales.weak_answer,
+    "narrow-excitation": scales.narrow_excitation,
+    "same-perturbation": scales.same_perturbation,
     "repeated-realizations": realizations.repeated,
     "reversed-torque": scales.reversed_torque,
     "angle-unit": scales.angle_unit,
     "torque-unit": scales.torque_unit,
     "sampling-rate": scales.sampling_rate,
-    "clock-skew": scales.clock_skew,
-    "drift": behaviour.drift,
+    "clock-skew": timing.clock_skew,
+    "drift": timing.drift,
     "misaligned-realizations": realizations.misaligned,
     "feedback": structure.feedback,
     "reflex": structure.reflex,
@@ -228,14 +227,14 @@ def _looked_at(data: FittedEnsemble) -> tuple[FittedEnsemble, dict[str, Finding]
         drifts = look(f"{which}-offset", realizations.offset, data, which).found
         lines.append(realizations.offset_line(data, which) if drifts else np.zeros(len(data)))
     level = data.levelled(*lines)
-    late = look("delay", scales.delay, level)
+    late = look("delay", timing.delay, level)
     # A best shift is a whole number of quarters of a sample.
     timely = level.synchronised(round(late.value * level.rate / 250) / 4 if late.significant else 0.0)
     for name, check in TIMELY.items():
         look(name, check, timely)
     misplaced = found["misaligned-realizations"]
     unlike = look("unlike-realizations", realizations.unlike, timely, misplaced.realizations)
-    period = look("wrong-period", behaviour.wrong_period, timely, found["drift"].found)
+    period = look("wrong-period", timing.wrong_period, timely, found["drift"].found)
     told = unlike.realizations + (misplaced.realizations if misplaced.found else ())
     look("scattered-realizations", realizations.scattered, timely, told, period.found)
     heights = losses.spike_heights(timely)

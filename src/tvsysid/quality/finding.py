@@ -7,6 +7,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from tvsysid.quality.catalogue import FAULTS, Fault
 
 
@@ -103,3 +106,8 @@ def finding_of(name: str, check: Callable[[], Seen]) -> Finding:
     except NotJudged as reason:
         return Finding(name, math.nan, False, str(reason))
     return Finding(name, float(seen.value), bool(seen.significant), seen.what, seen.realizations)
+
+
+def indices(concerned: NDArray[np.bool_] | np.bool_) -> tuple[int, ...]:
+    """Indices of the realizations concerned."""
+    return tuple(np.flatnonzero(concerned).tolist())

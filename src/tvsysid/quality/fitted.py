@@ -1,7 +1,8 @@
-"""What all checks start from: deviations from the mean, the second-order fit, and what it leaves."""
+"""What all checks start from: deviations from the mean, the joint's second-order model, and what it leaves."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -10,30 +11,113 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from tvsysid.impedance import second_order_fit
+from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.quality.finding import NotJudged
-from tvsysid.quality.fit import SecondOrder, fit_motion, fit_second_order
-from tvsysid.quality.resampling import between, lowered
-from tvsysid.quality.statistics import prediction_error
+from tvsysid.quality.resampling import between, known_region, lowered
+from tvsysid.quality.statistics import innovations, prediction_error
 from tvsysid.signals import Array, Ensemble
 
-WHITENING = 0.1
-"""Seconds of the past from which noise is predicted."""
-ANSWERED = 0.1
-"""Share of the torque that must be explained for the impedance to be spoken of."""
+ROWS = 100  # samples of all realizations together that a bin should have at least
+SHORTEST_BIN = 0.05  # in s
+MOST_BINS_LONG = 10  # a bin is no longer than a realization divided by this
+WHITENING, PAST = 0.1, 0.12  # seconds of the past from which noise is predicted, and signals
+ANSWERED = 0.1  # share of the torque that must be explained for the impedance to be spoken of
 NO_ANSWER = "the torque does not answer the angle"
+NOT_SEPARATE = "stiffness, viscosity and inertia are not separately identifiable"
+
+
+@dataclass(frozen=True, eq=False)
+class SecondOrder:
+    r"""Fit of :math:`y = k(t)\theta + b(t)\dot\theta + I\ddot\theta` by least squares, with k and b free in bins.
+
+    ``motion`` is angle, velocity and acceleration, shape (3, realization, time), ``torque`` of shape (realization,
+    time); their first sample is sample ``first`` of the ensemble, context counted. ``bins`` is the bin of each sample.
+    """
+
+    motion: Array
+    torque: Array
+    rate: float
+    first: int
+    bins: NDArray[np.int64]
+    stiffness: Array
+    viscosity: Array
+    inertia: float
+
+    @property
+    def impedance(self) -> Array:
+        """Stiffness, viscosity and inertia at each sample, shape (3, time)."""
+        return np.stack([self.stiffness[self.bins], self.viscosity[self.bins], np.full(len(self.bins), self.inertia)])
+
+    @cached_property
+    def parts(self) -> Array:
+        """Torque of stiffness, viscosity and inertia in N·m, shape (3, realization, time)."""
+        return self.motion * self.impedance[:, None]
+
+    @cached_property
+    def residual(self) -> Array:
+        """Torque that the model leaves in N·m, shape (realization, time)."""
+        return np.asarray(self.torque - self.parts.sum(axis=0))
+
+    @property
+    def squares(self) -> Array:
+        """Sum of squares that it leaves of each realization."""
+        return np.asarray(np.sum(self.residual**2, axis=1))
+
+    @cached_property
+    def left(self) -> float:
+        """Share of the torque's variance that it leaves; all of it where there is none."""
+        total = float(np.sum(self.torque**2))
+        return float(np.sum(self.residual**2)) / total if total > 0 else 1.0
+
+    def of(self, realizations: NDArray[np.int64] | slice) -> SecondOrder:
+        """Fit to some of the realizations by themselves."""
+        return fit_motion(self.motion[:, realizations], self.torque[realizations], self.rate, self.first)
+
+
+def time_bins(samples: int, realizations: int, sampling_rate: float) -> NDArray[np.int64]:
+    """Bin of each sample, shape (time,): bins are as short as the number of realizations allows."""
+    shortest = max(1, round(SHORTEST_BIN * sampling_rate))
+    length = max(shortest, min(math.ceil(ROWS / realizations), max(samples // MOST_BINS_LONG, 1)))
+    count = max(1, samples // length)
+    return np.minimum(np.arange(samples) // length, count - 1)
+
+
+def fit_second_order(angle: Array, torque: Array, sampling_rate: float, context: int) -> SecondOrder:
+    """Fit to deviations from the mean, shape (realization, context + time + context), where derivatives are known."""
+    region = known_region(angle.shape[1] - 2 * context, context)
+    motion = differentiate(angle, sampling_rate)[:, :, region.start - HALF_WIDTH : region.stop - HALF_WIDTH]
+    return fit_motion(motion, torque[:, region], sampling_rate, region.start)
+
+
+def fit_motion(motion: Array, torque: Array, sampling_rate: float, first: int) -> SecondOrder:
+    """Fit to angle, velocity and acceleration, shape (3, realization, time), and torque.
+
+    Stiffness and viscosity are free in each bin of time and the inertia is common to all, which is a partitioned
+    least-squares problem: what stiffness and viscosity explain of torque and acceleration is taken from both first.
+    """
+    bins = time_bins(torque.shape[1], len(torque), sampling_rate)
+    edges = np.flatnonzero(np.diff(bins, prepend=-1))
+    signals = [*motion, torque]
+
+    def moment(a: int, b: int) -> Array:
+        return np.add.reduceat(np.einsum("rt,rt->t", signals[a], signals[b]), edges)
+
+    gram = np.array([[moment(a, b) for b in range(2)] for a in range(2)]).transpose(2, 0, 1)
+    ridge = 1e-12 * np.trace(gram, axis1=1, axis2=2).mean() + np.finfo(float).tiny
+    gram = gram + ridge * np.eye(2)
+    with_acceleration = np.stack([moment(0, 2), moment(1, 2)], axis=1)
+    with_torque = np.stack([moment(0, 3), moment(1, 3)], axis=1)
+    by_motion = np.linalg.solve(gram, with_acceleration[..., None])[..., 0]
+    by_torque = np.linalg.solve(gram, with_torque[..., None])[..., 0]
+    left = float(np.sum(moment(2, 2)) - np.sum(with_acceleration * by_motion))
+    inertia = float(np.sum(moment(2, 3)) - np.sum(with_acceleration * by_torque)) / left if left > 0 else 0.0
+    stiffness, viscosity = (by_torque - inertia * by_motion).T
+    return SecondOrder(motion, torque, sampling_rate, first, bins, stiffness, viscosity, inertia)
 
 
 @dataclass(frozen=True, eq=False)
 class FittedEnsemble:
-    """An ensemble as the checks see it.
-
-    Parameters
-    ----------
-    given
-        What the user gave.
-    ensemble
-        The same at some 100 Hz.
-    """
+    """An ensemble as the checks see it: what the user gave, and the same at some 100 Hz."""
 
     given: Ensemble
     ensemble: Ensemble
@@ -61,50 +145,39 @@ class FittedEnsemble:
     @cached_property
     def angle(self) -> Array:
         """Deviation from the mean over realizations in rad, shape (realization, context + time + context)."""
-        return _deviation(self.ensemble.angle)
+        return np.asarray(self.ensemble.angle - self.ensemble.angle.mean(axis=0))
 
     @cached_property
     def torque(self) -> Array:
         """Deviation from the mean over realizations in N·m, likewise."""
-        return _deviation(self.ensemble.torque)
+        return np.asarray(self.ensemble.torque - self.ensemble.torque.mean(axis=0))
+
+    def signal(self, which: str) -> Array:
+        """Deviation of ``"angle"`` or ``"torque"``."""
+        return self.angle if which == "angle" else self.torque
 
     def core(self, which: str) -> Array:
-        """Deviation of ``"angle"`` or ``"torque"`` from the mean, shape (realization, time), context not counted."""
-        return (self.angle if which == "angle" else self.torque)[:, self.ensemble.core]
+        """The same without context, shape (realization, time)."""
+        return self.signal(which)[:, self.ensemble.core]
 
     @cached_property
     def fit(self) -> SecondOrder:
         """Second-order model with stiffness and viscosity free in each bin."""
         return fit_second_order(self.angle, self.torque, self.rate, self.ensemble.context)
 
-    @cached_property
-    def parts(self) -> Array:
-        """Torque of stiffness, viscosity and inertia in N·m, shape (3, realization, time)."""
-        return self.fit.parts
-
-    @cached_property
-    def residual(self) -> Array:
-        """Torque that the model leaves in N·m, shape (realization, time)."""
-        return np.asarray(self.fit.torque - self.parts.sum(axis=0))
-
-    @cached_property
+    @property
     def explained(self) -> float:
         """Share of the torque's variance that the model explains."""
-        return 1.0 - left_by(self.fit, self.residual)
+        return 1.0 - self.fit.left
 
     @property
     def whitening(self) -> int:
         """Samples of the past from which noise is predicted, w; never so many that little is left."""
         return int(max(2, min(round(WHITENING * self.rate), self.fit.torque.shape[1] // 3)))
 
-    @property
-    def first_white(self) -> int:
-        """Sample of the ensemble, context counted, that the first whitened one is."""
-        return self.fit.first + self.whitening
-
     @cached_property
     def _whitener(self) -> Array:
-        return prediction_error(self.residual, self.whitening)
+        return prediction_error(self.fit.residual, self.whitening)
 
     def whitened(self, signal: Array) -> Array:
         """Signal through the filter that makes the residual white, shape (..., time - w).
@@ -116,17 +189,33 @@ class FittedEnsemble:
     @cached_property
     def white_parts(self) -> Array:
         """Parts of the torque, whitened, shape (3, realization, time - w)."""
-        return self.whitened(self.parts)
+        return self.whitened(self.fit.parts)
 
     @cached_property
     def white_residual(self) -> Array:
         """Residual, whitened, shape (realization, time - w)."""
-        return self.whitened(self.residual)
+        return self.whitened(self.fit.residual)
 
     @cached_property
     def white_fit(self) -> SecondOrder:
         """Fit to what the fit left, whitened, which slow noise makes much less wrong; shares of the first's values."""
         return fit_motion(self.white_parts, self.white_residual, self.rate, 0)
+
+    @property
+    def white_region(self) -> slice:
+        """Samples of the ensemble, context counted, that the whitened ones are."""
+        first = self.fit.first + self.whitening
+        return slice(first, first + self.white_residual.shape[1])
+
+    def seconds(self, white_sample: float) -> float:
+        """Time of a whitened sample within its realization."""
+        return float((white_sample + self.white_region.start - self.ensemble.context) / self.rate)
+
+    def unpredicted(self, signal: Array) -> Array:
+        """What its past does not predict of a signal, context and all, at the whitened samples."""
+        region = self.white_region
+        order = min(max(2, round(PAST * self.rate)), region.start)
+        return innovations(signal, order)[:, region.start - order : region.stop - order]
 
     @cached_property
     def mean_impedance(self) -> tuple[Array, Array]:
@@ -199,13 +288,3 @@ class FittedEnsemble:
         torque = between(given.torque, late - whole)[:, cut + whole : width - cut + whole]
         timely = replace(given, angle=angle, torque=torque, context=given.context - cut, channels={})
         return FittedEnsemble(self.given, timely)
-
-
-def _deviation(values: Array) -> Array:
-    return values - values.mean(axis=0) if len(values) > 1 else values
-
-
-def left_by(fit: SecondOrder, residual: Array) -> float:
-    """Share of the torque's variance that a fit leaves; all of it where there is none."""
-    total = float(np.sum(fit.torque**2))
-    return float(np.sum(residual**2)) / total if total > 0 else 1.0

@@ -9,43 +9,27 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, median_filter
 
 from tvsysid.quality.catalogue import FAULTS
-from tvsysid.quality.finding import NotJudged, Seen
+from tvsysid.quality.finding import NotJudged, Seen, indices
 from tvsysid.quality.fitted import FittedEnsemble
-from tvsysid.quality.statistics import innovations, over_usual
+from tvsysid.quality.statistics import over_usual
 from tvsysid.signals import Array
 
-ALIKE = 3
-"""Realizations that must be at the limit at one time."""
-SAME = 1e-3
-"""Of a signal's standard deviation: values that are as near as that are the same."""
-TWO_LEVELS = 0.2
-"""Share of samples within half an RMS below which a signal switches between two levels: Gaussian ones have 0.38."""
-WINDOW = 0.2
-"""In s, for losses."""
-STILL = 0.1
-"""Share of what is expected below which a signal does not move."""
-LOUD = 4.0
-"""Times the usual power from which on a window's residual is out of the ordinary."""
-QUIET = 0.25
-"""Share of a realization's windows that are quieter than what counts as its noise."""
-LEAST_SAMPLES = 10
-"""Of a window."""
-HALF_SPIKE = 3
-"""Samples to either side from which a spike stands out."""
-PAST = 0.12
-"""Seconds of a signal's past that predict it."""
-USUAL = {"angle": 0.99, "torque": 0.9}
-"""Quantiles against which spikes are held: a PRBS surprises at every switch, noise never."""
-OUT_OF_LINE = 1.2
-"""Times the usual distance from the median about it that makes a sample stand out."""
-FAR_OUT_OF_LINE = 2.0
-"""The same, of a sample that is taken out before what is lost is looked for."""
-DISTURBED = 4.5
-"""Times the usual residual that a spike in the angle causes beside it."""
-SCATTER = 2.0
-"""Times the usual level that the level of one time has by chance."""
-BESIDE = 6
-"""Samples to either side over which the derivatives' filters spread a spike."""
+ALIKE = 3  # realizations that must be at the limit at one time
+SAME = 1e-3  # of a signal's standard deviation: values that are as near as that are the same
+TWO_LEVELS = 0.2  # of samples within half an RMS, below which a signal switches between two levels: Gaussian have 0.38
+WINDOW = 0.2  # in s, for losses
+STILL = 0.1  # share of what is expected below which a signal does not move
+LOUD = 4.0  # times the usual power from which on a window's residual is out of the ordinary
+QUIET = 0.25  # share of a realization's windows that are quieter than what counts as its noise
+LEAST_SAMPLES = 10  # of a window
+HALF_SPIKE = 3  # samples to either side from which a spike stands out
+# Quantiles against which surprises and residual are held: a PRBS surprises at every switch, noise never.
+USUAL_SURPRISE, USUAL_RESIDUAL = 0.99, 0.9
+OUT_OF_LINE = 1.2  # times the usual distance from the median about it that makes a sample stand out
+FAR_OUT_OF_LINE = 2.0  # the same, of a sample that is taken out before what is lost is looked for
+DISTURBED = 4.5  # times the usual residual that a spike in the angle causes beside it
+SCATTER = 2.0  # times the usual level that the level of one time has by chance
+BESIDE = 6  # samples to either side over which the derivatives' filters spread a spike
 
 
 def clipped(data: FittedEnsemble, which: str) -> Seen:
@@ -54,11 +38,11 @@ def clipped(data: FittedEnsemble, which: str) -> Seen:
     The mean over realizations may be subtracted, and with it a different value at each time: only within a time are
     values at a sensor's limit still the same.
     """
-    ensemble = data.given
-    values = ensemble.signal(which)[:, ensemble.core]
+    values = data.given.signal(which)[:, data.given.core]
     if len(values) < 2 * ALIKE:
         raise NotJudged(f"it takes {2 * ALIKE} realizations")
-    size = float(np.std(values - values.mean(axis=0)))
+    deviations = values - values.mean(axis=0)
+    size = float(np.std(deviations))
     ordered = np.sort(values, axis=0)
     top = ordered[-1] - ordered[-ALIKE] <= SAME * size
     bottom = ordered[ALIKE - 1] - ordered[0] <= SAME * size
@@ -70,7 +54,7 @@ def clipped(data: FittedEnsemble, which: str) -> Seen:
     inside = ordered[min(middle + ALIKE, len(ordered)) - 1] - ordered[middle] <= SAME * size
     if inside.mean() > max(0.5 * tied.mean(), 0.01 * FAULTS[f"clipped-{which}"].limit):
         raise NotJudged(f"the same values of {which} come again and again, not only the extremes")
-    if which == "angle" and float(np.mean(np.abs(values - values.mean(axis=0)) < 0.5 * size)) < TWO_LEVELS:
+    if which == "angle" and float(np.mean(np.abs(deviations) < 0.5 * size)) < TWO_LEVELS:
         raise NotJudged("the angle switches between two levels, as a PRBS does")
     sides = "highest" if not bottom.any() else "lowest" if not top.any() else "highest and lowest"
     return Seen(share, f"at {share:.1f} % of the times at least {ALIKE} realizations have the same {sides} {which}")
@@ -79,10 +63,7 @@ def clipped(data: FittedEnsemble, which: str) -> Seen:
 def lost(data: FittedEnsemble, which: str, heights: Mapping[str, Array]) -> Seen:
     """Time during which one signal stands still, or is but what the subtracted mean left, while the other moves.
 
-    Parameters
-    ----------
-    heights
-        As of :func:`spike_heights`.
+    Heights are those of :func:`spike_heights`.
     """
     samples = max(LEAST_SAMPLES, round(WINDOW * data.rate))
     answer, measured = data.white_parts.sum(axis=0), data.whitened(data.fit.torque)
@@ -96,7 +77,9 @@ def lost(data: FittedEnsemble, which: str, heights: Mapping[str, Array]) -> Seen
     if which == "torque":
         moving = expected > max(float(np.median(expected)), LOUD * typical)
         gone = moving & (there < STILL * expected) & (np.abs(together) < 2 * STILL * expected)
-        gone |= _held(data, samples)
+        # Where every torque is the same, and no mean was subtracted; an angle may be held, a torque not.
+        torque = data.ensemble.torque
+        gone |= np.ptp(_windows(torque[:, data.white_region], samples), axis=2) <= 1e-9 * float(np.std(torque))
     else:
         gone = (left > LOUD * noise) & (expected < STILL * there) & (np.abs(together) < STILL * there)
     # A spike in the other signal moves much, and is answered by nothing.
@@ -104,16 +87,15 @@ def lost(data: FittedEnsemble, which: str, heights: Mapping[str, Array]) -> Seen
     alone = _against_neighbours(data, other) > FAR_OUT_OF_LINE
     spikes = maximum_filter1d(alone & (heights[other] > FAULTS[f"{other}-spikes"].limit), 2 * BESIDE + 1, axis=1)
     gone &= ~_windows(spikes, samples).any(axis=2)
-    seconds = float(gone.sum()) * samples / data.rate
     if not gone.any():
         return Seen(0.0, f"the {which} is there throughout")
-    concerned = np.flatnonzero(gone.any(axis=1))
-    begin = (int(np.argmax(gone[concerned[0]])) * samples + data.first_white - data.ensemble.context) / data.rate
+    seconds, concerned = float(gone.sum()) * samples / data.rate, indices(gone.any(axis=1))
+    begin = data.seconds(int(np.argmax(gone[concerned[0]])) * samples)
     what = (
         f"the {which} does not follow for {seconds:.2g} s in {len(concerned)} realizations, first in realization "
         f"{concerned[0]} from about {begin:.2g} s on"
     )
-    return Seen(seconds, what, realizations=tuple(int(each) for each in concerned))
+    return Seen(seconds, what, realizations=concerned)
 
 
 def _windows(values: NDArray[np.generic], samples: int) -> NDArray[np.generic]:
@@ -128,22 +110,14 @@ def _window_power(values: Array, samples: int, others: Array | None = None) -> A
     return np.asarray(np.einsum("rws,rws->rw", *(block - block.mean(axis=2, keepdims=True) for block in blocks)))
 
 
-def _held(data: FittedEnsemble, samples: int) -> NDArray[np.bool_]:
-    """Windows in which every torque is the same, where no mean was subtracted; an angle may be held, a torque not."""
-    torque = data.ensemble.torque
-    windows = _windows(torque[:, data.first_white : data.first_white + data.white_residual.shape[1]], samples)
-    return np.asarray(np.ptp(windows, axis=2) <= 1e-9 * float(np.std(torque)))
-
-
 def spike_heights(data: FittedEnsemble) -> dict[str, Array]:
     """How high the samples that stand out are over what is usual, of either signal, shape (realization, time - w).
 
     In the angle, samples that neither past nor neighbours predict, and that the torque does not answer. In the torque,
     those that neither the model nor the past of what it leaves predicts, and that are not the angle's. Others are zero.
     """
-    angle, torque = _surprises(data, "angle"), _surprises(data, "torque")
-    size = np.abs(data.white_residual)
-    residual = over_usual(size, USUAL["torque"])
+    angle, torque = (over_usual(np.abs(data.unpredicted(own)), USUAL_SURPRISE) for own in (data.angle, data.torque))
+    residual = over_usual(np.abs(data.white_residual), USUAL_RESIDUAL)
     standing_out = (angle > 0) & (_against_neighbours(data, "angle") > OUT_OF_LINE)
     standing_out &= maximum_filter1d(residual, 2 * BESIDE + 1, axis=1) > DISTURBED
     # What is high at this time in most realizations is not a spike: a change of stiffness that the bins do not follow.
@@ -157,19 +131,11 @@ def spike_heights(data: FittedEnsemble) -> dict[str, Array]:
     }
 
 
-def _surprises(data: FittedEnsemble, which: str) -> Array:
-    """What a signal's past does not predict of it, over what is usual, shape (realization, time - w)."""
-    values, first = data.angle if which == "angle" else data.torque, data.first_white
-    order = min(max(2, round(PAST * data.rate)), first)
-    inner = slice(first - order, first - order + data.white_residual.shape[1])
-    return over_usual(np.abs(innovations(values, order)[:, inner]), USUAL["angle"])
-
-
 def _against_neighbours(data: FittedEnsemble, which: str) -> Array:
     """Distance of each sample from the median about it over what is usual; a step has none, a spike has all of it."""
-    values = data.angle if which == "angle" else data.torque
-    distance = over_usual(np.abs(values - median_filter(values, (1, 2 * HALF_SPIKE + 1))), USUAL["angle"])
-    return distance[:, data.first_white : data.first_white + data.white_residual.shape[1]]
+    values = data.signal(which)
+    distance = np.abs(values - median_filter(values, (1, 2 * HALF_SPIKE + 1)))
+    return over_usual(distance, USUAL_SURPRISE)[:, data.white_region]
 
 
 def spikes(data: FittedEnsemble, which: str, heights: Mapping[str, Array]) -> Seen:
@@ -179,9 +145,8 @@ def spikes(data: FittedEnsemble, which: str, heights: Mapping[str, Array]) -> Se
     if value == 0:
         return Seen(0.0, "none")
     realization, sample = np.unravel_index(int(np.argmax(own)), own.shape)
-    begin = (sample + data.first_white - data.ensemble.context) / data.rate
     beyond = own > FAULTS[f"{which}-spikes"].limit
     count = int(np.count_nonzero(beyond))
-    what = f"the highest is {value:.3g} times as high as is usual, in realization {realization} at {begin:.3g} s"
-    what += f"; {count} samples stand out" if count > 1 else ""
-    return Seen(value, what, realizations=tuple(int(each) for each in np.flatnonzero(beyond.any(axis=1))))
+    what = f"the highest is {value:.3g} times as high as is usual, in realization {realization} at "
+    what += f"{data.seconds(int(sample)):.3g} s" + (f"; {count} samples stand out" if count > 1 else "")
+    return Seen(value, what, realizations=indices(beyond.any(axis=1)))

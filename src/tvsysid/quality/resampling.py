@@ -10,18 +10,26 @@ from scipy.interpolate import make_interp_spline
 from scipy.ndimage import correlate1d
 from scipy.signal import firwin, oaconvolve
 
+from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.preprocess import decimate
-from tvsysid.quality.fit import known_samples
 from tvsysid.signals import Array, Ensemble, Recording
 
-LOWEST_RATE = 100.0
-"""Rate in Hz that the checks need; what is above is taken down to it or little more."""
-SHORTEST = 30
-"""Samples of a realization whose derivatives must be known."""
-TAPS = 3
-"""Samples of the lower rate that the low-pass of a rate which does not divide is long, as that to a tenth is."""
-SINC = 12
-"""Samples to either side that a value between samples is made from."""
+LOWEST_RATE = 100.0  # in Hz; what is above is taken down to it or little more
+SHORTEST = 30  # samples of a realization whose derivatives must be known
+TAPS = 3  # samples of the lower rate that a low-pass is long if the rate does not divide, as that to a tenth is
+SINC = 12  # samples to either side that a value between samples is made from
+
+
+def known_region(samples: int, context: int) -> slice:
+    """Samples of an ensemble, context counted, whose derivatives are known: all but those at the edges of a record."""
+    margin = max(context, HALF_WIDTH)
+    return slice(margin, max(margin, samples + min(context, 2 * context - HALF_WIDTH)))
+
+
+def known_samples(samples: int, context: int) -> int:
+    """How many samples of a realization these are."""
+    region = known_region(samples, context)
+    return int(region.stop - region.start)
 
 
 def lowered(ensemble: Ensemble) -> Ensemble:
@@ -45,9 +53,8 @@ def lowered(ensemble: Ensemble) -> Ensemble:
     starts = tuple(range(0, ensemble.angle.size, samples + 2 * context))
     low = decimate(Recording(ensemble.angle.ravel(), ensemble.torque.ravel(), rate, trial_starts=starts), rate / factor)
     angle, torque = (values.reshape(len(ensemble), -1) for values in (low.angle, low.torque))
-    return replace(
-        ensemble, angle=angle, torque=torque, sampling_rate=rate / factor, context=context // factor, channels={}
-    )
+    context //= factor
+    return replace(ensemble, angle=angle, torque=torque, sampling_rate=rate / factor, context=context, channels={})
 
 
 def _resampled(ensemble: Ensemble) -> Ensemble | None:

@@ -1,33 +1,65 @@
-"""Signs, units and rates that give an impedance no joint has, and channels that are not of one time."""
+"""Whether amount of data, perturbation, channels, units, sign and rate can be right."""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
-from tvsysid.quality.amount import narrow_excitation
+from tvsysid.numerics.spectra import power_share
 from tvsysid.quality.catalogue import FAULTS
 from tvsysid.quality.finding import NotJudged, Seen
-from tvsysid.quality.fit import fit_motion
-from tvsysid.quality.fitted import ANSWERED, NO_ANSWER, FittedEnsemble, left_by
-from tvsysid.quality.resampling import between
-from tvsysid.quality.statistics import LEAST_REALIZATIONS, SIGNIFICANT, p_value_of
+from tvsysid.quality.fitted import ANSWERED, NO_ANSWER, NOT_SEPARATE, FittedEnsemble
 from tvsysid.signals import Array
 
-SURE = 5.0
-"""Standard errors from which on a value's sign is sure."""
-LOWEST, HIGHEST = 1.0, 40.0
-"""Natural frequencies of joints in Hz."""
-LARGEST_INERTIA = 1.0
-"""In kg·m²: more than an arm or a lower leg has."""
-LONGEST_DELAY = 0.1
-"""In s, to either side."""
-CLEARER, CLEARER_LATE = 1.3, 1.05
-"""Times as much as with the best shift that a joint must leave unexplained without it; so if only a delay does that."""
-FINER = np.linspace(-1, 1, 9)
-"""Samples beside the best shift that are tried."""
+QUARTER = 0.25  # of the sampling rate: above it a joint hardly moves, but a sensor's noise goes on
+UNKNOWN = 9.99  # relative error from which on more digits tell nothing
+SURE = 5.0  # standard errors from which on a value's sign is sure
+LOWEST, HIGHEST = 1.0, 40.0  # natural frequencies of joints in Hz
+LARGEST_INERTIA = 1.0  # in kg·m²: more than an arm or a lower leg has
+
+
+def few_realizations(data: FittedEnsemble) -> Seen:
+    """Count them."""
+    return Seen(len(data), f"there are {len(data)} realizations")
+
+
+def weak_answer(data: FittedEnsemble) -> Seen:
+    """Share of the torque that a joint of second order explains."""
+    share = 100 * data.explained
+    return Seen(share, f"stiffness, viscosity and inertia explain {share:.1f} % of the torque's variance")
+
+
+def narrow_excitation(data: FittedEnsemble) -> Seen:
+    """How well a mean stiffness and inertia are determined, by the scatter over realizations."""
+    data.require()
+    values, errors = (each[[0, 2]] for each in data.mean_impedance)
+    if not np.isfinite(data.mean_impedance[0]).all():
+        return Seen(100 * UNKNOWN, NOT_SEPARATE)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        relative = np.nan_to_num(np.abs(errors / values), nan=np.inf)
+    worst = int(np.argmax(relative))
+    value = 100 * min(float(relative[worst]), UNKNOWN)
+    name, unit = (("stiffness", "N·m/rad"), ("inertia", "kg·m²"))[worst]
+    what = f"the data give a mean {name} of {values[worst]:.3g} ± {errors[worst]:.2g} {unit}, ± {value:.2g} %"
+    return Seen(value, what)
+
+
+def same_perturbation(data: FittedEnsemble) -> Seen:
+    """Whether all realizations were moved alike; only sensor noise differs then, and no torque answers it."""
+    white = 100 * power_share(data.core("angle"), data.rate, QUARTER * data.rate, np.inf)
+    above = f"above {QUARTER * data.rate:g} Hz"
+    told = [(white, f"{white:.0f} % of the variance by which the angle differs between realizations lies {above}")]
+    if not data.ensemble.mean_subtracted:
+        angle = data.ensemble.angle[:, data.ensemble.core]
+        varying = angle - angle.mean()
+        common = float(np.mean(varying.mean(axis=0) ** 2) / np.mean(varying**2))
+        common = 100 * max(0.0, common - 1 / len(angle))
+        told.append((common, f"{common:.0f} % of the angle's variance is common to all realizations"))
+    value, what = max(told)
+    if data.explained >= ANSWERED:
+        return Seen(0.0, f"{what}, but the torque answers what differs")
+    return Seen(value, f"{what}, and {NO_ANSWER} where realizations differ")
 
 
 def same_channel(data: FittedEnsemble) -> Seen:
@@ -45,7 +77,7 @@ def _impedance(data: FittedEnsemble) -> tuple[Array, Array]:
     data.require()
     values, errors = data.mean_impedance
     if not np.isfinite(values).all():
-        raise NotJudged("stiffness, viscosity and inertia are not separately identifiable")
+        raise NotJudged(NOT_SEPARATE)
     return values, errors
 
 
@@ -82,82 +114,3 @@ def sampling_rate(data: FittedEnsemble) -> Seen:
         octaves = min(octaves, math.log2(LOWEST / math.sqrt(LOWEST * HIGHEST) * LARGEST_INERTIA / abs(inertia)))
     what = f"the natural frequency comes out at {frequency:.3g} Hz, with an inertia of {abs(inertia):.2g} kg·m²"
     return Seen(abs(octaves), what)
-
-
-def delay(data: FittedEnsemble) -> Seen:
-    """Shift of the torque with which a joint of second order explains most of it.
-
-    It is significant whenever it is sure, even if it does no harm: what it leaves would be taken for something else.
-    """
-    reach = _reach(data)
-    best = _best_shift(data, reach)
-    if 1 - best.left < ANSWERED:
-        raise NotJudged(NO_ANSWER)
-    given = _shifted(data, 0.0)
-    # An angle that torque noise moves is the later of the two, but hardly fits better then than with no shift; and a
-    # perturbation of few frequencies hardly tells a delay from a viscosity.
-    sure = best.samples > 0 and not FAULTS["narrow-excitation"].beyond(_narrowness(data.synchronised(best.samples)))
-    clearer = given.left > (CLEARER_LATE if sure else CLEARER) * best.left
-    significant = clearer and p_value_of(given.squares - best.squares) < SIGNIFICANT
-    late = 1000 * best.samples / data.rate
-    edge = "at least " if abs(round(best.samples)) == reach else ""
-    what = f"the torque fits best if it is {edge}{abs(late):.3g} ms {'late' if late > 0 else 'early'}"
-    what += f": {100 * (1 - best.left):.1f} % of it explained rather than {100 * (1 - given.left):.1f} %"
-    return Seen(late, what, significant)
-
-
-def _narrowness(data: FittedEnsemble) -> float:
-    try:
-        return narrow_excitation(data).value
-    except NotJudged:
-        return math.nan
-
-
-def clock_skew(data: FittedEnsemble) -> Seen:
-    """Best shift of the second half of the experiment against that of the first."""
-    data.require(2 * LEAST_REALIZATIONS, answer=False)
-    reach = _reach(data)
-    first, second = data.halves
-    early, late = _best_shift(first, reach), _best_shift(second, reach)
-    if 1 - max(early.left, late.left) < ANSWERED:
-        raise NotJudged(NO_ANSWER)
-    # What each half leaves with the other's shift, against what it leaves with its own.
-    pairs = ((first, late.samples, early), (second, early.samples, late))
-    worse = [_shifted(half, others).squares - own.squares for half, others, own in pairs]
-    skew = 1000 * late.samples / data.rate - 1000 * early.samples / data.rate
-    what = f"the torque is {skew:+.3g} ms late in the second half of the experiment against the first"
-    return Seen(skew, what, p_value_of(np.concatenate(worse)) < SIGNIFICANT)
-
-
-def _reach(data: FittedEnsemble) -> int:
-    """Samples that are tried as a delay, to either side."""
-    reach = min(round(LONGEST_DELAY * data.rate), data.ensemble.context)
-    if reach < 2:
-        raise NotJudged("the realizations have no context to shift them by")
-    return reach
-
-
-class _Shift(NamedTuple):
-    """Shift of the torque in samples, what a fit leaves of each realization with it, and of the torque's variance."""
-
-    samples: float
-    squares: Array
-    left: float
-
-
-def _shifted(data: FittedEnsemble, samples: float) -> _Shift:
-    """Fit again with the torque taken so many samples later."""
-    first, whole = data.fit.first, round(samples)
-    torque = between(data.torque, samples - whole)
-    late = np.clip(np.arange(first, first + data.fit.torque.shape[1]) + whole, 0, torque.shape[1] - 1)
-    fit = fit_motion(data.fit.motion, torque[:, late], data.rate, first)
-    residual = fit.torque - fit.parts.sum(axis=0)
-    return _Shift(samples, np.sum(residual**2, axis=1), left_by(fit, residual))
-
-
-def _best_shift(data: FittedEnsemble, reach: int) -> _Shift:
-    def best_of(shifts: Array) -> _Shift:
-        return min((_shifted(data, float(shift)) for shift in shifts), key=lambda shift: shift.left)
-
-    best = best_of(np.arange(-reach, reach + 1).astype(np.float64))
-    return best_of(np.clip(best.samples + FINER, -reach, reach))

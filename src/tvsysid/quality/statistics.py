@@ -1,30 +1,31 @@
-"""Tests over realizations, least squares and linear prediction; arrays only."""
+"""Tests over realizations, least squares, linear prediction; what methods judge alike; arrays only."""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.special import stdtr
 
+from tvsysid.quality.catalogue import FAULTS
 from tvsysid.signals import Array
 
-LEAST_REALIZATIONS = 8
-"""Fewer have no scatter to judge by."""
-SIGNIFICANT = 1e-5
-"""Probability below which noise is not taken for the cause of what is seen."""
+LEAST_REALIZATIONS = 8  # fewer have no scatter to judge by
+TOLD_BY_FEW = 5  # realizations below which a mean over them is not judged at all
+SIGNIFICANT = 1e-5  # probability below which noise is not taken for the cause of what is seen
 FOLDS = 4
-RIDGE = 1e-9
-"""Share of the regressors' mean power that keeps their fit from falling apart."""
+RIDGE = 1e-9  # share of the regressors' mean power that keeps their fit from falling apart
+STILL = 1e-6  # share of the angle's mean power over realizations below which it does not move
+LEAST_POWER = 0.01  # share of the angle's power below which a band of frequencies counts as not excited
+MOSTLY_NEGATIVE = 0.9  # share of the samples with negative stiffness from which on the torque's sign is in question
 
 
 def p_value(mean: float, error: float, count: int) -> float:
-    """Probability of so large a mean of independent realizations by chance, from its standard error (Student's t).
-
-    One where there are fewer than eight realizations.
-    """
+    """Probability of so large a mean of independent realizations by chance, from its standard error (Student's t)."""
     if count < LEAST_REALIZATIONS:
         return 1.0
     if error == 0:
@@ -33,11 +34,8 @@ def p_value(mean: float, error: float, count: int) -> float:
 
 
 def p_value_of(scores: Array) -> float:
-    """Probability that scores of independent realizations, shape (realization,), have so large a mean by chance."""
-    count = len(scores)
-    if count < LEAST_REALIZATIONS:
-        return 1.0
-    return p_value(float(scores.mean()), float(scores.std(ddof=1)) / math.sqrt(count), count)
+    """The same from the scores of the realizations, shape (realization,)."""
+    return p_value(float(scores.mean()), float(scores.std(ddof=1)) / math.sqrt(len(scores)), len(scores))
 
 
 def gained(target: Array, regressors: Array) -> tuple[float, float]:
@@ -97,3 +95,55 @@ def over_usual(values: Array, quantile: float) -> Array:
     """Values over one of their quantiles; zero where that is."""
     usual = float(np.quantile(values, quantile))
     return values / usual if usual > 0 else np.zeros_like(values)
+
+
+class MeanLeft(NamedTuple):
+    """The mean over realizations: its RMS, and what chance would leave of it."""
+
+    size: float
+    expected: float
+    ratio: float
+    """The first over the second, or that of a common offset over its standard error if it is more."""
+    significant: bool
+    """Whether noise does not explain a ratio beyond the limit."""
+
+    @property
+    def found(self) -> bool:
+        """Whether a mean is left."""
+        return self.significant and self.ratio > FAULTS["mean-torque"].limit
+
+
+def mean_left(values: Array) -> MeanLeft:
+    """Judge the mean over realizations, values of shape (realization, time), by what chance leaves of it.
+
+    Noise is alike at neighbouring times, so that its mean is not averaged out over time: hence a limit above 1, and a
+    test over realizations where there are enough of them.
+    """
+    count = len(values)
+    mean, offsets = values.mean(axis=0), values.mean(axis=1)
+    size = float(np.sqrt(np.mean(mean**2)))
+    variance = float(np.mean(np.einsum("rt,rt->t", values, values) - count * mean**2)) / max(count - 1, 1)
+    expected = math.sqrt(max(0.0, variance) / count)
+    if count < TOLD_BY_FEW:
+        return MeanLeft(size, expected, math.nan, False)
+    ratio = size / expected if expected > 0 else math.inf
+    offset, error = abs(float(offsets.mean())), float(offsets.std(ddof=1)) / math.sqrt(count)
+    if offset > 0 and p_value(offset, error, count) < SIGNIFICANT / 10:
+        # A common offset shows in the means of realizations long before it does at single times.
+        return MeanLeft(size, expected, max(ratio, offset / error if error > 0 else math.inf), True)
+    beyond = ratio > FAULTS["mean-torque"].limit
+    tested = count < LEAST_REALIZATIONS or (beyond and p_value_of(_by_others(values)) < SIGNIFICANT)
+    return MeanLeft(size, expected, ratio, beyond and tested)
+
+
+def _by_others(values: Array) -> Array:
+    """Products of each realization with the mean of the others, less its neighbours: above zero if they share one."""
+    place = np.arange(len(values))
+    near = np.abs(np.subtract.outer(place, place)) <= 1
+    return np.asarray(np.where(near, 0.0, values @ values.T).sum(axis=1))
+
+
+def still_samples(angle: Array) -> NDArray[np.intp]:
+    """Samples at which the angle, shape (realization, time), does not move in any realization."""
+    power = np.einsum("rt,rt->t", angle, angle)
+    return np.flatnonzero(power < STILL * power.mean())

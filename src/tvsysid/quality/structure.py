@@ -11,16 +11,12 @@ from tvsysid.quality.fitted import FittedEnsemble
 from tvsysid.quality.statistics import LEAST_REALIZATIONS, SIGNIFICANT, gained, gains, p_value_of, without
 from tvsysid.signals import Array
 
-AHEAD = 0.03
-"""Seconds ahead that the angle is predicted: within them the derivatives' filters tell even of an imposed one."""
-MIRRORED = 1.5
-"""Times what is predicted of the angle before that must be predicted of the angle after for it to be a cause."""
-PAST_ANGLE, PAST_NOISE = 0.2, 0.15
-"""Seconds of the angle's past that predict it by themselves, and of the residual torque that may add to it."""
-SOONEST, LATEST, STEP = 0.04, 0.3, 0.03
-"""Lags of a reflex in s."""
-COARSE, SAME = 0.1, 1e-6
-"""Step of an angle over its standard deviation that is coarse, and what is no step."""
+AHEAD = 0.03  # seconds ahead that the angle is predicted: within them derivatives' filters tell even of an imposed one
+MIRRORED = 1.5  # times what is predicted of the angle before that must be predicted of the angle after to be a cause
+PAST_ANGLE = 0.2  # seconds of the angle's past that predict it by themselves
+PAST_NOISE = 0.15  # seconds of the residual torque that may add to it
+SOONEST, LATEST, STEP = 0.04, 0.3, 0.03  # lags of a reflex in s
+COARSE, SAME = 0.1, 1e-6  # step of an angle over its standard deviation that is coarse, and what is no step
 SHORT = "realizations and their context are too short"
 
 
@@ -34,33 +30,30 @@ def feedback(data: FittedEnsemble) -> Seen:
     data.require(LEAST_REALIZATIONS)
     if _in_steps(data):
         raise NotJudged("the angle is recorded in steps so coarse that the torque tells it better")
-    angle, residual, first = data.angle, data.residual, data.fit.first
+    angle, residual, first = data.angle, data.fit.residual, data.fit.first
     after = angle.shape[1] - first - residual.shape[1]
     forward = _predicted(angle, residual, first, data.rate)
     backward = _predicted(angle[:, ::-1], residual[:, ::-1], after, data.rate)
-    if forward is None or backward is None:
-        raise NotJudged(SHORT)
-    share = forward.mean()
+    share, before = forward.mean(), backward.mean()
     what = (
         f"noise in the torque predicts {_percent(share)} of the angle's unpredicted movement {1000 * AHEAD:.0f} ms "
-        f"later, and {_percent(backward.mean())} of that {1000 * AHEAD:.0f} ms before"
+        f"later, and {_percent(before)} of that {1000 * AHEAD:.0f} ms before"
     )
-    more = share > MIRRORED * backward.mean() and p_value_of(forward - backward) < SIGNIFICANT
+    more = share > MIRRORED * before and p_value_of(forward - backward) < SIGNIFICANT
     return Seen(100 * max(0.0, share), what, bool(more and p_value_of(forward) < SIGNIFICANT))
 
 
-def _predicted(angle: Array, residual: Array, first: int, rate: float) -> Array | None:
-    """Share of the angle's unpredicted movement that the residual torque predicts, in each realization.
+def _predicted(angle: Array, residual: Array, first: int, rate: float) -> Array:
+    """Share of the angle's unpredicted movement that the residual torque predicts, in each realization over all's mean.
 
-    Over the mean of all. The first sample of the residual belongs to that sample of the angle; None where they are too
-    short.
+    The first sample of the residual belongs to sample ``first`` of the angle.
     """
     ahead = max(1, round(AHEAD * rate))
     own_lags = np.arange(ahead, ahead + round(PAST_ANGLE * rate))
     noise_lags = np.arange(ahead, ahead + round(PAST_NOISE * rate), 2)
     start, stop = max(int(own_lags.max()), first + int(noise_lags.max())), first + residual.shape[1]
     if stop - start < int(noise_lags.max()):
-        return None
+        raise NotJudged(SHORT)
     past = np.stack([angle[:, start - lag : stop - lag] for lag in own_lags])
     noise = np.stack([residual[:, start - first - lag : stop - first - lag] for lag in noise_lags])
     target = without(angle[:, start:stop], past)
@@ -80,17 +73,19 @@ def _in_steps(data: FittedEnsemble) -> bool:
 
 def reflex(data: FittedEnsemble) -> Seen:
     """Whether the residual torque follows the size of a late velocity, which a linear joint cannot."""
-    words = f"the speed {1000 * SOONEST:.0f} to {1000 * LATEST:.0f} ms before, whichever its direction,"
-    return _late(data, np.abs(np.gradient(data.angle, 1 / data.rate, axis=1)), words)
+    return _late(data, np.abs(_velocity(data)), "the speed", ", whichever its direction,")
 
 
 def slow_answer(data: FittedEnsemble) -> Seen:
     """Whether the residual torque follows late velocities."""
-    words = f"the movement {1000 * SOONEST:.0f} to {1000 * LATEST:.0f} ms before"
-    return _late(data, np.gradient(data.angle, 1 / data.rate, axis=1), words)
+    return _late(data, _velocity(data), "the movement")
 
 
-def _late(data: FittedEnsemble, cause: Array, words: str) -> Seen:
+def _velocity(data: FittedEnsemble) -> Array:
+    return np.asarray(np.gradient(data.angle, 1 / data.rate, axis=1))
+
+
+def _late(data: FittedEnsemble, cause: Array, name: str, direction: str = "") -> Seen:
     """Share of the residual torque that a cause, of the angle's shape, predicts with the lags of a reflex."""
     data.require(LEAST_REALIZATIONS)
     lags = np.unique(np.round(np.arange(SOONEST, LATEST, STEP) * data.rate).astype(np.int64))
@@ -101,8 +96,9 @@ def _late(data: FittedEnsemble, cause: Array, words: str) -> Seen:
         raise NotJudged(SHORT)
     windows = sliding_window_view(cause - cause.mean(axis=0), stop - start, axis=1)
     causes = np.stack([windows[:, start - lag] for lag in lags])
-    share, probability = gained(data.residual[:, start - first :], causes)
-    what = f"{words} predicts {_percent(share)} of the residual torque"
+    share, probability = gained(data.fit.residual[:, start - first :], causes)
+    when = f"{1000 * SOONEST:.0f} to {1000 * LATEST:.0f} ms before"
+    what = f"{name} {when}{direction} predicts {_percent(share)} of the residual torque"
     return Seen(100 * max(0.0, share), what, probability < SIGNIFICANT)
 
 

@@ -1,4 +1,4 @@
-"""Whether the behaviour is the same from beginning to end, and repeats with the period that was given."""
+"""Whether both channels are of one time, the behaviour stays the same, and repeats with the period that was given."""
 
 from __future__ import annotations
 
@@ -9,21 +9,95 @@ from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.ndimage import uniform_filter1d
 
+from tvsysid.quality.catalogue import FAULTS
 from tvsysid.quality.finding import NotJudged, Seen
-from tvsysid.quality.fitted import ANSWERED, NO_ANSWER, FittedEnsemble
-from tvsysid.quality.statistics import LEAST_REALIZATIONS, SIGNIFICANT, p_value
+from tvsysid.quality.fitted import ANSWERED, NO_ANSWER, NOT_SEPARATE, FittedEnsemble, SecondOrder, fit_motion
+from tvsysid.quality.resampling import between
+from tvsysid.quality.scales import narrow_excitation
+from tvsysid.quality.statistics import LEAST_REALIZATIONS, SIGNIFICANT, p_value, p_value_of
 from tvsysid.signals import Array
 
-SLOWEST, FASTEST = 0.3, 3.3
-"""Cycles in a realization that are looked for as another period: the clock of a PRBS is faster."""
-BEAT = 1.25
-"""Times as coherent in the inertia as in the stiffness that a line is no behaviour."""
+LONGEST_DELAY = 0.1  # in s, to either side
+CLEARER = 1.3  # times as much as with the best shift that a joint must leave unexplained without it
+CLEARER_LATE = 1.05  # the same if only a delay does that
+FINER = np.linspace(-1, 1, 9)  # samples beside the best shift that are tried
+SLOWEST, FASTEST = 0.3, 3.3  # cycles in a realization that may be another period: the clock of a PRBS is faster
+BEAT = 1.25  # times as coherent in the inertia as in the stiffness that a line is no behaviour
+# Distance from a harmonic, in one over the record's length, where no line is another period; so if all drifts.
 BESIDE, BESIDE_DRIFT = 0.2, 4.0
-"""Distance from a harmonic, in one over the record's length, where no line is another period; so if all drifts."""
-NEAR_HARMONIC = 0.1
-"""Share of a harmonic's number by which a line may be off it."""
-RESOLUTION = 0.25
-"""Step in frequency, as a share of one over the record's length."""
+NEAR_HARMONIC = 0.1  # share of a harmonic's number by which a line may be off it
+RESOLUTION = 0.25  # step in frequency, as a share of one over the record's length
+
+
+def delay(data: FittedEnsemble) -> Seen:
+    """Shift of the torque with which a joint of second order explains most of it.
+
+    It is significant whenever it is sure, even if it does no harm: what it leaves would be taken for something else.
+    """
+    reach = _reach(data)
+    samples, best = _best_shift(data, reach)
+    if 1 - best.left < ANSWERED:
+        raise NotJudged(NO_ANSWER)
+    given = _shifted(data, 0.0)
+    # An angle that torque noise moves is the later of the two, but hardly fits better then than with no shift; and a
+    # perturbation of few frequencies hardly tells a delay from a viscosity.
+    sure = samples > 0 and not FAULTS["narrow-excitation"].beyond(_narrowness(data.synchronised(samples)))
+    clearer = given.left > (CLEARER_LATE if sure else CLEARER) * best.left
+    significant = clearer and p_value_of(given.squares - best.squares) < SIGNIFICANT
+    late = 1000 * samples / data.rate
+    edge = "at least " if abs(round(samples)) == reach else ""
+    what = f"the torque fits best if it is {edge}{abs(late):.3g} ms {'late' if late > 0 else 'early'}"
+    what += f": {100 * (1 - best.left):.1f} % of it explained rather than {100 * (1 - given.left):.1f} %"
+    return Seen(late, what, significant)
+
+
+def _narrowness(data: FittedEnsemble) -> float:
+    try:
+        return narrow_excitation(data).value
+    except NotJudged:
+        return math.nan
+
+
+def clock_skew(data: FittedEnsemble) -> Seen:
+    """Best shift of the second half of the experiment against that of the first."""
+    data.require(2 * LEAST_REALIZATIONS, answer=False)
+    reach = _reach(data)
+    (first_shift, first), (second_shift, second) = (_best_shift(half, reach) for half in data.halves)
+    if 1 - max(first.left, second.left) < ANSWERED:
+        raise NotJudged(NO_ANSWER)
+    # What each half leaves with the other's shift, against what it leaves with its own.
+    trades = zip(data.halves, (second_shift, first_shift), (first, second), strict=True)
+    worse = [_shifted(half, others).squares - own.squares for half, others, own in trades]
+    skew = 1000 * second_shift / data.rate - 1000 * first_shift / data.rate
+    what = f"the torque is {skew:+.3g} ms late in the second half of the experiment against the first"
+    return Seen(skew, what, p_value_of(np.concatenate(worse)) < SIGNIFICANT)
+
+
+def _reach(data: FittedEnsemble) -> int:
+    """Samples that are tried as a delay, to either side."""
+    reach = min(round(LONGEST_DELAY * data.rate), data.ensemble.context)
+    if reach < 2:
+        raise NotJudged("the realizations have no context to shift them by")
+    return reach
+
+
+def _shifted(data: FittedEnsemble, samples: float) -> SecondOrder:
+    """Fit again with the torque taken so many samples later."""
+    fit, whole = data.fit, round(samples)
+    torque = between(data.torque, samples - whole)
+    late = np.clip(np.arange(fit.first, fit.first + fit.torque.shape[1]) + whole, 0, torque.shape[1] - 1)
+    return fit_motion(fit.motion, torque[:, late], data.rate, fit.first)
+
+
+def _best_shift(data: FittedEnsemble, reach: int) -> tuple[float, SecondOrder]:
+    """Shift of the torque in samples that leaves least of it, and the fit with it."""
+
+    def best_of(shifts: Array) -> tuple[float, SecondOrder]:
+        fits = ((float(shift), _shifted(data, float(shift))) for shift in shifts)
+        return min(fits, key=lambda shift_and_fit: shift_and_fit[1].left)
+
+    best, _ = best_of(np.arange(-reach, reach + 1).astype(np.float64))
+    return best_of(np.clip(best + FINER, -reach, reach))
 
 
 def drift(data: FittedEnsemble) -> Seen:
@@ -54,7 +128,7 @@ def _contradiction(data: FittedEnsemble) -> Seen:
         (float(values[0]), float(errors[0])) for values, errors in (half.mean_impedance for half in data.halves)
     )
     if not math.isfinite(after - before):
-        raise NotJudged("stiffness, viscosity and inertia are not separately identifiable")
+        raise NotJudged(NOT_SEPARATE)
     error = math.hypot(first_error, second_error)
     value = 100 * (after - before) / max(abs(before), np.finfo(float).tiny)
     what = f"the stiffness is {before:.3g} N·m/rad in the first half and {after:.3g} in the second, ± {error:.2g}"
@@ -68,18 +142,13 @@ def wrong_period(data: FittedEnsemble, drifts: bool) -> Seen:
     harmonics of the period is a behaviour of another period. The series has no part at the harmonics only if it is of
     the signals that were fitted: as they are whitened, stiffness and viscosity are fitted again, for the first fit's
     error, which slow noise makes large, is the same in all realizations. The test compares the power of a line with
-    that of realizations of random phase.
-
-    Parameters
-    ----------
-    drifts
-        Whether the behaviour was found to drift, which shows beside the harmonics: no line is looked for there then.
+    that of realizations of random phase. No line is looked for near the harmonics of a behaviour that ``drifts``.
     """
     ensemble, trials = data.ensemble, _trials(data)
     if len(trials) == len(data):
         raise NotJudged("each realization is a trial of its own")
     data.require(LEAST_REALIZATIONS)
-    left = data.white_residual - data.white_fit.parts.sum(axis=0)
+    left = data.white_fit.residual
     frequencies, coherent, power = lines(left * data.white_parts[0], data)
     # An inertia is constant: a line that shows in it even more is the beat of a PRBS' clock with the sampling.
     _, beating, _ = lines(left * data.white_parts[2], data)

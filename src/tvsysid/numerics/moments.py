@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-BLOCK = 100
+BLOCK = 32
 """Samples a block: larger ones waste products far from the diagonal, smaller ones waste calls."""
 
 
@@ -49,19 +49,24 @@ def window_moments(a: Array, b: Array, before: int, after: int) -> Array:
         Shape (window centre, before + after + 1, before + after + 1); there are
         time - before - after centres.
     """
-    length = before + after + 1
-    centres = a.shape[1] - length + 1
-    moments = np.empty((centres, length, length))
-    for start in range(0, centres, BLOCK):
-        stop = min(start + BLOCK, centres)
-        columns = slice(start, stop + length - 1)
-        product = a[:, columns].T @ b[:, columns]
-        row, column = product.strides
-        moments[start:stop] = as_strided(
-            product, (stop - start, length, length), (row + column, row, column), writeable=False
-        )
-    moments /= len(a)
-    return moments
+    later = diagonal_moments(a, b, before + after)
+    return window_matrices(later, later if b is a else diagonal_moments(b, a, before + after))
+
+
+def window_matrices(later: Array, earlier: Array) -> Array:
+    """Second moments in a window that slides along two signals (window centre, sample, sample), as a read-only view.
+
+    ``later`` and ``earlier`` are the moments along the diagonals (:func:`diagonal_moments`) of the first signal with
+    the second and of the second with the first, as far as the window is long.
+    """
+    reach = later.shape[1] - 1
+    strip = np.zeros((len(later), 2 * reach + 1))  # of a sample with those from `reach` earlier to `reach` later
+    strip[:, reach:] = later
+    for apart in range(1, min(reach + 1, len(later))):
+        strip[apart:, reach - apart] = earlier[:-apart, apart]
+    row, column = strip.strides
+    shape = (len(later) - reach, reach + 1, reach + 1)
+    return as_strided(strip[:, reach:], shape, (row, row - column, column), writeable=False)
 
 
 def diagonal_moments(a: Array, b: Array, reach: int) -> Array:

@@ -4,6 +4,11 @@ import pytest
 from tvsysid.numerics import kernels
 
 
+def locally_periodic(time, other, period, l1, l2):
+    difference = time[:, None] - other
+    return np.exp(-(np.sin(np.pi * difference / period) ** 2) / l1 - (difference / l2) ** 2)
+
+
 @pytest.mark.parametrize("l1", [np.exp(-2), np.exp(-1), 0.02, 3.0])
 def test_harmonics_make_the_periodic_kernel(l1):
     time = np.linspace(0, 5, 80)
@@ -11,7 +16,7 @@ def test_harmonics_make_the_periodic_kernel(l1):
     assert variances.sum() == pytest.approx(1.0, abs=1e-7)
     features = kernels.harmonic_features(time, 1.7, len(variances) - 1)
     each = np.concatenate([variances[:1], np.repeat(variances[1:], 2)])
-    dense = kernels.locally_periodic(time, time, 1.7, l1, 1e12)
+    dense = locally_periodic(time, time, 1.7, l1, 1e12)
     np.testing.assert_allclose(features * each @ features.T, dense, atol=1e-7)
 
 
@@ -19,5 +24,5 @@ def test_harmonics_make_the_periodic_kernel(l1):
 def test_decay_features_make_the_decay(span, l2):
     time = np.linspace(5.0, 5.0 + span, 123)
     features = kernels.DecayFeatures(5.0, 5.0 + span, l2)(time)
-    dense = kernels.locally_periodic(time, time, 1.0, 1e12, l2)
+    dense = locally_periodic(time, time, 1.0, 1e12, l2)
     np.testing.assert_allclose(features @ features.T, dense, atol=1e-6)

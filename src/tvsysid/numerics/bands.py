@@ -1,4 +1,7 @@
-"""How many standard deviations a band must be wide: at one time, and at all times together."""
+"""How many standard deviations a band must be wide: at one time, and at all times together.
+
+A level is a probability between 0 and 1; any other raises :class:`InputError`.
+"""
 
 from __future__ import annotations
 
@@ -14,25 +17,7 @@ Array = NDArray[np.float64]
 
 
 def critical_value(level: float, freedom: Array) -> Array:
-    """Multiple of the standard deviation within which Student's t lies with this probability.
-
-    Parameters
-    ----------
-    level
-        Probability, between 0 and 1.
-    freedom
-        Degrees of freedom; infinite for a normal distribution.
-
-    Raises
-    ------
-    InputError
-        For a level that is not between 0 and 1.
-
-    Examples
-    --------
-    >>> critical_value(0.95, np.array([10.0, np.inf])).round(3)
-    array([2.228, 1.96 ])
-    """
+    """Multiple of the standard deviation within which Student's t lies with this probability."""
     _check(level)
     return np.asarray(stdtrit(np.minimum(freedom, 1e9), 0.5 + level / 2))
 
@@ -41,34 +26,12 @@ def simultaneous_value(level: float, freedom: Array, arc: float) -> Array:
     r"""Multiple of the standard deviation within which all times of an estimate lie with this probability.
 
     The smaller of two bounds, which both are on the safe side. Šidák's (1967) takes the times as independent: the level
-    at each is :math:`level^{1/T}`. The volume of a tube (Naiman 1986; Sun & Loader 1994) uses that an estimate which
-    is smooth in time hardly takes other values at the next sample: the chance to leave the band is at most
+    at each is :math:`level^{1/T}`. The volume of a tube (Naiman 1986; Sun & Loader 1994) uses that an estimate which is
+    smooth in time hardly takes other values at the next sample: the chance to leave the band is at most
 
     .. math:: P(|t_\nu| > c) + \frac{\kappa}{\pi}\left(1 + \frac{c^2}{\nu}\right)^{-\nu/2}
 
-    with :math:`\kappa` the length of the path that the normalised estimate takes over the period.
-
-    Parameters
-    ----------
-    level
-        Probability, between 0 and 1.
-    freedom
-        Degrees of freedom at each time, shape (time,).
-    arc
-        :math:`\kappa` in rad, the sum over neighbouring times of the arc cosine of their estimates' correlation;
-        infinite where it is not known.
-
-    Raises
-    ------
-    InputError
-        For a level that is not between 0 and 1.
-
-    Examples
-    --------
-    >>> simultaneous_value(0.95, np.full(200, np.inf), np.inf)[0].round(2)
-    np.float64(3.66)
-    >>> simultaneous_value(0.95, np.full(200, np.inf), 10.0)[0].round(2)
-    np.float64(2.91)
+    with :math:`\kappa` the :func:`arc_length`; infinite where it is not known.
     """
     _check(level)
     each = critical_value(level ** (1 / max(len(freedom), 1)), freedom)
@@ -82,12 +45,7 @@ def arc_length(features: Array, covariance: Array) -> float:
 
     .. math:: \kappa = \sum_i \arccos \frac{l_i^T C l_{i+1}}{\sqrt{l_i^T C l_i}\sqrt{l_{i+1}^T C l_{i+1}}}
 
-    Parameters
-    ----------
-    features
-        What each coefficient is multiplied by, l, shape (time, coefficient).
-    covariance
-        Of the coefficients, C.
+    with l the ``features`` (time, coefficient) that the coefficients are multiplied by, and C their covariance.
     """
     mixed = features @ covariance
     own = np.einsum("tc,tc->t", mixed, features)

@@ -11,7 +11,7 @@ import ast
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.polynomial import chebyshev, legendre
@@ -25,18 +25,7 @@ Basis = Callable[[Array], Array]
 
 
 def evaluate(basis: Basis, samples: int) -> Array:
-    """Values of a basis over a realization of so many samples.
-
-    Returns
-    -------
-    Array
-        Shape (time, function).
-
-    Raises
-    ------
-    InputError
-        If the basis does not give finite values of that shape.
-    """
+    """Values (time, function) of a basis over a realization of so many samples; raises if it gives none such."""
     periodic = bool(getattr(basis, "periodic", False))
     values = np.asarray(basis(np.linspace(0.0, 1.0, samples, endpoint=not periodic)), dtype=np.float64)
     if values.ndim != 2 or len(values) != samples or values.shape[1] == 0 or not np.isfinite(values).all():
@@ -191,69 +180,36 @@ class FourierSeries:
 
 
 @dataclass(frozen=True)
-class LegendrePolynomials:
-    """Legendre polynomials over the realization.
-
-    Parameters
-    ----------
-    functions
-        How many; the highest degree is one less.
-    """
-
+class _Polynomials:
     functions: int = 10
     periodic: ClassVar[bool] = False
+    _vander: ClassVar[staticmethod[..., Any]]
 
     def __post_init__(self) -> None:
         _check_count(self, self.functions)
 
     def __call__(self, time: Array) -> Array:
-        """Values at normalised times, shape (time, function)."""
-        return np.asarray(legendre.legvander(2 * time - 1, self.functions - 1))
+        return np.asarray(self._vander(2 * time - 1, self.functions - 1))
 
 
-@dataclass(frozen=True)
-class ChebyshevPolynomials:
-    """Chebyshev polynomials of the first kind over the realization.
+class LegendrePolynomials(_Polynomials):
+    """Legendre polynomials over the realization, the highest degree being one less than the number of functions."""
 
-    Parameters
-    ----------
-    functions
-        How many; the highest degree is one less.
-    """
-
-    functions: int = 10
-    periodic: ClassVar[bool] = False
-
-    def __post_init__(self) -> None:
-        _check_count(self, self.functions)
-
-    def __call__(self, time: Array) -> Array:
-        """Values at normalised times, shape (time, function)."""
-        return np.asarray(chebyshev.chebvander(2 * time - 1, self.functions - 1))
+    _vander = staticmethod(legendre.legvander)
 
 
-BASES: tuple[type, ...] = (
-    CubicBSplines,
-    GaussianBumps,
-    HaarWavelets,
-    FourierSeries,
-    LegendrePolynomials,
-    ChebyshevPolynomials,
-)
+class ChebyshevPolynomials(_Polynomials):
+    """Chebyshev polynomials of the first kind, the highest degree being one less than the number of functions."""
+
+    _vander = staticmethod(chebyshev.chebvander)
+
+
+BASES: tuple[type, ...] = (CubicBSplines, GaussianBumps, HaarWavelets, FourierSeries)
+BASES += (LegendrePolynomials, ChebyshevPolynomials)
 
 
 def basis_from_text(text: str) -> Basis:
-    """Basis from how it shows itself; nothing is executed.
-
-    Parameters
-    ----------
-    text
-        Name and settings.
-
-    Raises
-    ------
-    InputError
-        For an unknown name or setting, or a value that does not fit.
+    """Basis from its ``repr``, by position or by name; nothing is executed.
 
     Examples
     --------

@@ -1,4 +1,7 @@
-"""Bayesian linear regression from sufficient statistics, priors chosen by maximum evidence."""
+"""Bayesian linear regression from sufficient statistics, priors chosen by maximum evidence.
+
+``gram`` is :math:`G = X^T X`, ``cross`` :math:`c = X^T y`, ``square`` :math:`y^T y`, ``samples`` the length N of y.
+"""
 
 from __future__ import annotations
 
@@ -16,9 +19,7 @@ Array = NDArray[np.float64]
 class Posterior(NamedTuple):
     """What is known of the coefficients after the data.
 
-    ``mean`` (coefficient,), ``covariance`` (coefficient, coefficient), ``noise_variance`` in the output's unit
-    squared, ``effective`` number of parameters that the data determine, ``log_evidence`` (NaN without a prior),
-    ``iterations`` done, and whether they ``converged``.
+    ``effective`` is the number of parameters that the data determine, ``log_evidence`` NaN without a prior.
     """
 
     mean: Array
@@ -32,34 +33,15 @@ class Posterior(NamedTuple):
 
 Regression = Callable[[Array, Array, float, int], Posterior]
 
-SMALLEST_RESIDUAL = 1e-12
-"""Share of the output's power below which a residual is rounding."""
-TOLERANCE = 1e-7
-"""Change of the log evidence for each sample at which iterations stop; the same whatever the units are."""
+SMALLEST_RESIDUAL = 1e-12  # share of the output's power below which a residual is rounding
+TOLERANCE = 1e-7  # change of the log evidence for each sample at which iterations stop; the same whatever the units are
 
 
 def least_squares(gram: Array, cross: Array, square: float, samples: int) -> Posterior:
-    r"""Ordinary least squares: :math:`\hat w = G^{-1} c`, of minimum norm where G is singular.
-
-    Parameters
-    ----------
-    gram
-        :math:`G = X^T X`, shape (coefficient, coefficient).
-    cross
-        :math:`c = X^T y`, shape (coefficient,).
-    square
-        :math:`y^T y`.
-    samples
-        Length of y.
-
-    Returns
-    -------
-    Posterior
-        Without prior.
-    """
+    r"""Ordinary least squares: :math:`\hat w = G^{-1} c`, of minimum norm where G is singular."""
     scale = _column_scale(gram, samples)
     values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
-    inverse = _reciprocal(values, len(values) * np.finfo(float).eps * values[-1])
+    inverse = _reciprocal(values)
     covariance = (vectors * inverse) @ vectors.T / np.outer(scale, scale)
     mean = covariance @ cross
     rank = int(np.count_nonzero(inverse))
@@ -68,27 +50,23 @@ def least_squares(gram: Array, cross: Array, square: float, samples: int) -> Pos
 
 
 def ridge(gram: Array, cross: Array, square: float, samples: int) -> Posterior:
-    r"""One precision for all coefficients, by evidence maximisation (MacKay's fixed point).
+    r"""One precision for all coefficients, by evidence maximisation (MacKay's fixed point; Bishop 2006, section 3.5).
 
     .. math:: w \sim N(0, \alpha^{-1} I), \quad y \sim N(Xw, \beta^{-1} I), \quad
               \gamma = \sum_k \frac{\beta s_k}{\alpha + \beta s_k}, \quad
               \alpha \leftarrow \frac{\gamma}{m^T m}, \quad
               \beta \leftarrow \frac{N - \gamma}{\|y - Xm\|^2}
 
-    with s the eigenvalues of G, found once. Parameters and result are those of :func:`least_squares`. The
-    coefficients must be of one unit, or the columns scaled so that one prior suits them all.
-
-    References
-    ----------
-    Bishop 2006, Pattern Recognition and Machine Learning, section 3.5.
+    with s the eigenvalues of G, found once. The coefficients must be of one unit, or the columns scaled so that one
+    prior suits them all.
     """
     values, vectors = np.linalg.eigh(gram)
     values = np.maximum(values, 0.0)
     projections = vectors.T @ cross
-    start = projections * _reciprocal(values, len(values) * np.finfo(float).eps * values[-1])
+    start = projections * _reciprocal(values)
     alpha = len(values) / max(float(start @ start), np.finfo(float).tiny)
     beta = samples / max(square - float(start @ projections), SMALLEST_RESIDUAL * square, np.finfo(float).tiny)
-    evidence, converged, iteration = -math.inf, False, 0
+    evidence = -math.inf
     for iteration in range(1, 501):
         precision = alpha + beta * values
         mean = beta * projections / precision
@@ -96,16 +74,13 @@ def ridge(gram: Array, cross: Array, square: float, samples: int) -> Posterior:
         gamma = float(np.sum(beta * values / precision))
         residual = square - 2 * float(mean @ projections) + float(mean @ (values * mean))
         residual = max(residual, SMALLEST_RESIDUAL * square)
-        before, evidence = (
-            evidence,
-            0.5
-            * (
-                len(values) * math.log(alpha)
-                + samples * math.log(beta / (2 * math.pi))
-                - beta * residual
-                - alpha * norm
-                - float(np.sum(np.log(precision)))
-            ),
+        before = evidence
+        evidence = 0.5 * (
+            len(values) * math.log(alpha)
+            + samples * math.log(beta / (2 * math.pi))
+            - beta * residual
+            - alpha * norm
+            - float(np.sum(np.log(precision)))
         )
         # An iteration costs next to nothing here, so it goes on until the last digits stand.
         if converged := abs(evidence - before) <= 1e-14 * abs(evidence):
@@ -123,12 +98,9 @@ def relevance(gram: Array, cross: Array, square: float, samples: int) -> Posteri
               \alpha_i \leftarrow \frac{\gamma_i}{m_i^2}, \quad
               \beta \leftarrow \frac{N - \sum_i \gamma_i}{\|y - Xm\|^2}
 
-    Starts from the least-squares solution, so that it is deterministic and needs few iterations. Parameters and
-    result are those of :func:`least_squares`. Scaling a column scales its coefficient and changes nothing else.
-
-    References
-    ----------
-    Tipping 2001, Journal of Machine Learning Research 1; Bishop 2006, section 7.2.
+    (Tipping 2001, Journal of Machine Learning Research 1; Bishop 2006, section 7.2). Starts from the least-squares
+    solution, so that it is deterministic and needs few iterations. Scaling a column scales its coefficient and changes
+    nothing else.
     """
     scale = _column_scale(gram, samples)
     unit = math.sqrt(square / samples) or 1.0  # the output's RMS
@@ -139,23 +111,19 @@ def relevance(gram: Array, cross: Array, square: float, samples: int) -> Posteri
     alpha = 1 / np.maximum(start**2, 1e-12)
     beta = samples / _residual(gram, cross, square, start)
     active = np.arange(len(cross))
-    evidence, converged, iteration, gamma = -math.inf, False, 0, np.zeros(0)
-    mean, sigma, residual = np.zeros(0), np.zeros((0, 0)), square
+    evidence = -math.inf
     for iteration in range(1, 1001):
         sub, right = gram[np.ix_(active, active)], cross[active]
         sigma, log_determinant = _inverse(beta * sub + np.diag(alpha))
         mean = beta * (sigma @ right)
         residual = _residual(sub, right, square, mean)
-        before, evidence = (
-            evidence,
-            0.5
-            * (
-                float(np.sum(np.log(alpha)))
-                + samples * math.log(beta / (2 * math.pi * unit**2))
-                - beta * residual
-                - float(alpha @ mean**2)
-                - log_determinant
-            ),
+        before = evidence
+        evidence = 0.5 * (
+            float(np.sum(np.log(alpha)))
+            + samples * math.log(beta / (2 * math.pi * unit**2))
+            - beta * residual
+            - float(alpha @ mean**2)
+            - log_determinant
         )
         gamma = np.clip(1 - alpha * np.diag(sigma), 1e-12, 1.0)
         if converged := abs(evidence - before) <= TOLERANCE * samples:
@@ -193,8 +161,9 @@ def _column_scale(gram: Array, samples: int) -> Array:
     return np.sqrt(np.where(power > 0, power, 1.0))
 
 
-def _reciprocal(values: Array, floor: float) -> Array:
-    """1 / value where the value is above the floor, else 0."""
+def _reciprocal(values: Array) -> Array:
+    """1 / eigenvalue, they being in rising order; 0 where that is rounding."""
+    floor = len(values) * np.finfo(float).eps * values[-1]
     return np.where(values > floor, 1 / np.where(values > floor, values, 1.0), 0.0)
 
 
@@ -210,7 +179,7 @@ def _solve(gram: Array, cross: Array) -> Array:
     if not failed and diagonal.min() > 1e-7 * diagonal.max():
         return np.asarray(lapack.dpotrs(factor, cross, lower=1)[0])
     values, vectors = np.linalg.eigh(gram)
-    inverse = _reciprocal(values, len(values) * np.finfo(float).eps * values[-1])
+    inverse = _reciprocal(values)
     return np.asarray(vectors @ (inverse * (vectors.T @ cross)))
 
 

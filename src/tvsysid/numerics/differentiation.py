@@ -11,34 +11,21 @@ from tvsysid.numerics.moments import convolve_lags
 
 Array = NDArray[np.float64]
 
-HALF_WIDTH = 12
-"""Samples to either side; with 12 the error stays under 0.1 % up to 80 % of the Nyquist frequency."""
+HALF_WIDTH = 12  # samples to either side; with 12 the error stays under 0.1 % up to 80 % of the Nyquist frequency
 
-FEW = 8
-"""Signals up to which one after the other is differentiated more quickly than all in one matrix product."""
-BAND = 0.8
-"""Share of the Nyquist frequency over which the filters are fitted; beyond it lies the decimator's stop band."""
+FEW = 8  # signals up to which one after the other is differentiated more quickly than all in one matrix product
+BAND = 0.8  # share of the Nyquist frequency over which the filters are fitted; beyond it lies the decimator's stop band
 
 
 @cache
 def derivative_weights(half_width: int = HALF_WIDTH) -> Array:
-    r"""Weights that turn samples into the signal itself and its first and second derivative.
+    r"""Weights, shape (3, 2 n + 1), that turn samples into the signal and its derivatives for unit sample time.
 
     .. math:: \frac{d^m u}{dt^m}(i) \approx f_s^m \sum_{j=-n}^{n} d_m(j)\, u(i - j)
 
-    The weights minimise the relative error of the frequency response against :math:`(j\omega)^m` over the band
-    0 to 0.8 of the Nyquist frequency. Differences of neighbouring samples are exact only at low frequency: at
-    100 Hz they bias the inertia of a joint by 75 %.
-
-    Parameters
-    ----------
-    half_width
-        Samples to either side, n.
-
-    Returns
-    -------
-    Array
-        Shape (3, 2 n + 1): rows are the derivatives of order 0, 1 and 2 for unit sample time; lags from -n to n.
+    The weights minimise the relative error of the frequency response against :math:`(j\omega)^m` over the band 0 to 0.8
+    of the Nyquist frequency. Differences of neighbouring samples are exact only at low frequency: at 100 Hz they bias
+    the inertia of a joint by 75 %.
     """
     omega = (np.arange(1, 32 * half_width) - 0.5) / (32 * half_width) * BAND * np.pi
     lags = np.arange(1, half_width + 1)
@@ -55,22 +42,7 @@ def derivative_weights(half_width: int = HALF_WIDTH) -> Array:
 
 
 def differentiate(u: Array, sampling_rate: float, half_width: int = HALF_WIDTH) -> Array:
-    """Signal, first and second derivative, where the filter has samples on both sides.
-
-    Parameters
-    ----------
-    u
-        Shape (..., time).
-    sampling_rate
-        In Hz.
-    half_width
-        Samples to either side, n, that the filters need.
-
-    Returns
-    -------
-    Array
-        Shape (3, ..., time - 2 n), in the unit of ``u`` per second to the power 0, 1 and 2.
-    """
+    """Signal (..., time) and two derivatives, where the filter has samples on both sides: (3, ..., time - 2 n)."""
     rows = u.reshape(-1, u.shape[-1])
     times = u.shape[-1] - 2 * half_width
     out = np.empty((3, len(rows), times))

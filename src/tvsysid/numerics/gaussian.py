@@ -1,4 +1,11 @@
-"""Linear regression with a known Gaussian prior, from sufficient statistics; the noise variance is estimated."""
+r"""Linear regression with a known Gaussian prior, from sufficient statistics; the noise variance is estimated.
+
+.. math:: y = X w + T f + e, \qquad \min_{w, f} \|e\|^2 / \sigma^2 + w^T P w + q f^T f
+
+``precision`` is the diagonal of P, 0 for a column without prior; ``weak`` is q, the prior precision of each nuisance
+term. The cost is the negative log of a posterior density without the usual halves: y holds the parts of complex
+numbers, whose variance :math:`\sigma^2`, ``noise``, is twice that of a number of y.
+"""
 
 from __future__ import annotations
 
@@ -11,22 +18,16 @@ from scipy.linalg import blas, lapack
 
 Array = NDArray[np.float64]
 
-STANDS = 2e-3
-"""Relative change of the noise variance from which on another step needs no other factors: what such a step leaves is
-smaller by some four orders of magnitude."""
-ITERATIONS = 30
-"""Noise variances tried at most."""
-STRONG = 1e-2
-"""Share of a column's power below which its prior precision, times the noise variance, leaves it much freedom."""
+STANDS = 2e-3  # relative change of the noise variance from which on another step, some 1e-4 of it, needs no new factors
+ITERATIONS = 30  # noise variances tried at most
+STRONG = 1e-2  # share of a column's power below which its prior precision, times the noise variance, leaves it free
 
 
 class Statistics(NamedTuple):
-    r"""What is needed of the data :math:`y = X w + T f + e`, with few nuisance terms T.
+    """What is needed of the data: products of X, y and T, the nuisance terms, which are orthogonal.
 
-    ``gram`` :math:`X^T X`, of which only the lower triangle counts, Fortran-ordered; ``cross`` :math:`X^T y`;
-    ``square`` :math:`y^T y`; ``number``, the length of y, or what it is worth. The nuisance terms are orthogonal:
-    ``powers`` are their squared lengths, ``mixed`` is :math:`X^T T`, shape (column, term), and ``shared``
-    :math:`T^T y`.
+    ``gram`` XᵀX, of which only the lower triangle counts, Fortran-ordered; ``cross`` Xᵀy; ``square`` yᵀy; ``number``,
+    the length of y, or what it is worth; ``mixed`` XᵀT; ``shared`` Tᵀy; ``powers``, the diagonal of TᵀT.
     """
 
     gram: Array
@@ -39,11 +40,7 @@ class Statistics(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """Posterior ``mean`` and ``covariance`` of the weights, and how they were found.
-
-    ``noise_variance`` is twice that of a number of y: that of a complex number of which y holds both parts;
-    ``effective`` is the number of parameters that the data determine.
-    """
+    """Posterior ``mean`` and ``covariance`` of the weights; ``effective``, the parameters that the data determine."""
 
     mean: Array
     covariance: Array
@@ -53,29 +50,13 @@ class Fit(NamedTuple):
 
 
 def fit(statistics: Statistics, precision: Array, weak: float) -> Fit:
-    r"""Minimise :math:`\|y - X w - T f\|^2 / \sigma^2 + w^T P w + q f^T f`, the noise variance being the residual's.
+    r"""Weights and the noise variance that they leave.
 
-    The cost is the negative log of a posterior density without the usual halves (y holds the parts of complex numbers),
-    so that the covariance has one. With :math:`A = X^T X + \sigma^2 P - X^T T (T^T T + \sigma^2 q)^{-1} T^T X`,
-
-    .. math:: \hat w = A^{-1} \left(X^T y - X^T T (T^T T + \sigma^2 q)^{-1} T^T y\right), \qquad
+    .. math:: S = T^T T + \sigma^2 q, \qquad
+              (X^T X + \sigma^2 P - X^T T S^{-1} T^T X)\, \hat w = X^T y - X^T T S^{-1} T^T y, \qquad
               \sigma^2 = \frac{2 \|\hat e\|^2}{N - N_{eff}}
 
-    a fixed point of the noise variance, found by secants in its logarithm.
-
-    Parameters
-    ----------
-    statistics
-        Of the data.
-    precision
-        Diagonal of P, shape (column,); 0 for a column without prior.
-    weak
-        Prior precision q of each nuisance term.
-
-    Returns
-    -------
-    Fit
-        At the noise variance that it gives.
+    a fixed point, found by secants in the logarithm of the noise variance.
     """
     scaled, scale = _scaled(statistics)
     precision = precision * scale**2
@@ -92,45 +73,32 @@ def fit(statistics: Statistics, precision: Array, weak: float) -> Fit:
     return Fit(mean * scale, covariance, place.noise, solution.effective, place.iterations)
 
 
-class Evidence(NamedTuple):
-    """Log density of the data, and its derivatives by the log prior variances, shape (column,), and log noise."""
+class LogDensity(NamedTuple):
+    """Of the data, and its derivatives by the log prior variances, shape (column,), and by the log noise variance."""
 
     value: float
     by_variances: Array
     by_noise: float
 
 
-def log_evidence(statistics: Statistics, precision: Array, weak: float, noise: float) -> Evidence:
+def log_evidence(statistics: Statistics, precision: Array, weak: float, noise: float) -> LogDensity:
     r"""Log marginal likelihood of the data for given prior and noise variances.
 
     .. math:: y \sim N\left(F b,\ \tfrac12 D\right), \qquad
               D = \sigma^2 I + Z W Z^T + T T^T / q
 
-    with Z the columns that have a prior, W their prior variances (the inverse of ``precision``), and F those that
-    have none, whose weights b are integrated out with unit density (restricted likelihood). The halves are those of
-    the parts of a complex normal number. With :math:`f` columns without prior and :math:`D^{-1}` projected on what they
-    leave, Q,
+    with Z the columns that have a prior, W their prior variances, and F the f columns that have none, whose weights b
+    are integrated out with unit density (restricted likelihood). With Q, :math:`D^{-1}` projected on what they leave,
 
     .. math:: \log p = -\tfrac{N - f}{2} \log\pi - \tfrac12 \log|D| - \tfrac12 \log|F^T D^{-1} F| - y^T Q y
 
-    Parameters
-    ----------
-    statistics, precision, weak
-        As for :func:`fit`.
-    noise
-        Noise variance :math:`\sigma^2` of a complex number, twice that of a number of y.
-
-    Returns
-    -------
-    Evidence
-        Where the derivative by the noise vanishes, :func:`fit` stands still.
+    Where the derivative by the noise vanishes, :func:`fit` stands still.
     """
     scaled, scale = _scaled(statistics)
     scaled_precision = precision * scale**2
     solution = _solve(scaled, scaled_precision, weak, noise)
     fixed = precision == 0
-    free, terms = int(fixed.sum()), len(statistics.powers)
-    variances = np.einsum("ij,ij->j", solution.inverse_factor, solution.inverse_factor)
+    terms = len(statistics.powers)
     determinant = (
         (statistics.number - len(precision) - terms) * math.log(noise)
         - float(np.sum(np.log(precision[~fixed])))
@@ -142,21 +110,12 @@ def log_evidence(statistics: Statistics, precision: Array, weak: float, noise: f
     shrink = 1 / (statistics.powers + noise * weak)
     right = scaled.cross - scaled.mixed @ (shrink * statistics.shared)
     quadratic = statistics.square - float(np.sum(shrink * statistics.shared**2)) - float(right @ solution.mean)
-    left = statistics.number - free
-    return Evidence(
+    left = statistics.number - int(fixed.sum())
+    known = 1 - noise * scaled_precision * solution.variances
+    return LogDensity(
         -0.5 * (left * math.log(math.pi) + determinant) - quadratic / noise,
-        np.where(fixed, 0.0, scaled_precision * solution.mean**2 - 0.5 * (1 - noise * scaled_precision * variances)),
+        np.where(fixed, 0.0, scaled_precision * solution.mean**2 - 0.5 * known),
         solution.residual / noise - 0.5 * (statistics.number - solution.effective),
-    )
-
-
-def of_share(statistics: Statistics, share: float) -> Statistics:
-    """What a share of the numbers would tell, alike: for numbers that are not independent. Without nuisance terms."""
-    return statistics._replace(
-        gram=share * statistics.gram,
-        cross=share * statistics.cross,
-        square=share * statistics.square,
-        number=share * statistics.number,
     )
 
 
@@ -164,29 +123,54 @@ def unit_information(statistics: Statistics, noise: float) -> float:
     r"""Log density of a unit-information prior of columns F at its mean, which is what the data say of them.
 
     A restricted likelihood, in which the weights of F have unit density, is measured in their units, and cannot be
-    compared with one of other columns. Under the prior
+    compared with one of other columns. Under a prior that tells as much of b as one of the N numbers does under white
+    noise of the variance :math:`\sigma_0^2`, one for all models that are compared, it can:
 
-    .. math:: b \sim N\left(\hat b,\ N J^{-1}\right), \qquad J = \frac{2}{\sigma_0^2} F^T F
+    .. math:: b \sim N\left(\hat b,\ N J^{-1}\right), \qquad J = \frac{2}{\sigma_0^2} F^T F, \qquad
+              \log\pi(\hat b) = \tfrac12 \log|F^T F| - \tfrac f2 \log(\pi N \sigma_0^2)
 
-    it can. The prior tells as much of b as one of the N numbers does under white noise: J is what all of them tell
-    together. As it is nearly flat where the likelihood is not small, the likelihood under it is the restricted one
-    times its density at the mean,
-
-    .. math:: \log\pi(\hat b) = \tfrac12 \log|F^T F| - \tfrac f2 \log(\pi N \sigma_0^2)
-
-    to about f / (2 N) where columns with a prior cannot take the place of F. What it costs to fit a constant is then
-    half log N, as in Schwarz's criterion (Kass & Wasserman 1995).
-
-    Parameters
-    ----------
-    statistics
-        Of the columns F, without nuisance terms.
-    noise
-        :math:`\sigma_0^2`, as for :func:`log_evidence`; one for all models that are compared.
+    As it is nearly flat where the likelihood is not small, the likelihood under it is the restricted one times this
+    density, to about f / (2 N) where columns with a prior cannot take the place of F. What it costs to fit a constant
+    is then half log N, as in Schwarz's criterion (Kass & Wasserman 1995). There are no nuisance terms.
     """
     gram = np.tril(statistics.gram) + np.tril(statistics.gram, -1).T
     power = math.log(math.pi * statistics.number * noise)
     return 0.5 * (float(np.linalg.slogdet(gram)[1]) - len(gram) * power)
+
+
+def of_columns(statistics: Statistics, chosen: NDArray[np.bool_]) -> Statistics:
+    """Statistics of some of the columns of X."""
+    return statistics._replace(
+        gram=np.asfortranarray(statistics.gram[np.ix_(chosen, chosen)]),
+        cross=statistics.cross[chosen],
+        mixed=statistics.mixed[chosen],
+    )
+
+
+def of_share(statistics: Statistics, share: float) -> Statistics:
+    """What a share of the numbers would tell, alike: for numbers that are not independent. Without nuisance terms."""
+    gram, cross, square, number, *nuisance = statistics
+    return Statistics(share * gram, share * cross, share * square, share * number, *nuisance)
+
+
+def without_nuisance(statistics: Statistics, weak: float, noise: float) -> Statistics:
+    r"""Statistics from which the nuisance terms were eliminated, once for all noise variances near :math:`\sigma_0^2`.
+
+    Their prior variance is taken to be :math:`\sigma^2 / (q \sigma_0^2)`, so that what they leave of the data does not
+    depend on the noise variance. That is little, as a rule: what the terms can explain is then lost whatever the noise.
+    The log evidence is less than that of the whole by the log of a constant.
+    """
+    gram, cross, square, number, mixed, shared, powers = statistics
+    shrink = 1 / (powers + noise * weak)
+    return Statistics(
+        gram=blas.dsyrk(-1.0, mixed * np.sqrt(shrink), beta=1.0, c=gram, lower=1),
+        cross=cross - mixed @ (shrink * shared),
+        square=square - float(np.sum(shrink * shared**2)),
+        number=number,
+        mixed=np.zeros((len(cross), 0)),
+        shared=np.zeros(0),
+        powers=np.zeros(0),
+    )
 
 
 class _Place(NamedTuple):
@@ -198,8 +182,11 @@ class _Place(NamedTuple):
 
 
 class _Solution(NamedTuple):
+    """Weights; the inverse of the system's Cholesky factor, and its columns' squares; what is left, and determined."""
+
     mean: Array
     inverse_factor: Array
+    variances: Array
     residual: float
     effective: float
 
@@ -218,42 +205,6 @@ def _scaled(statistics: Statistics) -> tuple[Statistics, Array]:
 
 def _floor(statistics: Statistics) -> float:
     return 2e-14 * statistics.square / statistics.number
-
-
-def without_nuisance(statistics: Statistics, weak: float, noise: float) -> Statistics:
-    r"""Statistics from which the nuisance terms were eliminated, once for all noise variances.
-
-    Their prior variance is taken to be :math:`1 / q` times :math:`\sigma^2 / \sigma_0^2`, so that what they leave of
-    the data does not depend on the noise variance. That is little, as a rule: what the terms can explain is then lost
-    whatever the noise. The log evidence is less than that of the whole by the log of a constant.
-
-    Parameters
-    ----------
-    statistics, weak
-        As for :func:`fit`.
-    noise
-        A noise variance close to those of interest, :math:`\sigma_0^2`.
-    """
-    gram, cross, square, number, mixed, shared, powers = statistics
-    shrink = 1 / (powers + noise * weak)
-    return Statistics(
-        gram=blas.dsyrk(-1.0, mixed * np.sqrt(shrink), beta=1.0, c=gram, lower=1),
-        cross=cross - mixed @ (shrink * shared),
-        square=square - float(np.sum(shrink * shared**2)),
-        number=number,
-        mixed=np.zeros((len(cross), 0)),
-        shared=np.zeros(0),
-        powers=np.zeros(0),
-    )
-
-
-def of_columns(statistics: Statistics, chosen: NDArray[np.bool_]) -> Statistics:
-    """Statistics of some of the columns of X."""
-    return statistics._replace(
-        gram=np.asfortranarray(statistics.gram[np.ix_(chosen, chosen)]),
-        cross=statistics.cross[chosen],
-        mixed=statistics.mixed[chosen],
-    )
 
 
 def _settled(statistics: Statistics, precision: Array, weak: float, start: _Place) -> tuple[_Place, _Solution]:
@@ -290,7 +241,6 @@ def _refined(statistics: Statistics, precision: Array, weak: float, noise: float
 
 
 def _solve(statistics: Statistics, precision: Array, weak: float, noise: float) -> _Solution:
-    """Weights, the inverse of A's Cholesky factor, squared residual and effective parameters for a noise variance."""
     gram, cross, square, _, mixed, shared, powers = statistics
     shrink = 1 / (powers + noise * weak)
     explained = mixed * np.sqrt(shrink)
@@ -312,4 +262,4 @@ def _solve(statistics: Statistics, precision: Array, weak: float, noise: float) 
     spread = float(np.sum(shrink))
     if len(powers):
         spread += float(np.sum(blas.dtrmm(1.0, inverse_factor, mixed * shrink, lower=1) ** 2))
-    return _Solution(mean, inverse_factor, residual, effective + len(powers) - noise * weak * spread)
+    return _Solution(mean, inverse_factor, variances, residual, effective + len(powers) - noise * weak * spread)

@@ -17,41 +17,18 @@ from scipy.special import ive
 
 Array = NDArray[np.float64]
 
+# Share of the prior variance below which a feature is left out. Small, because a prior that suits stiffness is immense
+# for inertia: at 1e-9, what is left out changes stiffness by 1 N·m/rad.
 TOLERANCE = 1e-13
-"""Share of the prior variance below which a feature is left out.
-
-Small, because a prior that suits stiffness is immense for inertia: at 1e-9, what is left out changes stiffness by
-1 N·m/rad."""
-
-
-def locally_periodic(time: Array, other: Array, period: float, l1: float, l2: float) -> Array:
-    """Dense kernel for gamma = 1, shape (time, other): for short records and for checks."""
-    difference = time[:, None] - other
-    return np.asarray(np.exp(-(np.sin(np.pi * difference / period) ** 2) / l1 - (difference / l2) ** 2))
 
 
 def harmonic_variances(l1: float) -> Array:
-    r"""Variances of the harmonics in the periodic factor of the kernel.
+    r"""Variances of the harmonics in the periodic factor, from the constant to the last that matters; their sum is 1.
 
     With :math:`\kappa = 1 / (2 l_1)`,
 
     .. math:: e^{-\sin^2(\pi\Delta/p)/l_1} = e^{-\kappa} e^{\kappa\cos(2\pi\Delta/p)}
               = \sum_h v_h \cos(2\pi h\Delta/p), \quad v_0 = e^{-\kappa} I_0(\kappa),\ v_h = 2 e^{-\kappa} I_h(\kappa)
-
-    Parameters
-    ----------
-    l1
-        Smoothness, without unit; larger is smoother.
-
-    Returns
-    -------
-    Array
-        Shape (harmonic,), from the constant to the last one that matters; their sum is 1.
-
-    Examples
-    --------
-    >>> len(harmonic_variances(np.exp(-2)))
-    19
     """
     kappa = 1 / (2 * l1)
     orders = np.arange(math.ceil(10 + 8 * math.sqrt(kappa)) + 1)
@@ -82,17 +59,10 @@ def harmonic_features(time: Array, period: float, harmonics: int) -> Array:
 
 
 class DecayFeatures:
-    r"""Features whose products make :math:`e^{-(t - t')^2 / l_2^2}` over an interval of time.
+    """Features whose products make :math:`e^{-(t - t')^2 / l_2^2}` from ``first`` to ``last``, in s.
 
     They are the kernel's eigenfunctions over the interval, found on Gauss-Legendre nodes and continued to any time by
     the kernel itself (Nyström): ``features(t) @ features(s).T`` is the kernel.
-
-    Parameters
-    ----------
-    first, last
-        Ends of the interval in s.
-    l2
-        Length of the decay in s.
     """
 
     def __init__(self, first: float, last: float, l2: float) -> None:

@@ -16,27 +16,14 @@ Array = NDArray[np.float64]
 
 @lru_cache(maxsize=64)
 def lag_weights(lag: float) -> tuple[Array, float]:
-    r"""Weights and pole of a filter that lags as :math:`1 / (1 + a s)` does.
+    r"""Weights c (lags from -n to n) and pole q of a filter that lags as :math:`1 / (1 + a s)` does, a in samples.
 
     .. math:: v(i) = q\, v(i - 1) + \sum_{j=-n}^{n} c_j u(i - j), \qquad q = e^{-1/a}
 
     The pole is exact. The weights minimise the relative error of the frequency response up to 0.8 of the Nyquist
-    frequency, at 0 Hz it has none: as the filters of :func:`tvsysid.numerics.differentiation.derivative_weights`, and
-    as wide. To hold the input over each sample, or to join samples by straight lines, is exact for a signal of that
-    kind, not for a band-limited one: at a fifth of the sampling rate the second weakens it by 13 %, where this filter
-    errs by 0.004 %.
-
-    Parameters
-    ----------
-    lag
-        Time constant a in samples, above 0.
-
-    Returns
-    -------
-    weights : Array
-        Shape (2 n + 1,), for lags from -n to n.
-    pole : float
-        q.
+    frequency, as those of :func:`tvsysid.numerics.differentiation.derivative_weights`; at 0 Hz it has none. To hold the
+    input over each sample, or to join samples by straight lines, is exact for a signal of that kind, not for a
+    band-limited one: at a fifth of the sampling rate the second weakens it by 13 %, where this filter errs by 0.004 %.
     """
     pole = math.exp(-1 / lag)
     size = 32 * HALF_WIDTH
@@ -56,30 +43,11 @@ def lag_weights(lag: float) -> tuple[Array, float]:
 
 
 def low_pass(u: Array, lag: float, sampling_rate: float) -> Array:
-    r"""Signal behind a first-order lag: :math:`v + a \dot v = u`.
+    r"""Signal (time,) behind a first-order lag of a seconds: :math:`v + a \dot v = u`; for a = 0 as it is.
 
     Before its first sample the signal is continued as point-symmetric, over the width of the filter's weights, and
     before that as constant, where v has come to rest; after its last sample likewise. What that is wrong by fades as
     :math:`e^{-t/a}` from the first sample on, and is none beyond the weights' half width from the last.
-
-    Parameters
-    ----------
-    u
-        Shape (time,).
-    lag
-        Time constant a in s; with 0 the signal is returned as it is.
-    sampling_rate
-        In Hz.
-
-    Returns
-    -------
-    Array
-        Shape (time,).
-
-    Examples
-    --------
-    >>> low_pass(np.full(3, 2.0), 0.01, 100.0).round(9)
-    array([2., 2., 2.])
     """
     if lag == 0:
         return u

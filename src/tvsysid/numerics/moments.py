@@ -15,12 +15,10 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-BLOCK = 32
-"""Samples a block: larger ones waste products far from the diagonal, smaller ones waste calls."""
+BLOCK = 32  # samples a block: larger ones waste products far from the diagonal, smaller ones waste calls
 
 
-CHUNK = 2**22
-"""Values of correlation matrices held at once (32 MiB)."""
+CHUNK = 2**22  # values of correlation matrices held at once (32 MiB)
 
 
 def time_chunks(times: int, unknowns: int) -> Iterator[slice]:
@@ -31,23 +29,11 @@ def time_chunks(times: int, unknowns: int) -> Iterator[slice]:
 
 
 def window_moments(a: Array, b: Array, before: int, after: int) -> Array:
-    r"""Second moments of two signals in a window that slides along them.
+    r"""Second moments of two signals (realization, time) in a window that slides along them: (centre, place, place).
 
     .. math:: M(i, j, k) = \frac1R \sum_r a_r(i + j)\, b_r(i + k), \qquad 0 \le j, k \le before + after
 
-    Parameters
-    ----------
-    a, b
-        Signals, shape (realization, time).
-    before, after
-        Samples of the window before and after its centre. The first window starts at sample 0, so that its centre
-        is sample ``before``.
-
-    Returns
-    -------
-    Array
-        Shape (window centre, before + after + 1, before + after + 1); there are
-        time - before - after centres.
+    The first centre is sample ``before``, the last one ``after`` samples from the end.
     """
     later = diagonal_moments(a, b, before + after)
     return window_matrices(later, later if b is a else diagonal_moments(b, a, before + after))
@@ -70,21 +56,11 @@ def window_matrices(later: Array, earlier: Array) -> Array:
 
 
 def diagonal_moments(a: Array, b: Array, reach: int) -> Array:
-    r"""Second moments of each sample of a signal with those of another that come up to so many samples later.
+    r"""Second moments of each sample and those of another signal up to ``reach`` samples later: (time, reach + 1).
 
     .. math:: M(i, d) = \frac1R \sum_r a_r(i)\, b_r(i + d), \qquad 0 \le d \le reach
 
-    Parameters
-    ----------
-    a, b
-        Signals, shape (realization, time); the second may be longer.
-    reach
-        Largest d; beyond the last sample of ``b`` the moments are 0.
-
-    Returns
-    -------
-    Array
-        Shape (time, reach + 1).
+    b may be longer than a; beyond its last sample the moments are 0.
     """
     times = a.shape[1]
     moments = np.empty((times, reach + 1))
@@ -100,29 +76,14 @@ def diagonal_moments(a: Array, b: Array, reach: int) -> Array:
 
 
 def lagged_moments(u: Array, y: Array, lags: int) -> tuple[Array, Array, Array, Array]:
-    r"""Correlations of lagged inputs with each other and with the output, at each time.
+    r"""Correlations of lagged inputs with each other and with the output, and mean square and mean of the output.
 
     With :math:`x_r(i) = [u_r(i + n), \dots, u_r(i - n)]`, that is, lags from -n to n samples,
 
     .. math:: \Phi(i) = \frac1R \sum_r x_r(i) x_r(i)^T, \qquad \varphi(i) = \frac1R \sum_r x_r(i)\, y_r(i)
 
-    (equations 4 and 6 of van de Ruit et al. 2021, in matrix form).
-
-    Parameters
-    ----------
-    u, y
-        Input and output, shape (realization, time).
-    lags
-        Lags to either side, n.
-
-    Returns
-    -------
-    phi_uu : Array
-        Shape (time - 2 n, 2 n + 1, 2 n + 1); row 0 belongs to sample n.
-    phi_uy : Array
-        Shape (time - 2 n, 2 n + 1).
-    y_square, y_mean : Array
-        Mean square and mean of the output over realizations, shape (time - 2 n,).
+    (equations 4 and 6 of van de Ruit et al. 2021, in matrix form). Row 0 of all four belongs to sample n; there are
+    time - 2 n.
     """
     phi_uu = window_moments(u, u, lags, lags)[:, ::-1, ::-1]
     inner = y[:, lags : y.shape[1] - lags]
@@ -135,22 +96,9 @@ def coloured_moments(products: Array, weights: Array, correlation: Array) -> Arr
     .. math:: \frac1R \sum_r \sum_{i, j = t - h}^{t + h} z_r(i)\, \rho(i - j)\, z_r(j), \qquad
               z_r(i) = \sum_{k=-n}^{n} a_k(t)\, u_r(i - k)
 
-    All windows follow from running sums of the input's moments at each distance, so that the cost hardly depends on the
-    window.
-
-    Parameters
-    ----------
-    products
-        Moments of the input with itself up to 2 n + 2 h samples later, as of :func:`diagonal_moments`.
-    weights
-        a, shape (time - 2 n - 2 h, quantity, 2 n + 1), lags from -n to n; row 0 belongs to sample n + h.
-    correlation
-        :math:`\rho` from lag 0 on, shape (2 h + 1,).
-
-    Returns
-    -------
-    Array
-        Shape (time - 2 n - 2 h, quantity).
+    ``products`` are the input's :func:`diagonal_moments` up to 2 n + 2 h samples later; ``weights`` are a, shape
+    (time - 2 n - 2 h, quantity, 2 n + 1), row 0 of which belongs to sample n + h; ``correlation`` is :math:`\rho` from
+    lag 0 to 2 h. All windows follow from running sums at each distance, so that the cost hardly depends on the window.
     """
     times, quantities, length = weights.shape
     reach = len(correlation) - 1
@@ -180,27 +128,10 @@ def coloured_moments(products: Array, weights: Array, correlation: Array) -> Arr
 
 
 def sliding_sum(x: Array, before: int, after: int) -> Array:
-    """Sum of x over a window along its first axis; the window is cut short at both ends.
+    """Sum of x over a window along its first axis, ``x[max(0, i - before) : i + after + 1].sum(axis=0)`` for each i.
 
-    Row i is ``x[max(0, i - before) : i + after + 1].sum(axis=0)``. Done by doubling, so that the cost grows
-    with the logarithm of the window and nothing is subtracted (which would lose digits).
-
-    Parameters
-    ----------
-    x
-        Shape (time, ...).
-    before, after
-        Samples of the window before and after its centre.
-
-    Returns
-    -------
-    Array
-        Shape of ``x``.
-
-    Examples
-    --------
-    >>> sliding_sum(np.array([1.0, 2.0, 3.0, 4.0]), 1, 1)
-    array([3., 6., 9., 7.])
+    Done by doubling, so that the cost grows with the logarithm of the window and nothing is subtracted (which would
+    lose digits).
     """
     length, total, span = before + after + 1, None, 1
     padded = np.zeros((len(x) + length - 1, *x.shape[1:]))
@@ -218,22 +149,12 @@ def sliding_sum(x: Array, before: int, after: int) -> Array:
 
 
 def convolve_lags(u: Array, response: Array) -> Array:
-    r"""Output of a time-varying two-sided impulse response.
+    r"""Output (realization, time) of a time-varying two-sided impulse response, lags from -n to m.
 
     .. math:: y_r(i) = \sum_{j=-n}^{m} w(i, j)\, u_r(i - j)
 
-    Parameters
-    ----------
-    u
-        Input, shape (realization, time).
-    response
-        Weights w (impulse response times the sample time), shape (time - n - m, n + m + 1), lags from -n to m; row 0
-        belongs to sample m of the input.
-
-    Returns
-    -------
-    Array
-        Shape (realization, time - n - m).
+    ``response`` holds the weights w (impulse response times the sample time), shape (time - n - m, n + m + 1); row 0
+    belongs to sample m of the input.
     """
     times, length = response.shape
     out = np.empty((len(u), times))

@@ -11,37 +11,18 @@ from tvsysid.numerics.moments import diagonal_moments
 
 Array = NDArray[np.float64]
 
-ROUNDING = 1e-9
-"""Share of a regressor's power that is rounding."""
-FAINT = 1e-13
-"""Share of the power that filters could pass below which a filtered angle is rounding."""
+ROUNDING = 1e-9  # share of a regressor's power that is rounding
+FAINT = 1e-13  # share of the power that filters could pass below which a filtered angle is rounding
 
 
 def autocovariance(x: Array, lags: int) -> Array:
-    r"""Product of samples that lie so many samples apart, summed over all such pairs and divided by all samples.
+    r"""Product of samples of x (realization, time) so many samples apart, summed over all such pairs, over all samples.
 
-    .. math:: c(d) = \frac{1}{R N} \sum_r \sum_i x_r(i)\, x_r(i + d)
+    .. math:: c(d) = \frac{1}{R N} \sum_r \sum_i x_r(i)\, x_r(i + d), \qquad 0 \le d \le lags
 
-    Divided by N rather than by the N - d pairs there are, it is the autocovariance of some noise whatever the data:
-    its Toeplitz matrices have no negative eigenvalue, and every filter of it has a power. The mean over pairs comes
-    closer to that of the process at long distances, but may give a short realization's acceleration a negative power.
-
-    Parameters
-    ----------
-    x
-        Shape (realization, time); no mean is subtracted.
-    lags
-        Largest d; beyond the last sample it is 0.
-
-    Returns
-    -------
-    Array
-        Shape (lags + 1,).
-
-    Examples
-    --------
-    >>> autocovariance(np.array([[1.0, 2.0, 3.0]]), 1).round(9)
-    array([4.66666667, 2.66666667])
+    Divided by N rather than by the N - d pairs there are, it is the autocovariance of some noise whatever the data: its
+    Toeplitz matrices have no negative eigenvalue, and every filter of it has a power. The mean over pairs comes closer
+    to that of the process at long distances, but may give a short realization's acceleration a negative power.
     """
     count = x.shape[1]
     size = next_fast_len(count + lags, real=True)
@@ -52,27 +33,7 @@ def autocovariance(x: Array, lags: int) -> Array:
 
 
 def cross_covariance(x: Array, y: Array, lags: int) -> Array:
-    r"""Product of a sample and one of another signal that lies so many samples later, as :func:`autocovariance`.
-
-    .. math:: c(d) = \frac{1}{R N} \sum_r \sum_i x_r(i)\, y_r(i + d), \qquad -n \le d \le n
-
-    Parameters
-    ----------
-    x, y
-        Shape (realization, time); no mean is subtracted.
-    lags
-        n.
-
-    Returns
-    -------
-    Array
-        Shape (2 n + 1,), from lag -n on.
-
-    Examples
-    --------
-    >>> cross_covariance(np.array([[1.0, 0.0, 0.0]]), np.array([[0.0, 2.0, 0.0]]), 1).round(9) + 0.0
-    array([0.        , 0.        , 0.66666667])
-    """
+    """Product of a sample and another signal's, d from -lags to lags samples later, as :func:`autocovariance`."""
     count = x.shape[1]
     size = next_fast_len(count + lags, real=True)
     product = np.einsum("rf,rf->f", rfft(x, size, axis=1).conj(), rfft(y, size, axis=1))
@@ -81,9 +42,9 @@ def cross_covariance(x: Array, y: Array, lags: int) -> Array:
 
 
 def angle_products(angle: Array, width: int, lags: int) -> Array:
-    """Moments of an angle along the diagonals as far as :func:`regressor_covariances` of so wide filters need them.
+    """The angle's moments along the diagonals as far as :func:`regressor_covariances` needs them, (time, width + lags).
 
-    Shape (time, width + lags). The angle (realization, time) is mirrored at the ends where it is shorter than that.
+    The angle (realization, time) is mirrored at the ends where it is shorter than that.
     """
     missing = max(0, width + lags - angle.shape[1])
     if missing:
@@ -92,25 +53,14 @@ def angle_products(angle: Array, width: int, lags: int) -> Array:
 
 
 def regressor_covariances(filters: Array, products: Array) -> Array:
-    r"""Products of filtered angles that lie so many samples apart, of each with each.
+    r"""Products of filtered angles that lie d samples apart, of each with each, shape (d, regressor, regressor).
 
     .. math:: S_d = \frac{1}{R N} \sum_r \sum_i s_r(i)\, s_r(i + d)^T, \qquad s_{r, m}(i) = \sum_j F_{mj}\, u_r(i - j)
 
-    over the N samples at which the filters lie within the angle. As with :func:`autocovariance`, sums of them that are
-    weighted by some noise's autocorrelation have no negative eigenvalue. They do not follow from the angle's own
-    autocovariance, where what a realization's ends take from a slow angle is as much as its whole acceleration.
-
-    Parameters
-    ----------
-    filters
-        F, shape (regressor, lag).
-    products
-        Of the angle, as of :func:`angle_products`: as wide as the filters and the largest d.
-
-    Returns
-    -------
-    Array
-        Shape (d, regressor, regressor), from d = 0 on.
+    for ``filters`` F (regressor, lag) and the angle's :func:`angle_products`, over the N samples at which the filters
+    lie within the angle. As with :func:`autocovariance`, sums of them weighted by some noise's autocorrelation have no
+    negative eigenvalue. They do not follow from the angle's own autocovariance, where what a realization's ends take
+    from a slow angle is as much as its whole acceleration.
     """
     width = filters.shape[1]
     count, lags = len(products) - width + 1, products.shape[1] - width
@@ -129,43 +79,18 @@ def regressor_covariances(filters: Array, products: Array) -> Array:
 
 
 def regressor_correlation(covariances: Array) -> Array:
-    r"""How alike regressors are that lie so many samples apart.
+    r"""How alike M regressors are that lie so many samples apart: :math:`\mathrm{tr}(S_0^{-1} S_d) / M`, 1 at d = 0.
 
-    .. math:: \frac1M \mathrm{tr}\left(S_0^{-1} S_d\right)
-
-    for M regressors with the covariances :math:`S_d`. A least-squares fit takes products of the noise with itself at
-    this distance away in this proportion.
-
-    Parameters
-    ----------
-    covariances
-        As of :func:`regressor_covariances`, shape (lag, regressor, regressor).
-
-    Returns
-    -------
-    Array
-        Shape (lag,); 1 at lag 0.
+    A least-squares fit takes products of the noise with itself at this distance away in this proportion.
     """
     scaled, inverse = _scaled(covariances)
     return np.asarray(np.einsum("jk,dkj->d", inverse, scaled) / len(inverse))
 
 
 def power_in_band(correlation: Array, low: float, high: float) -> float:
-    r"""Mean spectral density over a band, as a multiple of that of white noise of the same variance.
+    r"""Mean spectral density from low to high cycles per sample; 1 for white noise of the same variance.
 
     .. math:: 1 + 2 \sum_{d > 0} \rho(d)\, \frac{1}{f_2 - f_1} \int_{f_1}^{f_2} \cos(2 \pi f d)\, df
-
-    Parameters
-    ----------
-    correlation
-        Autocorrelation :math:`\rho` from lag 0 on, 1 at lag 0.
-    low, high
-        Edges :math:`f_1, f_2` in cycles per sample, 0 to 0.5.
-
-    Examples
-    --------
-    >>> power_in_band(np.array([1.0, 0.4]), 0.0, 0.25)
-    1.5092958178940652
     """
     lags = np.arange(1, len(correlation))
     mean = (np.sin(2 * np.pi * high * lags) - np.sin(2 * np.pi * low * lags)) / (2 * np.pi * lags * (high - low))
@@ -175,20 +100,10 @@ def power_in_band(correlation: Array, low: float, high: float) -> float:
 def white_share(noise: Array, signal: Array, sampling_rate: float, band: tuple[float, float]) -> float:
     r"""How many samples of white noise one sample of this noise is worth to a fit of a signal, at most 1.
 
-    A factor fitted by least squares to frequencies in the band has the variance
-    :math:`\sum_f S(f) P(f) / (\sum_f S(f))^2`, with S and P the spectral densities of signal and noise. White noise
-    of the same power in the band gives as much from a share of the data,
-
-    .. math:: \frac{\bar P\, \sum_f S(f)}{\sum_f S(f)\, P(f)}
-
-    Parameters
-    ----------
-    noise, signal
-        Shape (realization, time).
-    sampling_rate
-        In Hz.
-    band
-        Lowest and highest frequency in Hz.
+    A factor fitted by least squares to frequencies in the band (Hz) has the variance
+    :math:`\sum_f S(f) P(f) / (\sum_f S(f))^2`, with S and P the spectral densities of signal and noise, both
+    (realization, time). White noise of the same power in the band gives as much from a share of the data,
+    :math:`\bar P\, \sum_f S(f) / \sum_f S(f)\, P(f)`.
     """
     frequency, power = welch(noise, sampling_rate, nperseg=noise.shape[1], detrend=False, axis=1)
     _, strength = welch(signal, sampling_rate, nperseg=noise.shape[1], detrend=False, axis=1)
@@ -201,22 +116,10 @@ def white_share(noise: Array, signal: Array, sampling_rate: float, band: tuple[f
 def colour_factors(covariances: Array, noise: Array) -> Array:
     r"""Variances of a least-squares fit under coloured noise, as multiples of those under white noise.
 
-    With the regressors' covariances :math:`S_d` and the noise's autocorrelation :math:`\rho`,
-
     .. math:: f_m = \frac{(S_0^{-1} \tilde S S_0^{-1})_{mm}}{(S_0^{-1})_{mm}}, \qquad
               \tilde S = S_0 + \sum_{d > 0} \rho(d) \left(S_d + S_d^T\right)
 
-    Parameters
-    ----------
-    covariances
-        As of :func:`regressor_covariances`, shape (lag, regressor, regressor).
-    noise
-        Autocorrelation of the noise from lag 0 on, 1 at lag 0; at as many lags.
-
-    Returns
-    -------
-    Array
-        Shape (regressor,); 1 for white noise.
+    with S the :func:`regressor_covariances` and ``noise`` the autocorrelation :math:`\rho` from lag 0 on.
     """
     scaled, inverse = _scaled(covariances)
     half = np.einsum("d,djk->jk", noise, scaled) - scaled[0] / 2

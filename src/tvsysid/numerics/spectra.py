@@ -16,10 +16,8 @@ from tvsysid.numerics.moments import diagonal_moments
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
-TRANSFORMS = 30.0
-"""Time of a segment's transform, R N log N, over that of its share of the moments, N² (measured)."""
-SEGMENTS = 2**18
-"""Samples of segments that are transformed at once, so that they stay in the cache."""
+TRANSFORMS = 30.0  # time of a segment's transform, R N log N, over that of its share of the moments, N² (measured)
+SEGMENTS = 2**18  # samples of segments that are transformed at once, so that they stay in the cache
 
 
 class ShortTimeSpectra(NamedTuple):
@@ -35,24 +33,11 @@ def short_time_spectra(u: Array, y: Array, length: int) -> ShortTimeSpectra:
 
     .. math:: S_{yu}(f, t) = \frac{1}{N R} \sum_r Y_r(f, t)\, U_r^*(f, t)
 
-    (equations 10 and 11 of van de Ruit et al. 2021), where U and Y are the Fourier transforms of the windowed
-    segments; no mean is subtracted. For short segments of many realizations they are the Fourier transforms of the
-    segments' correlations at each distance, which follow from the second moments at a cost as :math:`N^2`. Otherwise
-    every segment is transformed, which costs as :math:`R N \log N`. Both give the same to rounding; the quicker is
-    taken.
-
-    Parameters
-    ----------
-    u, y
-        Input and output, shape (realization, time).
-    length
-        Samples of a segment, N. For an even one the segment about t is t - N/2 ... t + N/2 - 1, and the periodic
-        Hann window peaks at t; for an odd one segment and window are symmetric.
-
-    Returns
-    -------
-    ShortTimeSpectra
-        Shape (time - N + 1, N // 2 + 1); row 0 belongs to sample N // 2.
+    (equations 10 and 11 of van de Ruit et al. 2021), where U and Y are the Fourier transforms of the windowed segments
+    of N = ``length`` samples; no mean is subtracted. Row 0 belongs to sample N // 2; for an even N the segment about t
+    is t - N/2 ... t + N/2 - 1. For short segments of many realizations they are the Fourier transforms of the segments'
+    correlations at each distance, which follow from the second moments at a cost as :math:`N^2`. Otherwise every
+    segment is transformed, which costs as :math:`R N \log N`. Both give the same to rounding; the quicker is taken.
     """
     quicker_apart = length**2 > TRANSFORMS * len(u) * math.log2(max(length, 2))
     return _from_segments(u, y, length) if quicker_apart else _from_moments(u, y, length)
@@ -92,25 +77,11 @@ def _from_segments(u: Array, y: Array, length: int) -> ShortTimeSpectra:
 
 
 def half_cosine_spectrum(half_cycles: int, length: int, low: int, high: int) -> ComplexArray:
-    r"""Fourier transform of so many half-cycles of a cosine over a record, without transforming it.
+    r"""Fourier transform of q half-cycles of a cosine over a record at some bins, without transforming it.
 
     .. math:: \sum_{n=0}^{N-1} \cos\frac{\pi q (n + 1/2)}{N}\, e^{-2\pi j k n / N}, \qquad low \le k < high
 
     a geometric series for each k.
-
-    Parameters
-    ----------
-    half_cycles
-        q.
-    length
-        Samples of the record, N.
-    low, high
-        First bin, and the one after the last.
-
-    Returns
-    -------
-    ComplexArray
-        Shape (high - low,).
     """
     bins = np.arange(low, high)
     total = np.zeros(high - low, dtype=np.complex128)
@@ -124,13 +95,7 @@ def half_cosine_spectrum(half_cycles: int, length: int, low: int, high: int) -> 
 
 
 def hann(length: int) -> Array:
-    """Hann window that is symmetric about sample length // 2; shape (length,).
-
-    Examples
-    --------
-    >>> hann(4)
-    array([0. , 0.5, 1. , 0.5])
-    """
+    """Hann window that is symmetric about, and peaks at, sample length // 2."""
     if length % 2 == 0:
         return np.asarray(0.5 - 0.5 * np.cos(2 * np.pi * np.arange(length) / length))
     return np.asarray(0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(length) + 1) / (length + 1)))

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 COLUMNS = ("claim", "source", "finding", "estimate", "low", "high", "unit", "verdict", "remark")
 HOLDS, FAILS, UNDECIDED, NOT_STUDIED = "holds", "does not hold", "undecided", "not studied"
-RATIO = "ratio"
-"""Unit of margins that are logarithms."""
+RATIO = "ratio"  # unit of margins that are logarithms
 
 
 class Margin(Protocol):
@@ -36,20 +36,10 @@ class Margin(Protocol):
 
 @dataclass(frozen=True)
 class Claim:
-    """A sentence of the paper, and how to hold it against figures.
+    """A sentence of the paper with its section, and how to hold it against figures.
 
-    Parameters
-    ----------
-    sentence, source
-        What it says, and where.
-    margins
-        From figures to margins; none where the study does not have what is needed.
-    unit
-        Of the margins; those of ``RATIO`` are logarithms.
-    needs
-        What a study must have for it.
-    disagreement
-        Why it may fail, where that is known.
+    ``margins`` gives none where a study does not have what the claim ``needs``; their unit ``RATIO`` says that they are
+    logarithms. ``disagreement`` says why the claim may fail, where that is known.
     """
 
     sentence: str
@@ -63,34 +53,23 @@ class Claim:
 def judged(
     claim: Claim, margins: Sequence[Margin], *, also: str = "", too_few: str = "", more: str = "data"
 ) -> tuple[Any, ...]:
-    """Row of ``COLUMNS`` for a claim.
+    """Row of ``COLUMNS`` for a claim; without margins it was not studied.
 
-    Parameters
-    ----------
-    claim
-        What is judged.
-    margins
-        Its margins; without any it was not studied.
-    also
-        What every claim needs.
-    too_few
-        Why nothing can be decided, if so.
-    more
-        What might decide where it is open.
+    In words: what every claim needs ``also``, why there is ``too_few`` to decide by, and what to have ``more`` of.
     """
     nothing = (np.nan, np.nan, np.nan, claim.unit)
     known = [margin for margin in margins if np.isfinite(margin.estimate)]
     if not margins:
         needs = f"Needs {claim.needs}, and {also}." if also else f"Needs {claim.needs}."
         return (claim.sentence, claim.source, "", *nothing, NOT_STUDIED, needs)
-    if not known:
-        return (claim.sentence, claim.source, "", *nothing, UNDECIDED, "The methods gave no results.")
-    if too_few:
-        return (claim.sentence, claim.source, "", *nothing, UNDECIDED, too_few)
+    if too_few or not known:
+        why = too_few if known else "The methods gave no results."
+        return (claim.sentence, claim.source, "", *nothing, UNDECIDED, why)
     bounds = [margin.limits(0.025) for margin in known]
     against = [place for place, margin in enumerate(known) if margin.limits(0.025 / len(known))[1] < 0]
     unsure = [place for place, (low, _) in enumerate(bounds) if not low > 0 and place not in against]
     lost = len(margins) - len(known)
+    remark = claim.disagreement
     if against:
         verdict, deciding = FAILS, min(against, key=lambda place: known[place].estimate)
         speak = "speaks" if len(against) == 1 else "speak"
@@ -101,14 +80,16 @@ def judged(
         told = f"{count} of {len(margins)} comparisons {'is' if count == 1 else 'are'} open; " + (
             "the most so: " if unsure else "the closest of the others: "
         )
+        remark = f"{'A method gave no results.' if lost else f'More {more} may decide.'} {remark}".strip()
     else:
         verdict, deciding = HOLDS, min(range(len(known)), key=lambda place: bounds[place][0])
         told = f"all {len(margins)} comparisons speak for it; the closest: " if len(margins) > 1 else ""
-    remark = claim.disagreement if verdict != HOLDS else ""
-    if verdict == UNDECIDED:
-        remark = " ".join(
-            filter(None, [f"More {more} may decide." if not lost else "A method gave no results.", remark])
-        )
+        remark = ""
     numbers = np.array([known[deciding].estimate, *bounds[deciding]])
     shown = np.exp(numbers) if claim.unit == RATIO else numbers
     return (claim.sentence, claim.source, told + known[deciding].words, *shown.tolist(), claim.unit, verdict, remark)
+
+
+def log_ratio(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Logarithm of a ratio: the margin by which one is larger than the other, in the unit ``RATIO``."""
+    return np.asarray(np.log(one / other))

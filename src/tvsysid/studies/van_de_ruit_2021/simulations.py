@@ -1,20 +1,20 @@
-"""What van de Ruit et al. (2021) say their simulations show, held against the figures of a study.
+"""What van de Ruit et al. (2021) say their simulations show, held against the scores of a study.
 
 There is a margin for each scenario and rival (:mod:`tvsysid.studies.verdicts`), with limits from drawing trials.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from scipy.stats import beta
 
-from tvsysid.studies.verdicts import COLUMNS, FAILS, HOLDS, NOT_STUDIED, RATIO, UNDECIDED, Claim, judged
+from tvsysid.studies.verdicts import COLUMNS, FAILS, HOLDS, NOT_STUDIED, RATIO, UNDECIDED, Claim, judged, log_ratio
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -23,25 +23,65 @@ Array = NDArray[np.float64]
 
 FIVE = ("eirf", "sds", "birf", "esm", "kbr")
 THE_FIVE = "all five methods with their own settings"
-RATIOS = ("random_error", "total_error")
-"""Metrics that are compared by their ratio: their uncertainty is in proportion to them."""
-NAMES = {
-    "debiased_bias_error": "bias (freed of random error)",
-    "random_error": "random error",
-    "total_error": "total error",
-    "rise_time": "rise time",
-    "vaf": "VAF",
-    "switch_dip": "dip",
-    "time_varying_vaf_sd": "spread of the time-varying VAF",
-}
-FEWEST = 10
-"""Trials below which limits from drawing among them are too narrow to decide by."""
-FEW_HUNDRED_S = 300.0
-"""Seconds of data from which there are "a few hundred realizations" of 2 s: 150 in the shortest."""
-ALIKE = 0.25
-"""Relative difference below which an error counts as little changed."""
-DIP = 1.0
-"""Percentage points that a time-varying VAF is lower at the switches than away from them if it dips."""
+PERTURBATIONS = ("noise", "prbs")
+FEWEST = 10  # trials below which limits from drawing among them are too narrow to decide by
+FEW_HUNDRED_S = 300.0  # seconds from which there are "a few hundred realizations" of 2 s: 150 in the shortest
+ALIKE = 0.25  # relative difference below which an error counts as little changed
+DIP = 1.0  # percentage points that a time-varying VAF is lower at the switches than away from them if it dips
+
+BIAS, RANDOM, TOTAL, RISE = "debiased_bias_error", "random_error", "total_error", "rise_time"
+VARIES, SOFT, STIFF = "time_varying_vaf_sd", "time_varying_vaf_sd_soft", "time_varying_vaf_sd_stiff"
+NAMES = {BIAS: "bias (freed of random error)", RANDOM: "random error", TOTAL: "total error", RISE: "rise time"}
+NAMES |= {"vaf": "VAF"}
+AMOUNTS = {RISE: "{:.2f} s", "vaf": "{:.1f} %", "switch_dip": "{:.1f}"} | dict.fromkeys((VARIES, SOFT, STIFF), "{:.2f}")
+"""How the values of metrics are printed that are not in N·m/rad."""
+
+
+class Scenario(NamedTuple):
+    """Settings in which scenarios differ."""
+
+    profile: str
+    perturbation: str
+    duration_s: float
+    snr_db: float
+    viscosity: str
+
+    def __str__(self) -> str:
+        return f"{'PRBS' if self.perturbation == 'prbs' else 'noise'}, {self.duration_s:g} s"
+
+
+Where = dict[str, tuple[Any, ...]]
+"""Values that the settings of a scenario may have."""
+SQUARES: Where = {"profile": ("square",), "viscosity": ("constant",), "snr_db": (10.0,)}
+SINES: Where = SQUARES | {"profile": ("sine",)}
+
+
+class Scores:
+    """Scores of a study, whose scenarios are known by their settings."""
+
+    def __init__(self, scores: xr.Dataset) -> None:
+        settings = (scores[name].values.tolist() for name in Scenario._fields)
+        self.scenarios = {Scenario(*each): place for place, each in enumerate(zip(*settings, strict=True))}
+        self.all_there = set(FIVE) <= set(map(str, scores.method_key.values))
+        self._scores = scores
+
+    def where(self, where: Where, least_s: float = 0.0) -> list[Scenario]:
+        """Scenarios with these settings, and so many seconds of data."""
+        return [
+            scenario
+            for scenario in self.scenarios
+            if scenario.duration_s >= least_s and all(getattr(scenario, name) in where[name] for name in where)
+        ]
+
+    def of(self, scenario: Scenario, method: str, metric: str) -> Array:
+        """A metric and its replicates behind it, so that what is done with the one is done with the others."""
+        indexes = self._scores.indexes
+        place = self.scenarios[scenario], indexes["method_key"].get_loc(method), indexes["metric"].get_loc(metric)
+        return np.append(self._scores.value.values[place], self._scores.replicates.values[place])
+
+    def trials(self, scenario: Scenario, method: str) -> int:
+        """Trials that count."""
+        return int(self._scores.trials.sel(method_key=method).values[self.scenarios[scenario]])
 
 
 @dataclass(frozen=True)
@@ -61,287 +101,178 @@ class Replicated:
         return float(low), float(high)
 
 
+Margins = Callable[[Scores], Iterator[Replicated]]
+Place = tuple[Scenario, str, str]
+"""Scenario, method and metric."""
+Pairs = Callable[[Scores], Iterator[tuple[Place, Place]]]
+
+
 def judge_simulations(scores: xr.Dataset) -> pd.DataFrame:
     """Hold every claim of the paper's simulation study against the scores of a study."""
-    trials = int(scores.trials.max())
+    known = Scores(scores)
+    too_few = f"Takes at least {FEWEST} trials." if int(scores.trials.max()) < FEWEST else ""
     # A draw of few trials may be of one alone, which has no spread to take the logarithm of.
     with np.errstate(divide="ignore", invalid="ignore"):
-        found = [list(claim.margins(scores)) if _all_there(scores) else [] for claim in CLAIMS]
-    too_few = f"Takes at least {FEWEST} trials." if trials < FEWEST else ""
-    rows = [
-        judged(claim, margins, also=THE_FIVE, too_few=too_few, more="trials")
-        for claim, margins in zip(CLAIMS, found, strict=True)
-    ]
-    rows += [_all_above(scores, *floor) for floor in FLOORS]
+        rows = [
+            judged(
+                claim,
+                list(claim.margins(known)) if known.all_there else [],
+                also=THE_FIVE,
+                too_few=too_few,
+                more="trials",
+            )
+            for claim in CLAIMS
+        ]
+    rows += [_all_above(known, *floor) for floor in FLOORS]
     return pd.DataFrame(rows, columns=list(COLUMNS))
 
 
-def _all_above(scores: Any, stiffness: str, floor: float, source: str) -> tuple[Any, ...]:
+def _all_above(scores: Scores, where: Where, name: str, floor: float, source: str) -> tuple[Any, ...]:
     """Row for the claim that every VAF is above a floor, with a limit on the share of trials that are not."""
-    name = {"square": "square wave", "sine": "sine"}[stiffness]
-    sentence = f"Every VAF is above {floor:g} % ({name})"
-    unit = "percentage points"
+    sentence, unit = f"Every VAF is above {floor:g} % ({name})", "percentage points"
     nothing = (np.nan, np.nan, np.nan, unit)
-    cells = _cells(scores, stiffness=stiffness)
-    if not cells or not _all_there(scores):
+    lowest = {
+        (scenario, method): float(scores.of(scenario, method, "lowest_vaf")[0])
+        for scenario in scores.where(where)
+        for method in FIVE
+        if scores.all_there
+    }
+    if not lowest:
         return (sentence, source, "", *nothing, NOT_STUDIED, f"Needs a {name} at 10 dB and {THE_FIVE}.")
-    here = scores.sel(scenario=cells, method_key=list(FIVE))
-    trials = int(here.trials.min())
-    if not trials or here.value.sel(metric="lowest_vaf").isnull().any():
+    trials = min(scores.trials(*place) for place in lowest)
+    if not trials or np.isnan(list(lowest.values())).any():
         return (sentence, source, "", *nothing, UNDECIDED, "A method gave no results.")
-    lowest = here.value.sel(metric="lowest_vaf")
-    worst = lowest.isel(lowest.argmin(...))
-    margin = float(worst) - floor
-    place = f"{worst.method_key.item()}, {_where(scores, worst.scenario.item())}"
-    found = f"lowest mean VAF of a trial: {float(worst):.1f} % ({place})"
-    if margin > 0:
+    (scenario, method), worst = min(lowest.items(), key=lambda item: item[1])
+    found = f"lowest mean VAF of a trial: {worst:.1f} % ({method}, {scenario})"
+    if worst > floor:
         # With none of n below, the share of such trials is under this with 95 % confidence (Clopper and Pearson).
         share = float(beta.ppf(0.95, 1, trials))
         found += f"; none is below, so in each scenario fewer than {100 * share:.2g} % are (95 % confidence)"
     remark = "The paper does not say over what it is taken: here, the mean over the realizations of a trial."
-    verdict = FAILS if margin <= 0 else HOLDS if trials >= FEWEST else UNDECIDED
-    return (sentence, source, found, margin, np.nan, np.nan, unit, verdict, remark)
+    verdict = FAILS if worst <= floor else HOLDS if trials >= FEWEST else UNDECIDED
+    return (sentence, source, found, worst - floor, np.nan, np.nan, unit, verdict, remark)
 
 
-def _all_there(scores: Any) -> bool:
-    return set(FIVE) <= {str(label) for label in scores.method_key.values}
+def _compared(pairs: Pairs, words: str, margin: Callable[[Array, Array], Array]) -> Margins:
+    """Margins of pairs of values; one pair may have several, shape (margin, value and replicates).
+
+    The words may name ``one`` and the ``other`` scenario, the ``metric``, the ``method`` and its ``rival``, and say the
+    ``first`` and the ``last`` amount and their ``ratio``.
+    """
+
+    def margins(scores: Scores) -> Iterator[Replicated]:
+        for (one, method, metric), (other, rival, compared) in pairs(scores):
+            first, last = scores.of(one, method, metric), scores.of(other, rival, compared)
+            amount = AMOUNTS.get(metric, "{:.1f} N·m/rad").format
+            said = {"one": one, "other": other, "method": method, "rival": rival, "metric": NAMES.get(metric)}
+            said |= {"first": amount(first[0]), "last": amount(last[0]), "ratio": first[0] / last[0]}
+            for each in np.atleast_2d(margin(first, last)):
+                yield Replicated(words.format(**said), float(each[0]), each[1:])
+
+    return margins
 
 
-def _cells(scores: Any, stiffness: str = "square", viscosity: str = "constant", least_s: float = 0.0) -> list[str]:
-    """Scenarios like the paper's, 10 dB."""
-    chosen = (
-        (scores.profile == stiffness)
-        & (scores.viscosity == viscosity)
-        & (scores.snr_db == 10)
-        & (scores.duration_s >= least_s)
+def _ranked(metric: str, order: Sequence[tuple[str, str]], where: Where = SQUARES, least_s: float = 0.0) -> Margins:
+    """That a metric of one method is above that of another, for pairs of methods.
+
+    Errors are compared by their ratio: their uncertainty is in proportion to them.
+    """
+
+    def pairs(scores: Scores) -> Iterator[tuple[Place, Place]]:
+        for scenario in scores.where(where, least_s):
+            yield from (((scenario, high, metric), (scenario, low, metric)) for high, low in order)
+
+    words = "{metric} of {method} {first}, of {rival} {last} ({one})"
+    return _compared(pairs, words, log_ratio if metric in (RANDOM, TOTAL) else np.subtract)
+
+
+def _above(*high: str) -> list[tuple[str, str]]:
+    """These methods above all others."""
+    return [(each, other) for each in high for other in FIVE if other not in high]
+
+
+def _below(*low: str) -> list[tuple[str, str]]:
+    """These methods below all others."""
+    return [(other, each) for each, other in _above(*low)]
+
+
+def _between(low: str, high: str) -> list[tuple[str, str]]:
+    """sds, esm and kbr between two methods."""
+    return [pair for method in ("sds", "esm", "kbr") for pair in ((method, low), (high, method))]
+
+
+def _within(metric: str, where: Where = SQUARES, other: str = "", methods: Sequence[str] = FIVE) -> Pairs:
+    """A metric of methods in each scenario, beside another one or itself."""
+    return lambda scores: (
+        ((scenario, method, metric), (scenario, method, other or metric))
+        for scenario in scores.where(where)
+        for method in methods
     )
-    return [str(label) for label in scores.scenario.values[chosen.values]]
 
 
-def _where(scores: Any, cell: str) -> str:
-    place = scores.indexes["scenario"].get_loc(cell)
-    perturbation = "PRBS" if scores.perturbation.values[place] == "prbs" else "noise"
-    return f"{perturbation}, {scores.duration_s.values[place]:g} s"
+def _changed(
+    change: Callable[[Scenario], Scenario], where: Where, metrics: Sequence[str], methods: Sequence[str] = FIVE
+) -> Pairs:
+    """Metrics of methods in pairs of scenarios, the other of which is a change of the first."""
+    return lambda scores: (
+        ((scenario, method, metric), (change(scenario), method, metric))
+        for scenario in scores.where(where)
+        if change(scenario) in scores.scenarios
+        for method in methods
+        for metric in metrics
+    )
 
 
-def _figures(scores: Any, cell: str, method: str, metric: str) -> Array:
-    """A metric and its replicates behind it, so that what is done with the one is done with the others."""
-    labels = {"scenario": cell, "method_key": method, "metric": metric}
-    place = tuple(scores.indexes[name].get_loc(label) for name, label in labels.items())
-    return np.append(scores.value.values[place], scores.replicates.values[place])
+def _to_prbs(where: Where, metric: str) -> Pairs:
+    return _changed(lambda noise: noise._replace(perturbation="prbs"), where | {"perturbation": ("noise",)}, [metric])
 
 
-def _margin(words: str, figures: Array) -> Replicated:
-    return Replicated(words, float(figures[0]), figures[1:])
-
-
-def _within(words: str, logarithms: Array) -> Iterator[Replicated]:
+def _alike(logarithms: Array) -> Array:
     """That a ratio is one to within a quarter: a margin on each side."""
-    for sign in (1, -1):
-        yield _margin(words, np.log1p(ALIKE) - sign * logarithms)
+    return np.asarray(np.log1p(ALIKE) - np.stack([logarithms, -logarithms]))
 
 
-def _amount(metric: str, value: float) -> str:
-    if metric == "rise_time":
-        return f"{value:.2f} s"
-    return f"{value:.1f} {'%' if metric == 'vaf' else 'points' if 'vaf' in metric or 'dip' in metric else 'N·m/rad'}"
+def _mostly_alike(metric: str) -> Margins:
+    """That a metric differs little between perturbations in most conditions: methods and durations."""
 
-
-def _more(scores: Any, cell: str, metric: str, high: str, low: str) -> Replicated:
-    """That a metric of one method is above that of another."""
-    above, below = (_figures(scores, cell, method, metric) for method in (high, low))
-    figures = f"{high} {_amount(metric, above[0])}, of {low} {_amount(metric, below[0])}"
-    words = f"{NAMES[metric]} of {figures} ({_where(scores, cell)})"
-    return _margin(words, np.log(above / below) if metric in RATIOS else above - below)
-
-
-def _extreme(metric: str, method: str, highest: bool, **where: Any) -> Callable[[Any], Iterator[Replicated]]:
-    """That one method has the highest or the lowest of all."""
-
-    def margins(scores: Any) -> Iterator[Replicated]:
-        for cell in _cells(scores, **where):
-            for other in FIVE:
-                if other != method:
-                    pair = (method, other) if highest else (other, method)
-                    yield _more(scores, cell, metric, *pair)
+    def margins(scores: Scores) -> Iterator[Replicated]:
+        pairs = list(_to_prbs(SQUARES, metric)(scores))
+        sizes = np.array([np.abs(log_ratio(scores.of(*last), scores.of(*first))) for first, last in pairs])
+        if not len(sizes) or np.isnan(sizes[:, 0]).any():
+            return
+        little = sizes < np.log1p(ALIKE)
+        count = int(little[:, 0].sum())
+        words = f"{NAMES[metric]} differs by less than {100 * ALIKE:g} % in {count} of {len(sizes)} conditions"
+        share = little.mean(axis=0) - 0.5
+        yield Replicated(words, float(share[0]), share[1:])
 
     return margins
 
 
-def _between(metric: str, low: str, high: str) -> Callable[[Any], Iterator[Replicated]]:
-    """That sds, esm and kbr lie between two methods."""
-
-    def margins(scores: Any) -> Iterator[Replicated]:
-        for cell in _cells(scores):
-            for method in ("sds", "esm", "kbr"):
-                yield _more(scores, cell, metric, method, low)
-                yield _more(scores, cell, metric, high, method)
-
-    return margins
-
-
-def _lowest_two(metric: str, pair: tuple[str, str]) -> Callable[[Any], Iterator[Replicated]]:
-    """That two methods have the lowest of all, with the sine."""
-
-    def margins(scores: Any) -> Iterator[Replicated]:
-        for cell in _cells(scores, stiffness="sine"):
-            for method in pair:
-                for other in FIVE:
-                    if other not in pair:
-                        yield _more(scores, cell, metric, other, method)
-
-    return margins
-
-
-def _durations(scores: Any) -> Iterator[list[str]]:
-    """The cells of each perturbation, shortest first, where there are several."""
-    for perturbation in ("noise", "prbs"):
-        cells = [cell for cell in _cells(scores) if str(scores.perturbation.sel(scenario=cell).values) == perturbation]
-        cells.sort(key=lambda cell: float(scores.duration_s.sel(scenario=cell)))
-        if len(cells) > 1:
-            yield cells
-
-
-def _falls_most(scores: Any) -> Iterator[Replicated]:
+def _falls_most(scores: Scores) -> Iterator[Replicated]:
     """That eirf's random error falls by the largest factor from the least to the most data."""
-    for cells in _durations(scores):
-        ends = cells[0], cells[-1]
-        falls = {}
-        for method in FIVE:
-            first, last = (_figures(scores, cell, method, "random_error") for cell in ends)
-            falls[method] = np.log(first / last)
+    for perturbation in PERTURBATIONS:
+        scenarios = scores.where(SQUARES | {"perturbation": (perturbation,)})
+        least, most = (choose(scenarios, key=lambda each: each.duration_s, default=None) for choose in (min, max))
+        if least is None or most is None or least == most:
+            continue
+        falls = {
+            method: log_ratio(scores.of(least, method, RANDOM), scores.of(most, method, RANDOM)) for method in FIVE
+        }
         own = falls.pop("eirf")
         for method, fall in falls.items():
             words = (
-                f"from {_where(scores, ends[0])} to {_where(scores, ends[1])} the random error of eirf falls "
-                f"{np.exp(own[0]):.1f}-fold, of {method} {np.exp(fall[0]):.1f}-fold"
+                f"from {least} to {most} the random error of eirf falls {np.exp(own[0]):.1f}-fold, of {method} "
+                f"{np.exp(fall[0]):.1f}-fold"
             )
-            yield _margin(words, own - fall)
-
-
-def _improves_above_40(scores: Any) -> Iterator[Replicated]:
-    """That doubling 40 s does more to eirf's random error than the root of two that any average gives."""
-    for cells in _durations(scores):
-        pair = [cell for cell in cells if float(scores.duration_s.sel(scenario=cell)) in (40.0, 80.0)]
-        if len(pair) == 2:
-            first, last = (_figures(scores, cell, "eirf", "random_error") for cell in pair)
-            words = (
-                f"random error of eirf {first[0]:.1f} N·m/rad ({_where(scores, pair[0])}), {last[0]:.1f} N·m/rad "
-                f"({_where(scores, pair[1])}): {first[0] / last[0]:.1f}-fold, where averaging alone gives 1.4-fold"
-            )
-            yield _margin(words, np.log(first / last) - np.log(2) / 2)
-
-
-def _dips(methods: tuple[str, ...], sign: int) -> Callable[[Any], Iterator[Replicated]]:
-    """That the time-varying VAF of methods dips near the switches (sign 1), or does not (-1)."""
-
-    def margins(scores: Any) -> Iterator[Replicated]:
-        for cell in _cells(scores):
-            for method in methods:
-                dip = _figures(scores, cell, method, "switch_dip")
-                words = f"time-varying VAF of {method} dips by {dip[0]:.1f} points ({_where(scores, cell)})"
-                yield _margin(words, sign * (dip - DIP))
-
-    return margins
-
-
-def _alike(scores: Any, pairs: Iterator[tuple[str, str]], metrics: tuple[str, ...]) -> Iterator[Replicated]:
-    """That metrics differ by less than a quarter between two scenarios; two margins each, one a side."""
-    for one, other in pairs:
-        for method in FIVE:
-            for metric in metrics:
-                first, last = (_figures(scores, cell, method, metric) for cell in (one, other))
-                words = (
-                    f"{NAMES[metric]} of {method} {first[0]:.1f} N·m/rad ({_where(scores, one)}), {last[0]:.1f} "
-                    f"N·m/rad ({_where(scores, other)}{_viscosity(scores, other)})"
-                )
-                yield from _within(words, np.log(last / first))
-
-
-def _viscosity(scores: Any, cell: str) -> str:
-    return ", viscosity covarying" if str(scores.viscosity.sel(scenario=cell).values) == "covarying" else ""
-
-
-def _mostly_alike(metric: str) -> Callable[[Any], Iterator[Replicated]]:
-    """That a metric differs little between perturbations in most conditions: methods and durations."""
-
-    def margins(scores: Any) -> Iterator[Replicated]:
-        sizes = []
-        for pair in _pairs(scores, "perturbation", "noise", "prbs", _cells(scores)):
-            for method in FIVE:
-                first, last = (_figures(scores, cell, method, metric) for cell in pair)
-                sizes.append(np.abs(np.log(last / first)))
-        if not sizes or np.isnan([size[0] for size in sizes]).any():
-            return
-        little = np.array(sizes) < np.log1p(ALIKE)
-        count = int(little[:, 0].sum())
-        words = f"{NAMES[metric]} differs by less than {100 * ALIKE:g} % in {count} of {len(sizes)} conditions"
-        yield _margin(words, little.mean(axis=0) - 0.5)
-
-    return margins
-
-
-def _viscosities_alike(scores: Any) -> Iterator[Replicated]:
-    cells = [*_cells(scores), *_cells(scores, viscosity="covarying")]
-    pairs = _pairs(scores, "viscosity", "constant", "covarying", cells)
-    yield from _alike(scores, pairs, ("total_error", "random_error"))
-
-
-def _pairs(scores: Any, setting: str, one: str, other: str, cells: list[str]) -> Iterator[tuple[str, str]]:
-    """Scenarios that differ in one setting only."""
-    names = ("profile", "perturbation", "duration_s", "snr_db", "viscosity")
-    at = {tuple(scores[name].sel(scenario=cell).item() for name in names): cell for cell in cells}
-    for settings, cell in at.items():
-        changed = tuple(other if name == setting else value for name, value in zip(names, settings, strict=True))
-        if settings[names.index(setting)] == one and changed in at:
-            yield cell, at[changed]
-
-
-def _noise_is_like_data(scores: Any) -> Iterator[Replicated]:
-    """That 10 dB less noise lower the random error by the root of ten, as ten times the data do."""
-    here = (scores.profile == "square") & (scores.viscosity == "constant")
-    levels = {
-        (str(cell.perturbation.values), float(cell.duration_s), float(cell.snr_db)): str(cell.scenario.values)
-        for cell in (scores.isel(scenario=place) for place in np.flatnonzero(here.values))
-    }
-    for (perturbation, duration, snr), cell in levels.items():
-        better = levels.get((perturbation, duration, snr + 10))
-        if better is None:
-            continue
-        for method in FIVE:
-            first, last = (_figures(scores, place, method, "random_error") for place in (cell, better))
-            words = (
-                f"random error of {method} {first[0]:.1f} N·m/rad at {snr:g} dB, {last[0]:.1f} N·m/rad at "
-                f"{snr + 10:g} dB ({_where(scores, cell)})"
-            )
-            yield from _within(words, np.log(first / last) - np.log(10) / 2)
-
-
-def _more_spread_when_soft(scores: Any) -> Iterator[Replicated]:
-    for cell in _cells(scores, stiffness="sine"):
-        for method in FIVE:
-            soft, stiff = (
-                _figures(scores, cell, method, f"time_varying_vaf_sd_{which}") for which in ("soft", "stiff")
-            )
-            words = (
-                f"spread of the time-varying VAF of {method}: {soft[0]:.2f} points below the mean stiffness, "
-                f"{stiff[0]:.2f} above ({_where(scores, cell)})"
-            )
-            yield _margin(words, soft - stiff)
-
-
-def _more_spread_with_prbs(scores: Any) -> Iterator[Replicated]:
-    for cell, other in _pairs(scores, "perturbation", "noise", "prbs", _cells(scores, stiffness="sine")):
-        for method in FIVE:
-            noise, prbs = (_figures(scores, place, method, "time_varying_vaf_sd") for place in (cell, other))
-            words = (
-                f"spread of the time-varying VAF of {method}: {prbs[0]:.2f} points with PRBS, {noise[0]:.2f} with noise"
-            )
-            yield _margin(words, prbs - noise)
+            yield Replicated(words, float((own - fall)[0]), (own - fall)[1:])
 
 
 STIFFNESS, POINTS, SHARE = "N·m/rad", "percentage points", "share of conditions beyond half"
 SQUARE, SINE = "a square wave at 10 dB", "a sine at 10 dB"
+BOTH = "with both perturbations"
+FEW_HUNDRED = f"{SQUARE} of {FEW_HUNDRED_S:g} s or more"
+A_QUARTER = f"less than {100 * ALIKE:g} %"
 DECIMATION = (
     "The low-pass before decimation smears every switch over some 30 ms, and noise does the rest: eirf errs there too, "
     "only far less than the others."
@@ -360,140 +291,72 @@ PERTURBATION = (
     "The noise is scaled to the torque, of which inertia takes a larger part with PRBS, and the two perturbations "
     "excite different bands: with PRBS the random error of esm is lower, that of sds and kbr higher."
 )
-
 RESIDUE = (
     "With little noise the random error no longer falls: what is left comes from the perturbation, which differs from "
     "trial to trial, where a method's model does not fit (switches within a window, leakage of esm). So the amounts of "
     "data tell what noise does only while it prevails, up to some 10 dB at 150 s."
 )
+AVERAGED = (
+    "{metric} of {method} {first} ({one}), {last} ({other}): {ratio:.1f}-fold, where averaging alone gives 1.4-fold"
+)
+DIPS = "time-varying VAF of {method} dips by {first} points ({one})"
+LESS_NOISE = "{metric} of {method} {first} at {one.snr_db:g} dB, {last} at {other.snr_db:g} dB ({one})"
+COVARYING = "{metric} of {method} {first} ({one}), {last} ({other}, viscosity covarying)"
+VARIATION = "spread of the time-varying VAF of {method}: "
 
 CLAIMS: tuple[Claim, ...] = (
-    Claim("eirf has the lowest bias", "3.4", _extreme("debiased_bias_error", "eirf", False), STIFFNESS, SQUARE),
-    Claim("eirf has the highest random error", "3.4", _extreme("random_error", "eirf", True), RATIO, SQUARE),
-    Claim("eirf has the shortest rise time", "3.4", _extreme("rise_time", "eirf", False), "s", SQUARE),
-    Claim("birf has the largest bias", "3.4", _extreme("debiased_bias_error", "birf", True), STIFFNESS, SQUARE),
-    Claim("birf has the smallest random error", "3.4", _extreme("random_error", "birf", False), RATIO, SQUARE),
-    Claim(
-        "sds, esm, kbr lie between in bias", "3.4", _between("debiased_bias_error", "eirf", "birf"), STIFFNESS, SQUARE
-    ),
-    Claim("sds, esm, kbr lie between in random error", "3.4", _between("random_error", "birf", "eirf"), RATIO, SQUARE),
-    Claim("sds, esm, kbr lie between in rise time", "3.4", _between("rise_time", "eirf", "birf"), "s", SQUARE),
-    Claim(
-        "eirf is most sensitive to the amount of data", "3.4", _falls_most, RATIO, "several durations of a square wave"
-    ),
-    Claim(
-        "eirf improves strongly above 40 s",
-        "3.4",
-        _improves_above_40,
-        RATIO,
-        "a square wave of 40 and of 80 s at 10 dB",
-    ),
-    Claim(
-        "Given a few hundred realizations, eirf has the smallest total error",
-        "5",
-        _extreme("total_error", "eirf", False, least_s=FEW_HUNDRED_S),
-        RATIO,
-        f"{SQUARE} of {FEW_HUNDRED_S:g} s or more",
-    ),
-    Claim(
-        "Given a few hundred realizations, eirf has the highest VAF",
-        "5",
-        _extreme("vaf", "eirf", True, least_s=FEW_HUNDRED_S),
-        POINTS,
-        f"{SQUARE} of {FEW_HUNDRED_S:g} s or more",
-        VAF_RANKING,
-    ),
-    Claim(
-        f"The time-varying VAF dips at the switches for sds, birf, esm and kbr (by more than {DIP:g} point)",
-        "3.4",
-        _dips(("sds", "birf", "esm", "kbr"), 1),
-        POINTS,
-        SQUARE,
-    ),
-    Claim(
-        f"The time-varying VAF of eirf does not dip at the switches (by less than {DIP:g} point)",
-        "3.4",
-        _dips(("eirf",), -1),
-        POINTS,
-        SQUARE,
-        DECIMATION,
-    ),
-    Claim(
-        f"Under most conditions the total error hardly depends on the perturbation (less than {100 * ALIKE:g} %)",
-        "3.4",
-        _mostly_alike("total_error"),
-        SHARE,
-        f"{SQUARE} with both perturbations",
-        PERTURBATION,
-    ),
-    Claim(
-        f"Under most conditions the random error hardly depends on the perturbation (less than {100 * ALIKE:g} %)",
-        "3.4",
-        _mostly_alike("random_error"),
-        SHARE,
-        f"{SQUARE} with both perturbations",
-        PERTURBATION,
-    ),
-    Claim(
-        "With a sine, birf has the largest bias",
-        "A",
-        _extreme("debiased_bias_error", "birf", True, stiffness="sine"),
-        STIFFNESS,
-        SINE,
-        SINE_BIAS,
-    ),
-    Claim(
-        "With a sine, eirf varies most",
-        "A",
-        _extreme("random_error", "eirf", True, stiffness="sine"),
-        RATIO,
-        SINE,
-    ),
-    Claim(
-        "With a sine, sds and kbr have the lowest bias",
-        "A",
-        _lowest_two("debiased_bias_error", ("sds", "kbr")),
-        STIFFNESS,
-        SINE,
-        SINE_BIAS,
-    ),
-    Claim(
-        "With a sine, birf and kbr have the lowest random error",
-        "A",
-        _lowest_two("random_error", ("birf", "kbr")),
-        RATIO,
-        SINE,
-    ),
-    Claim(
-        "With a sine, the time-varying VAF varies more with PRBS than with noise",
-        "A",
-        _more_spread_with_prbs,
-        POINTS,
-        f"{SINE} with both perturbations",
-    ),
-    Claim(
-        "With a sine, the time-varying VAF varies more where the stiffness is low",
-        "A",
-        _more_spread_when_soft,
-        POINTS,
-        SINE,
-    ),
-    Claim(
-        "What noise does can be inferred from the amounts of data: 10 dB less lower the random error 3.2-fold, as ten "
-        f"times the data do (to within {100 * ALIKE:g} %)",
-        "5",
-        _noise_is_like_data,
-        RATIO,
-        "noise of 10 dB more and less (the preset snr)",
-        RESIDUE,
-    ),
-    Claim(
-        f"Viscosity that covaries from 1 to 3 N·m·s/rad changes nothing (errors differ by less than {100 * ALIKE:g} %)",
-        "5",
-        _viscosities_alike,
-        RATIO,
-        "constant and covarying viscosity (the preset viscosity)",
-    ),
+    Claim("eirf has the lowest bias", "3.4", _ranked(BIAS, _below("eirf")), STIFFNESS, SQUARE),
+    Claim("eirf has the highest random error", "3.4", _ranked(RANDOM, _above("eirf")), RATIO, SQUARE),
+    Claim("eirf has the shortest rise time", "3.4", _ranked(RISE, _below("eirf")), "s", SQUARE),
+    Claim("birf has the largest bias", "3.4", _ranked(BIAS, _above("birf")), STIFFNESS, SQUARE),
+    Claim("birf has the smallest random error", "3.4", _ranked(RANDOM, _below("birf")), RATIO, SQUARE),
+    Claim("sds, esm, kbr lie between in bias", "3.4", _ranked(BIAS, _between("eirf", "birf")), STIFFNESS, SQUARE),
+    Claim("sds, esm, kbr lie between in random error", "3.4", _ranked(RANDOM, _between("birf", "eirf")), RATIO, SQUARE),
+    Claim("sds, esm, kbr lie between in rise time", "3.4", _ranked(RISE, _between("eirf", "birf")), "s", SQUARE),
+    Claim("eirf is most sensitive to the amount of data", "3.4", _falls_most, RATIO,
+          "several durations of a square wave"),
+    Claim("eirf improves strongly above 40 s", "3.4",
+          _compared(_changed(lambda short: short._replace(duration_s=80.0),
+                             SQUARES | {"duration_s": (40.0,), "perturbation": PERTURBATIONS}, [RANDOM], ["eirf"]),
+                    AVERAGED, lambda short, long: log_ratio(short, long) - np.log(2) / 2),
+          RATIO, "a square wave of 40 and of 80 s at 10 dB"),
+    Claim("Given a few hundred realizations, eirf has the smallest total error", "5",
+          _ranked(TOTAL, _below("eirf"), least_s=FEW_HUNDRED_S), RATIO, FEW_HUNDRED),
+    Claim("Given a few hundred realizations, eirf has the highest VAF", "5",
+          _ranked("vaf", _above("eirf"), least_s=FEW_HUNDRED_S), POINTS, FEW_HUNDRED, VAF_RANKING),
+    Claim(f"The time-varying VAF dips at the switches for sds, birf, esm and kbr (by more than {DIP:g} point)", "3.4",
+          _compared(_within("switch_dip", methods=("sds", "birf", "esm", "kbr")), DIPS, lambda dip, _: dip - DIP),
+          POINTS, SQUARE),
+    Claim(f"The time-varying VAF of eirf does not dip at the switches (by less than {DIP:g} point)", "3.4",
+          _compared(_within("switch_dip", methods=("eirf",)), DIPS, lambda dip, _: DIP - dip),
+          POINTS, SQUARE, DECIMATION),
+    *(Claim(f"Under most conditions the {NAMES[metric]} hardly depends on the perturbation ({A_QUARTER})", "3.4",
+            _mostly_alike(metric), SHARE, f"{SQUARE} {BOTH}", PERTURBATION) for metric in (TOTAL, RANDOM)),
+    Claim("With a sine, birf has the largest bias", "A", _ranked(BIAS, _above("birf"), SINES), STIFFNESS, SINE,
+          SINE_BIAS),
+    Claim("With a sine, eirf varies most", "A", _ranked(RANDOM, _above("eirf"), SINES), RATIO, SINE),
+    Claim("With a sine, sds and kbr have the lowest bias", "A", _ranked(BIAS, _below("sds", "kbr"), SINES), STIFFNESS,
+          SINE, SINE_BIAS),
+    Claim("With a sine, birf and kbr have the lowest random error", "A",
+          _ranked(RANDOM, _below("birf", "kbr"), SINES), RATIO, SINE),
+    Claim("With a sine, the time-varying VAF varies more with PRBS than with noise", "A",
+          _compared(_to_prbs(SINES, VARIES), VARIATION + "{last} points with PRBS, {first} with noise",
+                    lambda noise, prbs: prbs - noise),
+          POINTS, f"{SINE} {BOTH}"),
+    Claim("With a sine, the time-varying VAF varies more where the stiffness is low", "A",
+          _compared(_within(SOFT, SINES, STIFF),
+                    VARIATION + "{first} points below the mean stiffness, {last} above ({one})", np.subtract),
+          POINTS, SINE),
+    Claim("What noise does can be inferred from the amounts of data: 10 dB less lower the random error 3.2-fold, as "
+          f"ten times the data do (to within {100 * ALIKE:g} %)", "5",
+          _compared(_changed(lambda loud: loud._replace(snr_db=loud.snr_db + 10),
+                             {name: SQUARES[name] for name in ("profile", "viscosity")}, [RANDOM]),
+                    LESS_NOISE, lambda loud, quiet: _alike(log_ratio(loud, quiet) - np.log(10) / 2)),
+          RATIO, "noise of 10 dB more and less (the preset snr)", RESIDUE),
+    Claim(f"Viscosity that covaries from 1 to 3 N·m·s/rad changes nothing (errors differ by {A_QUARTER})", "5",
+          _compared(_changed(lambda constant: constant._replace(viscosity="covarying"), SQUARES, [TOTAL, RANDOM]),
+                    COVARYING, lambda constant, covarying: _alike(log_ratio(covarying, constant))),
+          RATIO, "constant and covarying viscosity (the preset viscosity)"),
 )  # fmt: skip
-FLOORS = (("square", 85.0, "3.4"), ("sine", 90.0, "A"))
+FLOORS = ((SQUARES, "square wave", 85.0, "3.4"), (SINES, "sine", 90.0, "A"))
 """Profile, floor of all VAFs in per cent, source."""

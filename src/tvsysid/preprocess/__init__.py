@@ -1,13 +1,13 @@
-"""From a recording to an ensemble: decimate, trim, segment, align, exclude, subtract the mean; bootstrap it."""
+"""From a recording to an ensemble: decimate, trim, segment, align, exclude, subtract the mean; bootstrap it.
+
+Each step raises an :class:`tvsysid.InputError` for settings or data that do not allow it.
+"""
 
 from tvsysid.preprocess.account import Account, Step
-from tvsysid.preprocess.align import align
 from tvsysid.preprocess.bootstrap import block_weights, bootstrap, bootstrap_weights
-from tvsysid.preprocess.decimate import decimate
-from tvsysid.preprocess.exclude import exclude_residual_outliers, exclude_task_outliers
+from tvsysid.preprocess.exclude import align, exclude_residual_outliers, exclude_task_outliers
 from tvsysid.preprocess.prepare import Preparation, prepare
-from tvsysid.preprocess.segment import segment, subtract_mean
-from tvsysid.preprocess.trim import trim
+from tvsysid.preprocess.segment import decimate, segment, subtract_mean, trim
 
 __all__ = [
     "Account",

@@ -53,10 +53,7 @@ class Account:
 
     @classmethod
     def of(cls, ensemble: Ensemble, step: str, reached: Array, limit: float, unit: str) -> Account:
-        """Account of a step that was given an ensemble and excludes the realizations that reach beyond a limit.
-
-        ``reached`` is of shape (realization,); both it and the limit are in ``unit``, ``"s"`` or ``"SD"``.
-        """
+        """Account of a step that excludes realizations whose ``reached``, shape (realization,), is over the limit."""
         assert ensemble.trials is not None
         assert ensemble.onsets is not None
         out = reached > limit

@@ -12,7 +12,7 @@ from tvsysid.signals import Ensemble
 
 
 def bootstrap(ensemble: Ensemble, count: int, seed: int, size: int | None = None) -> Iterator[Ensemble]:
-    """Ensembles of realizations drawn with replacement, one after the other.
+    """Ensembles of realizations drawn with replacement, each made when it is asked for.
 
     Parameters
     ----------
@@ -24,11 +24,6 @@ def bootstrap(ensemble: Ensemble, count: int, seed: int, size: int | None = None
         The same one gives the same draws; a higher count only adds draws.
     size
         Realizations in each; by default as many as there are.
-
-    Returns
-    -------
-    Iterator[Ensemble]
-        Each made when it is asked for.
 
     References
     ----------
@@ -42,21 +37,14 @@ def bootstrap(ensemble: Ensemble, count: int, seed: int, size: int | None = None
 def bootstrap_weights(realizations: int, size: int, count: int, seed: int) -> NDArray[np.int64]:
     """How often each realization is drawn: a bootstrap as weights on realizations.
 
+    Whole numbers that sum to ``size`` in each row, shape (count, realizations).
+
     Parameters
     ----------
-    realizations
-        How many there are.
-    size
-        How many are drawn each time, with replacement.
-    count
-        Number of draws.
+    realizations, size, count
+        How many there are, how many are drawn each time, with replacement, and the number of draws.
     seed
         The same one gives the same draws; a higher count only adds draws.
-
-    Returns
-    -------
-    Array
-        Whole numbers that sum to ``size`` in each row, shape (count, realizations).
     """
     random = _checked(realizations, size, count, seed)
     drawn = random.integers(0, realizations, (count, size))
@@ -94,5 +82,5 @@ def _checked(realizations: int, size: int, count: int, seed: int) -> np.random.G
 def _counted(drawn: NDArray[np.int64], realizations: int) -> NDArray[np.int64]:
     """How often each realization is in each row of indices, shape (row, realization)."""
     count = len(drawn)
-    own_range = np.arange(count)[:, None] * realizations
-    return np.bincount((drawn + own_range).ravel(), minlength=count * realizations).reshape(count, realizations)
+    apart = drawn + np.arange(count)[:, None] * realizations  # so that rows are counted by themselves
+    return np.bincount(apart.ravel(), minlength=count * realizations).reshape(count, realizations)

@@ -8,11 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tvsysid.preprocess.account import Account, Step
-from tvsysid.preprocess.align import align
-from tvsysid.preprocess.decimate import decimate
-from tvsysid.preprocess.exclude import exclude_residual_outliers, exclude_task_outliers
-from tvsysid.preprocess.segment import segment, subtract_mean
-from tvsysid.preprocess.trim import trim
+from tvsysid.preprocess.exclude import align, exclude_residual_outliers, exclude_task_outliers
+from tvsysid.preprocess.segment import decimate, segment, subtract_mean, trim
 from tvsysid.signals import Ensemble, Recording
 
 
@@ -66,9 +63,7 @@ def prepare(
     residual_limit: float | None = 3.0,
     channels: Iterable[str] = (),
 ) -> Preparation:
-    """Decimate, trim, cut, align, exclude what is unlike the rest, subtract the mean.
-
-    All channels of the recording pass every step.
+    """Decimate, trim, cut, align, exclude what is unlike the rest, subtract the mean; all channels pass every step.
 
     Parameters
     ----------
@@ -93,11 +88,6 @@ def prepare(
         See :func:`exclude_residual_outliers`; None leaves that step out.
     channels
         Channels that lose their mean with angle and torque; see :func:`subtract_mean`.
-
-    Returns
-    -------
-    Preparation
-        The ensemble, and an account of every realization.
 
     References
     ----------

@@ -1,21 +1,141 @@
-"""Cut a recording into realizations, and take out what they have in common."""
+"""From a recording to realizations: lower its rate, take its ends off, cut it, take out what they have in common."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
+from typing import TypedDict
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from scipy.signal import firwin, upfirdn
 
 from tvsysid.errors import InputError
-from tvsysid.preprocess.steps import check_seconds, every_signal
-from tvsysid.signals import Array, Ensemble, Recording
+from tvsysid.signals import Array, Ensemble, Recording, checked_rate
+
+TAPS = 31
+
+
+class Signals(TypedDict):
+    """Signals as a recording or an ensemble takes them."""
+
+    angle: Array
+    torque: Array
+    channels: dict[str, Array]
+
+
+def every_signal(signals: Recording | Ensemble, change: Callable[[Array], Array]) -> Signals:
+    """Angle, torque and channels, each changed alike."""
+    channels = {name: change(values) for name, values in signals.channels.items()}
+    return {"angle": change(signals.angle), "torque": change(signals.torque), "channels": channels}
+
+
+def check_seconds(step: str, *, positive: bool = False, **durations: float) -> None:
+    """Raise for durations that are not numbers of seconds, zero or more."""
+    expected = "a positive number of seconds" if positive else "a number of seconds, zero or more"
+    for name, seconds in durations.items():
+        is_number = isinstance(seconds, (int, float, np.number)) and math.isfinite(seconds)
+        if not is_number or seconds < 0 or (positive and seconds == 0):
+            raise InputError(f"{step}: {name} must be {expected}, got {seconds!r}")
+
+
+def decimate(recording: Recording, rate: float) -> Recording:
+    r"""Low-pass and keep every r-th sample, r being the ratio of the rates.
+
+    The filter is a 31-tap Hamming-window FIR with -6 dB at the new Nyquist frequency; its delay is removed, so that the
+    first sample stays the first. Ends (of each trial) are continued by odd reflection. Angle, torque and channels
+    (EMG as well: take its envelope before, if that is what counts) all pass the same filter, which therefore cancels in
+    the identification of what does not vary; a sudden change is smeared over :math:`\pm 15` samples of the old rate.
+
+    Parameters
+    ----------
+    recording
+        Trials that are no shorter than the filter.
+    rate
+        New sampling rate in Hz; must divide the old one.
+
+    References
+    ----------
+    van de Ruit et al. 2021, sections 3.1.3 and 4.1.4 (50-Hz, respectively 64-Hz, 30th-order low-pass).
+    """
+    rate = checked_rate(rate)
+    ratio = recording.sampling_rate / rate
+    factor = round(ratio)
+    if factor < 1 or abs(ratio - factor) > 1e-9 * ratio:
+        every = [recording.sampling_rate / r for r in range(1, max(2, int(recording.sampling_rate)))]
+        whole = [fit for fit in every if fit == round(fit)] or every
+        fits = sorted(sorted(whole, key=lambda fit: abs(fit - rate))[:4])
+        raise InputError(
+            f"decimate: {recording.sampling_rate:g} Hz is not a whole multiple of {rate:g} Hz; "
+            f"rates that fit nearby: {', '.join(f'{fit:g}' for fit in fits)} Hz"
+        )
+    if factor == 1:
+        return recording
+    shortest = min(trial.stop - trial.start for trial in recording.trials)
+    if shortest < TAPS:
+        raise InputError(f"decimate: a trial of {shortest} samples is shorter than the filter's {TAPS} samples")
+    taps = firwin(TAPS, 1 / factor)
+
+    def lower(x: Array) -> Array:
+        return np.concatenate([_filter_and_keep(x[trial], taps, factor) for trial in recording.trials])
+
+    starts = _starts(-(-(trial.stop - trial.start) // factor) for trial in recording.trials)
+    return Recording(**every_signal(recording, lower), sampling_rate=rate, start=recording.start, trial_starts=starts)
+
+
+def _starts(lengths: Iterable[int]) -> tuple[int, ...]:
+    """First samples of trials of so many samples."""
+    return (0, *np.cumsum(list(lengths)).tolist()[:-1])
+
+
+def _filter_and_keep(x: Array, taps: Array, factor: int) -> Array:
+    """Every factor-th sample of the zero-delay convolution of x with symmetric taps."""
+    half = len(taps) // 2
+    skip = -(-2 * half // factor)  # outputs that lie before the first sample
+    before = skip * factor - half  # so that the outputs fall on the samples 0, factor, 2 factor, ...
+    head = 2 * x[0] - x[half:0:-1]
+    tail = 2 * x[-1] - x[-2 : -2 - half : -1]
+    extended = np.concatenate([np.zeros(before - half), head, x, tail])
+    kept = -(-len(x) // factor)
+    return np.asarray(upfirdn(taps, extended, down=factor)[skip : skip + kept])
+
+
+def trim(recording: Recording, ends: float, margin: float = 0.0) -> Recording:
+    """Remove the first and last seconds of each trial, and count its time from where what is left begins.
+
+    Parameters
+    ----------
+    recording
+        What to trim.
+    ends
+        Seconds to remove at both ends of each trial; something must be left of it.
+    margin
+        Seconds of the ends that are kept for context, at negative times and after the end: the recording that is
+        returned begins ``margin`` seconds before time 0.
+    """
+    check_seconds("trim", ends=ends, margin=margin)
+    if margin > ends:
+        raise InputError(f"trim: a margin of {margin:g} s cannot be kept of ends of {ends:g} s; give a shorter one")
+    rate = recording.sampling_rate
+    outside, kept_outside = round(ends * rate), round(margin * rate)
+    cut = outside - kept_outside
+    shortest = min(trial.stop - trial.start for trial in recording.trials)
+    if shortest <= 2 * outside:
+        raise InputError(f"trim: ends of {ends:g} s leave nothing of a trial of {shortest / rate:g} s")
+    inner = [slice(trial.start + cut, trial.stop - cut) for trial in recording.trials]
+
+    def trimmed(x: Array) -> Array:
+        return np.concatenate([x[trial] for trial in inner])
+
+    starts = _starts(trial.stop - trial.start for trial in inner)
+    return Recording(
+        **every_signal(recording, trimmed), sampling_rate=rate, start=-kept_outside / rate, trial_starts=starts
+    )
 
 
 def segment(recording: Recording, period: float, context: float = 0.5) -> Ensemble:
-    """Cut each trial into realizations that begin at multiples of the period from time 0.
+    """Cut each trial into all the realizations that it holds whole, which begin at multiples of the period from time 0.
 
     Parameters
     ----------
@@ -26,16 +146,6 @@ def segment(recording: Recording, period: float, context: float = 0.5) -> Ensemb
     context
         Seconds of the record that each realization keeps on either side. Realizations at the ends that lack it are left
         out, and ``left_out`` of the ensemble counts them; 0 keeps them all.
-
-    Returns
-    -------
-    Ensemble
-        Every realization that the record holds whole, in order.
-
-    Raises
-    ------
-    InputError
-        If the period is not a whole number of samples, or longer than the record.
     """
     rate = recording.sampling_rate
     check_seconds("segment", period=period, context=context)
@@ -56,17 +166,13 @@ def segment(recording: Recording, period: float, context: float = 0.5) -> Ensemb
         trials += [number] * len(with_context)
     if not firsts:
         longest = max(trial.stop - trial.start for trial in recording.trials) / rate
-        advice = (
-            "give less context (--context 0 keeps every realization)"
-            if left_out
-            else "give a shorter period (--period)"
-        )
+        less = "give less context (--context 0 keeps every realization)"
         raise InputError(
             f"segment: no realization of {period:g} s with {context:g} s of context on both sides fits into "
-            f"{longest:g} s of record from {recording.start:g} s on; {advice}"
+            f"{longest:g} s of record from {recording.start:g} s on; "
+            f"{less if left_out else 'give a shorter period (--period)'}"
         )
-    index = np.array(firsts)
-    trial_of = np.array(trials)
+    index, trial_of = np.array(firsts), np.array(trials)
     within = index - np.array(recording.trial_starts)[trial_of]
 
     def cut(x: Array) -> Array:
@@ -93,7 +199,7 @@ def _whole_samples(period: float, rate: float) -> int:
 
 
 def subtract_mean(ensemble: Ensemble, channels: Iterable[str] = ()) -> Ensemble:
-    """Subtract from angle and torque, at each time, their mean over realizations.
+    """Subtract from angle and torque, at each time, their mean over realizations, and set ``mean_subtracted``.
 
     What all realizations share (the voluntary torque, an imposed movement) is no answer to the perturbation.
 
@@ -104,16 +210,6 @@ def subtract_mean(ensemble: Ensemble, channels: Iterable[str] = ()) -> Ensemble:
     channels
         Channels that lose their mean too: those that act on angle or torque, such as a reference signal or the EMG that
         drives a reflex. A channel that only schedules the joint's properties keeps it.
-
-    Returns
-    -------
-    Ensemble
-        Deviations from the mean, with ``mean_subtracted`` set.
-
-    Raises
-    ------
-    InputError
-        For a single realization, which would leave nothing, or a channel that is not there.
     """
     if len(ensemble) < 2:
         raise InputError(

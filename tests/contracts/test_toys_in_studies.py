@@ -3,6 +3,7 @@
 import sys
 from pathlib import Path
 
+import cloudpickle
 import numpy as np
 import pandas as pd
 import pytest
@@ -67,6 +68,16 @@ def test_takes_part_in_a_benchmark(toy, tmp_path):
     if toy is Cascade:
         assert list(results.pathway.values) == ["intrinsic", "reflex"]
         assert (own.pathway_vaf.sel(statistic="mean") > 80).all()
+        trial = tv.study.source.Simulations(study_of(toy)).task_at((0, 1))
+        simulation = trial.setting.simulated(*cloudpickle.loads(trial.simulated), trial.seed)
+        ensemble = trial.setting.cut(simulation.recording)
+        torques = tv.methods.apply(toy(), ensemble).pathways(ensemble)
+        for name, torque in torques.items():
+            stored = own.pathway_torque.sel(trial=1, pathway=name)
+            np.testing.assert_allclose(stored, np.sqrt(np.nanmean(torque**2, axis=0)), rtol=1e-12)
+        assert np.isnan(results.pathway_torque.sel(method_key="sds")).all()  # it has one
+    else:
+        assert "pathway_torque" not in results or np.isnan(own.pathway_torque).all()
     assert (own.vaf.sel(statistic="mean") > 80).all()
     table = tv.study.summarize(tv.study.score(results))
     scored = table[(table.method == toy.__name__) & (table.metric == "total_error")]
@@ -109,8 +120,42 @@ def test_takes_part_in_an_experiment(toy, tmp_path):
     assert (own.vaf > 80).all()
     if toy is Cascade:
         assert np.isfinite(own.estimate.sel(quantity="reflex_gain")).mean() > 0.9
+        assert list(results.pathway.values) == ["intrinsic", "reflex"]
+        (prepared,) = tv.study.prepared_recordings(experiment)
+        seed = experiment.seed_of(prepared.recorded, 40)
+        weights = tv.preprocess.bootstrap_weights(len(prepared.ensemble), 40, 3, seed)[2]
+        drawn = prepared.ensemble.select(np.repeat(np.arange(len(weights)), weights))
+        for name, torque in tv.methods.apply(toy(), drawn).pathways(drawn).items():
+            stored = own.pathway_torque.sel(bootstrap=2, pathway=name)
+            np.testing.assert_allclose(stored, np.sqrt(np.nanmean(torque**2, axis=0)), rtol=1e-12)
+        assert np.isnan(own.pathway_vaf).all()  # of a recording, nobody knows them
+    else:
+        assert "pathway" not in results.dims
     table = tv.study.summarize(results)
     assert np.isfinite(table[(table.method == toy.__name__) & (table.metric == "mean_stiffness")].value).all()
+
+
+def test_pathways_of_a_virtual_participant_are_compared_with_what_is_known(tmp_path):
+    experiment = tv.study.Experiment(
+        virtual=1, perturbation="prbs", methods=[Cascade(), "sds"], realizations=40, bootstraps=2
+    )
+    (prepared,) = tv.study.prepared_recordings(experiment)
+    parts = prepared.pathways
+    for torque in parts.values():
+        np.testing.assert_allclose(torque.mean(axis=0), 0, atol=1e-9)
+    own = prepared.ensemble.torque[:, prepared.ensemble.core]
+    assert np.corrcoef(own.ravel(), sum(parts.values()).ravel())[0, 1] > 0.8
+    assert set(prepared.ensemble.channels) == set()  # the truth is in no method's way
+    tv.study.run(experiment, prepared=[prepared], store=tmp_path / "results.zarr", workers=1)
+    results = tv.study.read_results(tmp_path / "results.zarr").load()
+    cascade, sds = (results.isel(recording=0, analysis=place) for place in (0, 1))
+    assert (cascade.pathway_vaf.sel(pathway="intrinsic") > 90).all()
+    assert np.isnan(cascade.pathway_vaf.sel(pathway="reflex")).all()  # the participants' reflex is at rest
+    assert np.isnan(sds.pathway_vaf).all()
+    table = tv.study.summarize(results)
+    gain = table[(table.method == "Cascade") & (table.quantity == "reflex_gain")].set_index("metric")
+    assert gain.index.tolist() == ["mean_reflex_gain", "random_error", "bias_error", "mean_bias"]
+    assert np.isfinite(gain.value).all()
 
 
 def test_a_joint_a_profile_and_a_perturbation_of_ones_own_enter_a_benchmark(tmp_path, monkeypatch, capsys):

@@ -59,6 +59,7 @@ class Cascade:
     """A joint of second order beside a stretch reflex: velocity, delayed, rectified, through a muscle."""
 
     quantities = ("reflex_gain",)
+    pathway_names = ("intrinsic", "reflex")
 
     def regressors(self, ensemble):
         rate, late = ensemble.sampling_rate, round(0.040 * ensemble.sampling_rate)

@@ -135,9 +135,9 @@ def test_the_store_of_another_version_is_refused_with_what_differs(copy):
         rerun(copy)
     found["attributes"]["layout"] = 99
     root.write_text(json.dumps(found))
-    with pytest.raises(tv.InputError, match=r"layout 4, found .*layout 99"):
+    with pytest.raises(tv.InputError, match=r"layout 5, found .*layout 99"):
         rerun(copy)
-    with pytest.raises(tv.InputError, match=r"layout 4, found .*layout 99"):
+    with pytest.raises(tv.InputError, match=r"layout 5, found .*layout 99"):
         read_results(copy)
 
 

@@ -1,10 +1,9 @@
 """Comparing methods: what is studied, running it, where results are kept, and what they say."""
 
 from tvsysid.study.contents import EXPERIMENT, SIMULATIONS
-from tvsysid.study.plan import plan
 from tvsysid.study.prepared import Prepared, prepared_recordings, shown
 from tvsysid.study.recorded import Experiment, Recorded
-from tvsysid.study.run import read_results, run
+from tvsysid.study.run import plan, read_results, run
 from tvsysid.study.scores import score, time_spent
 from tvsysid.study.simulated import Study
 from tvsysid.study.summary import exclusions, of_quantity, stiffness_over_time, summarize

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid.estimates import UNITS
-from tvsysid.study.layout import Fixed, Layout, Variable
 from tvsysid.study.prepared import Prepared
 from tvsysid.study.recorded import Experiment
 from tvsysid.study.simulated import Study
@@ -24,49 +25,135 @@ Array = NDArray[np.float64]
 
 SIMULATIONS = "Simulation study of methods that identify joint impedance over time"
 EXPERIMENT = "Experimental study of methods that identify joint impedance over time"
-NUMBERS = {SIMULATIONS: 4, EXPERIMENT: 2}
+NUMBERS = {SIMULATIONS: 5, EXPERIMENT: 3}
 """Version of the layout of each kind of study, by its title."""
 STEPS = {"alignment": "alignment", "task": "task component", "residual": "residual"}
 """Steps that exclude, by the ending of the variable that counts what they did."""
+
+
+class Variable(NamedTuple):
+    """What each task measures: its dimensions there, what it means, and its unit; texts have none."""
+
+    dims: tuple[str, ...]
+    meaning: str
+    unit: str = ""
+
+    @property
+    def is_text(self) -> bool:
+        """Whether it holds texts; else numbers, with NaN where there is none."""
+        return not self.unit
+
+
+class Fixed(NamedTuple):
+    """What is known before any task is done: the values along a dimension, or what the study itself says."""
+
+    name: str
+    dims: tuple[str, ...]
+    values: Any
+    attributes: Mapping[str, str] = {}
+
+
 OF_METHOD, OVER_TIME, OF_QUANTITY = ("method_key",), ("method_key", "time"), ("method_key", "quantity", "time")
-OVER_REALIZATIONS, OF_PATHWAY = ("method_key", "statistic"), ("method_key", "pathway", "statistic")
 OF_TRIAL = {
     "estimate": Variable(OF_QUANTITY, "estimate, in the unit of its quantity", "unit"),
     "standard_error": Variable(OF_QUANTITY, "standard error of the estimate", "unit"),
     "covered": Variable(OF_QUANTITY, "whether the 95 % band of the estimate holds the truth", "1"),
     "time_varying_vaf": Variable(OVER_TIME, "variance of the noiseless torque accounted for at each time", "percent"),
     "vaf": Variable(
-        OVER_REALIZATIONS, "variance of the noiseless torque accounted for, over the realizations of a trial", "percent"
+        ("method_key", "statistic"),
+        "variance of the noiseless torque accounted for, over the realizations of a trial",
+        "percent",
     ),
-    "bandpassed_vaf": Variable(OVER_REALIZATIONS, "the same after a band-pass from 1 to 10 Hz", "percent"),
+    "bandpassed_vaf": Variable(("method_key", "statistic"), "the same after a band-pass from 1 to 10 Hz", "percent"),
     "parameters": Variable(OF_METHOD, "effective number of parameters", "1"),
     "seconds": Variable(OF_METHOD, "time an identification took", "s"),
     "stage_seconds": Variable(("stage",), "time the rest of a trial took", "s"),
     "warnings": Variable(OF_METHOD, "warnings of the method"),
     "failure": Variable(OF_METHOD, "why the method gave no result"),
 }
+ROOT_MEAN_SQUARE = "root mean square over realizations of each pathway's predicted torque at each time"
 OF_SEVERAL_PATHWAYS = {
-    "pathway_vaf": Variable(OF_PATHWAY, "variance of each pathway's noiseless torque accounted for", "percent")
+    "pathway_vaf": Variable(
+        ("method_key", "pathway", "statistic"), "variance of each pathway's noiseless torque accounted for", "percent"
+    ),
+    "pathway_torque": Variable(("method_key", "pathway", "time"), ROOT_MEAN_SQUARE, "N m"),
 }
-"""Measured beside, where a simulated system has several pathways."""
+"""Measured beside, where a simulated system or a method has several pathways."""
 OF_CHANGING_TRUTH = {
     "trial_truth": Variable(("quantity", "time"), "simulated value, mean over the trial's realizations", "unit")
 }
 """Measured beside, where the truth differs from trial to trial."""
-OF_DRAW, DRAW_OVER_TIME = ("bootstrap",), ("bootstrap", "time")
 OF_ANALYSIS = {
     "estimate": Variable(("bootstrap", "quantity", "time"), "estimate, in the unit of its quantity", "unit"),
     "time_varying_vaf": Variable(
-        DRAW_OVER_TIME, "variance of the recorded torque accounted for at each time", "percent"
+        ("bootstrap", "time"), "variance of the recorded torque accounted for at each time", "percent"
     ),
-    "vaf": Variable(OF_DRAW, "variance of the recorded torque accounted for, mean over realizations", "percent"),
-    "bandpassed_vaf": Variable(OF_DRAW, "the same after a band-pass from 1 to 10 Hz", "percent"),
-    "parameters": Variable(OF_DRAW, "effective number of parameters", "1"),
+    "vaf": Variable(("bootstrap",), "variance of the recorded torque accounted for, mean over realizations", "percent"),
+    "bandpassed_vaf": Variable(("bootstrap",), "the same after a band-pass from 1 to 10 Hz", "percent"),
+    "parameters": Variable(("bootstrap",), "effective number of parameters", "1"),
     "seconds": Variable((), "time all identifications took", "s"),
     "warnings": Variable((), "warnings of the method"),
     "digest": Variable((), "digest of the ensemble that was identified"),
     "failure": Variable((), "why the method gave no result"),
 }
+PATHWAYS_OF_ANALYSIS = {
+    "pathway_vaf": Variable(
+        ("bootstrap", "pathway"),
+        "variance of each pathway's noiseless torque accounted for, mean over realizations",
+        "percent",
+    ),
+    "pathway_torque": Variable(("bootstrap", "pathway", "time"), ROOT_MEAN_SQUARE, "N m"),
+}
+"""Measured beside in an experiment, where a method has several pathways."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What the store of a study holds.
+
+    ``title`` and ``number`` say of which kind it is, and in which version; tasks lie along the two dimensions
+    ``places``; ``fixed`` has the values of each dimension under its name, ``coordinates`` names those of the others
+    that are coordinates too. ``measured`` stands in the order in which it is written. ``identity`` holds the attributes
+    that tell one study from another, as mappings, each with words for a difference.
+    """
+
+    title: str
+    places: tuple[str, str]
+    fixed: tuple[Fixed, ...]
+    measured: Mapping[str, Variable]
+    coordinates: tuple[str, ...]
+    identity: Mapping[str, tuple[Mapping[str, Any], str]] = field(default_factory=dict)
+
+    @property
+    def number(self) -> int:
+        """Version of the layout of this kind."""
+        return NUMBERS[self.title]
+
+    @cached_property
+    def lengths(self) -> dict[str, int]:
+        """Of each dimension."""
+        known = {item.name: len(item.values) for item in self.fixed if item.dims == (item.name,)}
+        return known | {"variable": len(self.measured)}
+
+    def shape(self, dims: Sequence[str]) -> tuple[int, ...]:
+        """Lengths of some dimensions."""
+        return tuple(self.lengths[dim] for dim in dims)
+
+    def shapes(self, along: str) -> dict[str, tuple[int, ...]]:
+        """Shapes of the numbers that are measured along a dimension, of one place along it."""
+        return {
+            name: self.shape(variable.dims[1:])
+            for name, variable in self.measured.items()
+            if variable.dims[:1] == (along,) and not variable.is_text
+        }
+
+    @property
+    def bytes_of_numbers(self) -> int:
+        """About what it takes on a disk."""
+        numbers = sum(
+            int(np.prod(self.shape(variable.dims))) for variable in self.measured.values() if not variable.is_text
+        )
+        return 8 * int(np.prod(self.shape(self.places))) * (numbers + len(self.measured))
 
 
 def layout_of(study: Study | Experiment) -> Layout:
@@ -78,14 +165,9 @@ def _of_simulations(study: Study) -> Layout:
     scenarios, known = study.scenarios, study.known
     traits = ("profile", "perturbation", "duration_s", "snr_db", "viscosity", "system")
     units = {"duration_s": {"units": "s"}, "snr_db": {"units": "dB"}}
-    measured: dict[str, Variable] = dict(OF_TRIAL)
-    if known.pathways:
-        measured |= OF_SEVERAL_PATHWAYS
-    if known.changes:
-        measured |= OF_CHANGING_TRUTH
+    truth = np.stack([known.truth[scenario] for scenario in scenarios])
     return Layout(
         title=SIMULATIONS,
-        number=NUMBERS[SIMULATIONS],
         places=("scenario", "trial"),
         fixed=(
             Fixed("scenario", ("scenario",), [scenario.label for scenario in scenarios]),
@@ -96,19 +178,19 @@ def _of_simulations(study: Study) -> Layout:
             Fixed("trial", ("trial",), np.arange(study.trials)),
             # Not "method", which xarray's sel() takes for a way to interpolate.
             Fixed("method_key", ("method_key",), list(study.named_methods)),
-            *_of_quantities(known.quantities),
-            _times(study.period, study.rate),
+            *_shared(known.quantities, known.pathways, study.period, study.rate),
             Fixed("statistic", ("statistic",), STATISTICS),
-            *([Fixed("pathway", ("pathway",), list(known.pathways))] if known.pathways else []),
             Fixed("stage", ("stage",), STAGES),
             Fixed(
                 "truth",
                 ("scenario", "quantity", "time"),
-                np.stack([known.truth[scenario] for scenario in scenarios]),
+                truth,
                 {"long_name": "simulated value, in the unit of its quantity"},
             ),
         ),
-        measured=measured,
+        measured=OF_TRIAL
+        | (OF_SEVERAL_PATHWAYS if known.pathways else {})
+        | (OF_CHANGING_TRUTH if known.changes else {}),
         coordinates=(*traits, "unit"),
         identity={
             "study": (json.loads(study.to_json()), "another study"),
@@ -123,11 +205,10 @@ def _of_simulations(study: Study) -> Layout:
 
 def _of_experiment(experiment: Experiment) -> Layout:
     """Holds nothing of the recordings but their names."""
-    preparing = experiment.preparation
+    preparing, pathways = experiment.preparation, experiment.pathways
     recordings, analyses = experiment.recordings, experiment.analyses
     return Layout(
         title=EXPERIMENT,
-        number=NUMBERS[EXPERIMENT],
         places=("recording", "analysis"),
         fixed=(
             Fixed("recording", ("recording",), [item.label for item in recordings]),
@@ -137,10 +218,9 @@ def _of_experiment(experiment: Experiment) -> Layout:
             Fixed("method_key", ("analysis",), [item.name for item in analyses]),
             Fixed("realizations", ("analysis",), [item.realizations for item in analyses]),
             Fixed("bootstrap", ("bootstrap",), np.arange(experiment.bootstraps)),
-            *_of_quantities(experiment.quantities),
-            _times(preparing.period, preparing.rate),
+            *_shared(experiment.quantities, pathways, preparing.period, preparing.rate),
         ),
-        measured=OF_ANALYSIS,
+        measured=OF_ANALYSIS | (PATHWAYS_OF_ANALYSIS if pathways else {}),
         coordinates=("participant", "perturbation", "method_key", "realizations", "unit"),
         identity={
             "experiment": (experiment.identity, "another experiment"),
@@ -150,14 +230,15 @@ def _of_experiment(experiment: Experiment) -> Layout:
     )
 
 
-def _of_quantities(quantities: Sequence[str]) -> tuple[Fixed, Fixed]:
-    units = [UNITS.get(name, "") for name in quantities]
-    return Fixed("quantity", ("quantity",), list(quantities)), Fixed("unit", ("quantity",), units)
-
-
-def _times(period: float, rate: float) -> Fixed:
+def _shared(quantities: Sequence[str], pathways: Sequence[str], period: float, rate: float) -> list[Fixed]:
+    """What both kinds of study have."""
     times = np.arange(round(period * rate)) / rate
-    return Fixed("time", ("time",), times, {"units": "s", "long_name": f"time within a realization of {period:g} s"})
+    return [
+        Fixed("quantity", ("quantity",), list(quantities)),
+        Fixed("unit", ("quantity",), [UNITS.get(name, "") for name in quantities]),
+        *([Fixed("pathway", ("pathway",), list(pathways))] if pathways else []),
+        Fixed("time", ("time",), times, {"units": "s", "long_name": f"time within a realization of {period:g} s"}),
+    ]
 
 
 def of_recordings(experiment: Experiment, prepared: Sequence[Prepared]) -> xr.Dataset:
@@ -166,8 +247,8 @@ def of_recordings(experiment: Experiment, prepared: Sequence[Prepared]) -> xr.Da
 
     counts = [{} if item.account is None else item.account.counts for item in prepared]
     values: dict[str, Sequence[object]] = {
-        "recorded": [_length(item.account) for item in prepared],
-        "survivors": [_length(item.ensemble) for item in prepared],
+        "recorded": [0 if item.account is None else len(item.account) for item in prepared],
+        "survivors": [0 if item.ensemble is None else len(item.ensemble) for item in prepared],
         **{f"excluded_{name}": [each.get(step, 0) for each in counts] for name, step in STEPS.items()},
         "trials": [item.trials for item in prepared],
         "trials_left_out": [len(item.refused) for item in prepared],
@@ -178,19 +259,11 @@ def of_recordings(experiment: Experiment, prepared: Sequence[Prepared]) -> xr.Da
     for name in ("target_torque", "mean_torque"):
         over_time = np.stack([getattr(item, name) for item in prepared])
         variables[name] = (("recording", "time"), over_time, {"units": "N m"})
-    truth = np.stack([_stacked(item, experiment.quantities) for item in prepared])
-    variables["truth"] = (("recording", "quantity", "time"), truth)
+    unknown = np.full(variables["mean_torque"][1].shape[1], np.nan)
+    truth = [[item.truth.get(name, unknown) for name in experiment.quantities] for item in prepared]
+    variables["truth"] = (("recording", "quantity", "time"), np.array(truth))
     return xr.Dataset(
         variables,
         coords={"recording": [item.recorded.label for item in prepared]},
         attrs={"experiment": experiment.to_json()},
     )
-
-
-def _stacked(item: Prepared, quantities: Sequence[str]) -> Array:
-    unknown = np.full(len(item.mean_torque), np.nan)
-    return np.stack([item.truth.get(name, unknown) for name in quantities])
-
-
-def _length(item: object | None) -> int:
-    return 0 if item is None else len(item)  # type: ignore[arg-type]

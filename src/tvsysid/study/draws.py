@@ -12,51 +12,21 @@ from tvsysid.errors import InputError
 from tvsysid.models import Model
 from tvsysid.preprocess import block_weights, bootstrap_weights
 from tvsysid.signals import Ensemble
-from tvsysid.study.task import (
-    Outcome,
-    Row,
-    Shapes,
-    Task,
-    as_text,
-    attempt,
-    explained,
-    failed,
-    over_time,
-    stacked,
-    versions,
-)
+from tvsysid.study import task
+from tvsysid.study.task import Known, Outcome, Row, Shapes
 
 
 @dataclass(frozen=True)
-class DrawsTask(Task):
-    """Draws from one recording, identified by one method.
+class DrawsTask(task.Task):
+    """Draws of so many realizations from one recording, identified by the one method there is.
 
-    Parameters
-    ----------
-    label
-        What is identified, for messages.
-    ensemble
-        To draw from; None where nothing could be prepared.
-    digest
-        Of the ensemble.
-    realizations, contiguous
-        How many a draw has, and whether in one piece.
-    bootstraps
-        Number of draws.
-    seed
-        Of the draws.
-    quantities
-        Whose estimates are measured.
-    methods
-        The one method, pickled, by its name.
-    shapes, versions, left_out
-        As of :class:`Task`.
-    reason
-        Why nothing could be prepared.
+    ``label`` says in messages what is identified; ``ensemble``, of that ``digest``, is None where nothing could be
+    prepared, for that ``reason``. ``contiguous`` draws are in one piece.
     """
 
     label: str
     ensemble: Ensemble | None
+    pathways: Known
     digest: str
     realizations: int
     contiguous: bool
@@ -66,22 +36,17 @@ class DrawsTask(Task):
     methods: Mapping[str, bytes]
     shapes: Shapes
     reason: str = ""
-    versions: Mapping[str, str] = field(default_factory=versions)
+    versions: Mapping[str, str] = field(default_factory=task.versions)
     left_out: Mapping[str, str] = field(default_factory=dict)
 
     def __str__(self) -> str:
         return self.label
 
     def work(self) -> Outcome:
-        """Identify every draw.
+        """Identify every draw; equal ones once, for a draw is no more than a weight on each realization.
 
-        Draws of the same realizations are identified once: a draw is no more than a weight on each realization.
-
-        Returns
-        -------
-        dict
-            Arrays of ``shapes`` over (bootstrap, ...), with NaN where a draw failed; ``seconds``, ``warnings`` and
-            ``failure`` of all together.
+        Gives arrays of ``shapes`` over (bootstrap, ...), with NaN where a draw failed; ``seconds``, ``warnings`` and
+        ``failure`` of all together.
         """
         (name, method), *_ = self.methods.items()
         ensemble = self.ensemble
@@ -96,35 +61,36 @@ class DrawsTask(Task):
             return self.all_failed(str(error))
         distinct, place = np.unique(weights, axis=0, return_inverse=True)
         every = np.arange(len(ensemble))
-        found = [self._row(method, ensemble.select(np.repeat(every, counts))) for counts in distinct]
+        found = [self._row(method, ensemble, np.repeat(every, counts)) for counts in distinct]
         rows = [found[number] for number in place.ravel()]
         failures = [row["failure"] for row in rows if row["failure"]]
         failure = f"every draw failed, the first: {failures[0]}" if len(failures) == len(rows) else ""
-        return self._outcome(
-            rows, "; ".join(self._warnings(rows, failures)), failure, sum(row["spent"] for row in found)
-        )
+        warned = "; ".join(self._warnings(len(ensemble), rows, failures))
+        return self._outcome(rows, warned, failure, sum(row["spent"] for row in found))
 
     def all_failed(self, reason: str) -> Outcome:
         """Outcome where the method gave no result."""
-        return self._outcome([failed(reason)] * self.bootstraps, "", reason, np.nan)
+        return self._outcome([task.failed(reason)] * self.bootstraps, "", reason, np.nan)
 
-    def _row(self, method: bytes, drawn: Ensemble) -> Row:
+    def _row(self, method: bytes, ensemble: Ensemble, chosen: np.ndarray) -> Row:
         """What one draw gives; VAFs are means over its realizations."""
+        drawn = ensemble.select(chosen)
 
         def measure(model: Model) -> Row:
-            found = explained(drawn.torque[:, drawn.core], model.predict(drawn), drawn.sampling_rate)
-            found |= {name: found[name][0] for name in ("vaf", "bandpassed_vaf")}
-            return found | {"estimate": over_time(model, self.quantities)}
+            own = model.pathways(drawn)
+            known = {name: None if torque is None else torque[chosen] for name, torque in self.pathways.items()}
+            found = task.explained(drawn.torque[:, drawn.core], np.asarray(sum(own.values())), drawn.sampling_rate)
+            found |= task.of_pathways(own, known)
+            found |= {name: found[name][..., 0] for name in ("vaf", "bandpassed_vaf", "pathway_vaf") if name in found}
+            return found | {"estimate": task.over_time(model, self.quantities)}
 
-        return attempt(method, drawn, measure)
+        return task.attempt(method, drawn, measure)
 
-    def _warnings(self, rows: list[Row], failures: list[str]) -> Iterator[str]:
+    def _warnings(self, count: int, rows: list[Row], failures: list[str]) -> Iterator[str]:
         """Each warning once, whatever its numbers, with how often it was met.
 
         Draws are the same each time: what failed in some will fail in them again, and is a warning about the rest.
         """
-        assert self.ensemble is not None
-        count = len(self.ensemble)
         if self.realizations > count:
             yield (
                 f"{self.realizations} realizations are drawn from {count}: they vary less than so many recorded ones "
@@ -138,5 +104,6 @@ class DrawsTask(Task):
         yield from (f"{texts[0]} ({len(texts)} of {len(rows)} draws)" for texts in kinds.values())
 
     def _outcome(self, rows: list[Row], warned: str, failure: str, seconds: float) -> Outcome:
-        texts = {"warnings": as_text(warned), "digest": as_text(self.digest), "failure": as_text(failure)}
-        return stacked(rows, self.shapes) | texts | {"seconds": np.array(seconds)}
+        texts = {"warnings": warned, "digest": self.digest, "failure": failure}
+        stored = {name: task.as_text(text) for name, text in texts.items()}
+        return task.stacked(rows, self.shapes) | stored | {"seconds": np.array(seconds)}

@@ -21,7 +21,7 @@ from tvsysid.recordings import read_usable_trials
 from tvsysid.signals import Ensemble, Recording
 from tvsysid.simulate import PERTURBATIONS, Participant, Simulation
 from tvsysid.study.recorded import Experiment, Recorded
-from tvsysid.study.task import single_thread
+from tvsysid.study.task import Known, single_thread
 
 Array = NDArray[np.float64]
 
@@ -29,8 +29,8 @@ NOTHING = "nothing"
 """Digest of what could not be prepared, for whatever reason."""
 EXCERPT = 10.0
 """Seconds of a recording that are shown."""
-TORQUE = "tvsysid: recorded torque"
-"""Channel that passes through the preparation beside the torque, which loses its mean there."""
+TORQUE, PATHWAY = "tvsysid: recorded torque", "tvsysid: pathway "
+"""Channels that pass through the preparation: the torque, which loses its mean there, and the noiseless pathways."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +50,9 @@ class Prepared:
         not known.
     truth
         Means over the survivors of what a simulation knows, by quantity, each of shape (time,).
+    pathways
+        Noiseless torque of each pathway that the experiment measures, shape (realization, time), less its mean; None
+        where it is not known.
     trials
         How many can be used.
     refused
@@ -66,6 +69,7 @@ class Prepared:
     target_torque: Array
     mean_torque: Array
     truth: dict[str, Array]
+    pathways: Known
     trials: int
     refused: dict[str, str]
     warnings: tuple[str, ...]
@@ -141,7 +145,7 @@ def _prepared(experiment: Experiment, recorded: Recorded) -> Prepared:
             failure = str(error) or "there is not enough memory"
     warned = tuple(dict.fromkeys(str(item.message) for item in caught))
     if preparation is None:
-        return Prepared(recorded, None, None, unknown, unknown, {}, trials, refused, warned, failure)
+        return Prepared(recorded, None, None, unknown, unknown, {}, {}, trials, refused, warned, failure)
     ensemble = preparation.ensemble
 
     def over_time(name: str | None) -> Array:
@@ -152,6 +156,9 @@ def _prepared(experiment: Experiment, recorded: Recorded) -> Prepared:
 
     truth = {} if simulation is None else simulation.truth_of(ensemble)
     truth = {name: values.mean(axis=0) for name, values in truth.items()}
+    torques = {name: ensemble.channels.get(PATHWAY + name) for name in experiment.pathways}
+    cores = {name: None if torque is None else torque[:, ensemble.core] for name, torque in torques.items()}
+    pathways = {name: None if torque is None else torque - torque.mean(axis=0) for name, torque in cores.items()}
     wanted = {item.name for method in experiment.named_methods.values() for item in inputs_of(method)}
     needed = [name for name in ensemble.channels if name in wanted]
     return Prepared(
@@ -161,6 +168,7 @@ def _prepared(experiment: Experiment, recorded: Recorded) -> Prepared:
         target_torque=over_time(experiment.preparation.reference),
         mean_torque=over_time(TORQUE),
         truth=truth,
+        pathways=pathways,
         trials=trials,
         refused=refused,
         warnings=warned,
@@ -189,7 +197,9 @@ def _recording(
         If there is none.
     """
     recording, refused = _read(experiment, recorded) if simulation is None else (simulation.recording, {})
-    return replace(recording, channels={**recording.channels, TORQUE: recording.torque}), refused
+    known = {} if simulation is None else simulation.pathways
+    beside = {PATHWAY + name: known[name] for name in experiment.pathways if name in known}
+    return replace(recording, channels={**recording.channels, TORQUE: recording.torque} | beside), refused
 
 
 def _read(experiment: Experiment, recorded: Recorded) -> tuple[Recording, dict[str, str]]:

@@ -15,7 +15,7 @@ from pydantic import Field, field_validator, model_validator
 
 from tvsysid.estimates import IMPEDANCE
 from tvsysid.methods import label_of, parse
-from tvsysid.study.settings import AnyMethod, Listed, Settings, StudySettings, listed
+from tvsysid.study.settings import AnyMethod, Listed, Settings, StudySettings, listed, with_said
 
 VIRTUAL = (1, 2, 3, 4, 5, 6)
 """Numbers of the virtual participants that are studied if nobody else is named."""
@@ -263,8 +263,13 @@ class Experiment(StudySettings):
         method says that it estimates (``quantities``).
         """
         virtual = any(recorded.is_virtual for recorded in self.recordings)
-        said = (name for method in self.named_methods.values() for name in getattr(method, "quantities", ()))
-        return tuple(dict.fromkeys((*IMPEDANCE, *(["reflex_gain"] if virtual else []), *said)))
+        return with_said((*IMPEDANCE, *(["reflex_gain"] if virtual else [])), self.named_methods.values(), "quantities")
+
+    @property
+    def pathways(self) -> tuple[str, ...]:
+        """Whose torques are measured: those that methods say they tell apart (``pathway_names``), if several."""
+        names = with_said((), self.named_methods.values(), "pathway_names")
+        return names if len(names) > 1 else ()
 
     def seed_of(self, recorded: Recorded, realizations: int) -> int:
         """Seed of the draws from one recording, whatever else the experiment holds."""

@@ -1,25 +1,31 @@
-"""Run a study, and read what one left: tasks go to workers, and what comes back goes into the store."""
+"""Run a study, read what one left, and say beforehand what one will take."""
 
 from __future__ import annotations
 
 import tempfile
+import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from contextlib import nullcontext
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tvsysid.errors import InputError
-from tvsysid.study.contents import EXPERIMENT, NUMBERS
+from tvsysid.study.contents import EXPERIMENT
 from tvsysid.study.prepared import Prepared
 from tvsysid.study.recorded import Experiment
 from tvsysid.study.simulated import Study
-from tvsysid.study.source import recordings_in, source_of, with_recordings
+from tvsysid.study.source import Simulations, recordings_in, source_of, with_recordings
 from tvsysid.study.store import open_store, read_store
+from tvsysid.study.task import carry_out
 from tvsysid.study.workers import carry_out_missing
 
 if TYPE_CHECKING:
     import xarray as xr
+
+LONGEST_S = 600.0
+"""Seconds of data beyond which nothing is timed."""
 
 
 def run(
@@ -60,13 +66,13 @@ def run(
         Read from the store when used. Of a simulation study over (scenario, trial, method_key) and, where it applies,
         quantity, time, statistic (over the realizations of a trial), pathway or stage: ``estimate``, ``standard_error``
         and ``covered`` (whether the 95 % band holds the truth), ``time_varying_vaf``, ``vaf`` and ``bandpassed_vaf``
-        (against the noiseless torque), ``pathway_vaf`` (where there are several pathways), ``parameters`` (their
-        effective number), ``seconds`` and ``stage_seconds`` (time taken), ``warnings`` (those met, or nothing),
-        ``failure`` (why there is no result, or nothing), and ``truth`` over (scenario, quantity, time); where it
-        differs from trial to trial, also ``trial_truth``. Of an experiment over (recording, analysis), bootstrap,
-        quantity and time: the same without standard errors, with VAFs of the torque recorded in the very realizations
-        drawn; and over recording: numbers of realizations and trials, ``remarks``, and over time ``target_torque``,
-        ``mean_torque`` and ``truth`` (NaN for people).
+        (against the noiseless torque), ``pathway_vaf`` and ``pathway_torque`` (where there are several pathways),
+        ``parameters`` (their effective number), ``seconds`` and ``stage_seconds`` (time taken), ``warnings`` (those
+        met, or nothing), ``failure`` (why there is no result, or nothing), and ``truth`` over (scenario, quantity,
+        time); where it differs from trial to trial, also ``trial_truth``. Of an experiment over (recording, analysis),
+        bootstrap, quantity and time: the same without standard errors, with VAFs of the torque recorded in the very
+        realizations drawn; and over recording: numbers of realizations and trials, ``remarks``, and over time
+        ``target_torque``, ``mean_torque`` and ``truth`` (NaN for people).
 
     Raises
     ------
@@ -102,12 +108,7 @@ def run(
 
 
 def read_results(path: str | Path) -> xr.Dataset:
-    """Results of a study of either kind from its store, finished or not.
-
-    Parameters
-    ----------
-    path
-        Folder of the store.
+    """Results of a study of either kind from the folder of its store, finished or not.
 
     Returns
     -------
@@ -120,7 +121,57 @@ def read_results(path: str | Path) -> xr.Dataset:
     InputError
         If the folder is not such a store, or files of it are cut short or damaged.
     """
-    results = read_store(path, NUMBERS)
+    results = read_store(path)
     if results.attrs["title"] != EXPERIMENT:
         return results
     return with_recordings(results, recordings_in(Path(path)))
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a study will take.
+
+    Parameters
+    ----------
+    trials
+        Of all scenarios.
+    simulated_s, work_s
+        Seconds of data that they simulate, and seconds that they take one process.
+    size_bytes
+        Of the results.
+    failures
+        Methods that gave no result in the trials that were timed, and why.
+    """
+
+    trials: int
+    simulated_s: float
+    work_s: float
+    size_bytes: int
+    failures: dict[str, str]
+
+
+def plan(study: Study) -> Plan:
+    """Estimate from timing a trial of the shortest and one of the longest duration, but 600 s at most.
+
+    Time is taken to grow in proportion to the duration, beside a fixed part.
+    """
+    source = Simulations(study)
+    by_duration = sorted(study.scenarios, key=lambda scenario: scenario.duration_s)
+    ends = [end._replace(duration_s=min(end.duration_s, LONGEST_S)) for end in (by_duration[0], by_duration[-1])]
+    carry_out(source.trial(ends[0], 0))  # the first loads what is loaded lazily
+    taken: list[float] = []
+    failures: dict[str, str] = {}
+    for scenario in ends:
+        started = time.perf_counter()
+        outcome = carry_out(source.trial(scenario, 0))
+        taken.append(time.perf_counter() - started)
+        failures |= {
+            label: str(text) for label, text in zip(study.named_methods, outcome["failure"], strict=True) if text
+        }
+    span = ends[1].duration_s - ends[0].duration_s
+    slope = max(0.0, (taken[1] - taken[0]) / span) if span else taken[0] / ends[0].duration_s
+    work = sum(taken[0] + slope * (scenario.duration_s - ends[0].duration_s) for scenario in study.scenarios)
+    simulated = sum(scenario.duration_s for scenario in study.scenarios) * study.trials
+    return Plan(
+        len(study.scenarios) * study.trials, simulated, work * study.trials, source.layout.bytes_of_numbers, failures
+    )

@@ -313,6 +313,11 @@ def _unit(quantity: str, name: str) -> str:
     """Of a metric; errors have the unit of their quantity."""
     if quantity in ("", MAIN) or UNITS[name] != UNITS["bias_error"]:
         return UNITS[name]
+    return unit_of(quantity)
+
+
+def unit_of(quantity: str) -> str:
+    """Unit of a quantity, as it is written in tables; empty if it is not known."""
     return UNITS_OF.get(quantity, "").replace("N m s", "N·m·s").replace("N m", "N·m").replace("kg m2", "kg·m²")
 
 

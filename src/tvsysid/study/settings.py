@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self, TypeVar, get_args
 
@@ -109,6 +109,11 @@ def _whole(value: Any) -> Any:
 AnyMethod = Annotated[Any, AfterValidator(_identifies)]
 """Key of a method, or an object with ``identify``."""
 Whole = Annotated[int, BeforeValidator(_whole)]
+
+
+def with_said(names: Iterable[str], methods: Iterable[object], attribute: str) -> tuple[str, ...]:
+    """Names, and those that methods say in an attribute of theirs, each once."""
+    return tuple(dict.fromkeys([*names, *(name for method in methods for name in getattr(method, attribute, ()))]))
 
 
 def found_as(value: Any, known: Mapping[str, Any], what: str) -> Any:

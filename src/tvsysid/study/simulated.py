@@ -19,7 +19,7 @@ from tvsysid.errors import InputError, describe_error
 from tvsysid.estimates import IMPEDANCE
 from tvsysid.methods import METHODS, label_of, parse
 from tvsysid.simulate import PERTURBATIONS, PROFILES, SYSTEMS, CovaryingViscosity, Perturbation, System
-from tvsysid.study.settings import AnyMethod, Listed, Settings, StudySettings, Whole, found_as, unique
+from tvsysid.study.settings import AnyMethod, Listed, Settings, StudySettings, Whole, found_as, unique, with_said
 from tvsysid.study.trial import Setting, true_values
 
 Array = NDArray[np.float64]
@@ -283,13 +283,15 @@ class Study(_Grid, StudySettings):
             if key not in found:
                 found[key] = self._probed(scenario, setting)
         truths = dict.fromkeys(name for both in found.values() for name in both[0][0].truth)
-        said = (name for method in self.named_methods.values() for name in getattr(method, "quantities", ()))
-        quantities = tuple(dict.fromkeys((*IMPEDANCE, *truths, *said)))
-        pathways = dict.fromkeys(name for both in found.values() for name in both[0][0].pathways)
+        methods = self.named_methods.values()
+        quantities = with_said((*IMPEDANCE, *truths), methods, "quantities")
+        pathways = with_said(
+            (name for both in found.values() for name in both[0][0].pathways), methods, "pathway_names"
+        )
         values = {key: [true_values(*each, quantities) for each in both] for key, both in found.items()}
         return Known(
             quantities,
-            tuple(pathways) if len(pathways) > 1 else (),
+            pathways if len(pathways) > 1 else (),
             {each: values[each._replace(duration_s=0.0, snr_db=0.0)][0] for each in self.scenarios},
             any(not np.array_equal(one, other, equal_nan=True) for one, other in values.values()),
         )

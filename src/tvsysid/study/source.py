@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.recordings import whole_file
-from tvsysid.study.contents import layout_of, of_recordings
+from tvsysid.study.contents import Layout, layout_of, of_recordings
 from tvsysid.study.draws import DrawsTask
-from tvsysid.study.layout import Layout
 from tvsysid.study.prepared import Prepared, prepared_recordings
 from tvsysid.study.recorded import Experiment
 from tvsysid.study.simulated import Scenario, Study
@@ -98,6 +97,7 @@ class Recordings(Source):
         return DrawsTask(
             label=f"{analysis.label} of {item.recorded.label}",
             ensemble=item.ensemble,
+            pathways=item.pathways,
             digest=item.digest,
             realizations=analysis.realizations,
             contiguous=analysis.contiguous,
@@ -134,23 +134,15 @@ def source_of(study: Study | Experiment, prepared: Sequence[Prepared] | None) ->
 
 
 def recordings_in(path: Path) -> xr.Dataset:
-    """What became of the recordings of an experiment, from its store.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read.
-    """
+    """What became of the recordings of an experiment, from its store; raises an InputError if it cannot be read."""
     import xarray as xr  # noqa: PLC0415  # heavy
 
     try:
-        with xr.open_dataset(path / RECORDINGS, engine="h5netcdf") as file:
-            known: xr.Dataset = file.load()
+        return xr.load_dataset(path / RECORDINGS, engine="h5netcdf")
     except (OSError, ValueError) as error:
         raise InputError(
             f"{path}: {RECORDINGS} in it cannot be read ({error}); give the command that ran the study again"
         ) from error
-    return known
 
 
 def with_recordings(results: xr.Dataset, known: xr.Dataset) -> xr.Dataset:

@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from tvsysid.study.prepared import Prepared
-from tvsysid.study.scores import MAIN, OF_SWITCHES
+from tvsysid.study.scores import MAIN, OF_SWITCHES, unit_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -34,7 +34,7 @@ UNITS = {
     "seconds": "s",
     "failed": "draws",
 }
-"""Of every metric of an experiment."""
+"""Of every metric of an experiment; of those of a quantity, the stiffness."""
 OF_TRUTH = ("bias_error", "mean_bias")
 """Known of virtual participants only."""
 
@@ -61,7 +61,9 @@ def summarize(found: xr.Dataset) -> pd.DataFrame:
         standard deviation over bootstraps. ``vaf``, ``bandpassed_vaf``: means over bootstraps.
         ``lowest_time_varying_vaf``: that of the worst time after averaging over bootstraps. ``bias_error``,
         ``mean_bias`` (virtual participants): root mean square over time, and mean, of the mean estimate minus the
-        survivors' mean true stiffness. ``seconds``: that all draws took. ``failed``: draws without a result.
+        survivors' mean true stiffness. ``seconds``: that all draws took. ``failed``: draws without a result. Every
+        other quantity that has a unit and was estimated has rows of its own: ``mean_viscosity``, ``random_error``,
+        and where it is known ``bias_error`` and ``mean_bias``.
     """
     if "scenario" not in found.dims:
         return _of_experiment(found)
@@ -92,50 +94,57 @@ def of_quantity(summary: pd.DataFrame, quantity: str = MAIN) -> pd.DataFrame:
 
 
 def _of_experiment(results: xr.Dataset) -> pd.DataFrame:
-    values = measured(results)
-    truth = results.truth.sel(quantity=MAIN).values
+    tables = [(MAIN, measured(results), UNITS)]
+    for quantity in map(str, results.quantity.values):
+        if quantity != MAIN and (unit := unit_of(quantity)):
+            values = _errors(results, quantity)
+            tables.append((quantity, values, dict.fromkeys(values, unit)))
     rows = []
     for place in np.ndindex(results.sizes["recording"], results.sizes["analysis"]):
-        recording, analysis = place
         if not results.checksums.values[place].any():
             continue
-        for metric, unit in UNITS.items():
-            if metric in OF_TRUTH and np.isnan(truth[recording]).all():
-                continue
-            rows.append(
-                (
-                    str(results.participant.values[recording]),
-                    str(results.perturbation.values[recording]),
-                    str(results.method_key.values[analysis]),
-                    int(results.realizations.values[analysis]),
-                    metric,
-                    float(values[metric][place]),
-                    unit,
-                    MAIN if unit == UNITS["mean_stiffness"] else "",
-                )
-            )
+        labels = (
+            str(results.participant.values[place[0]]),
+            str(results.perturbation.values[place[0]]),
+            str(results.method_key.values[place[1]]),
+            int(results.realizations.values[place[1]]),
+        )
+        for quantity, values, units in tables:
+            known = np.isfinite(results.truth.sel(quantity=quantity).values[place[0]]).any()
+            for metric, unit in units.items():
+                value = float(values[metric][place])
+                if (known or metric not in OF_TRUTH) and (quantity == MAIN or np.isfinite(value)):
+                    own = quantity if unit == units[f"mean_{quantity}"] else ""
+                    rows.append((*labels, metric, value, unit, own))
     columns = ["participant", "perturbation", "method", "realizations", "metric", "value", "unit", "quantity"]
     return pd.DataFrame(rows, columns=columns)
 
 
 def measured(results: xr.Dataset) -> dict[str, Any]:
-    """Every figure as an array over (recording, analysis); NaN where there is none."""
+    """Metrics of the stiffness and of the torque, each over (recording, analysis); NaN where there is none."""
     with warnings.catch_warnings():
-        # Of means over nothing: a method that failed.
-        warnings.simplefilter("ignore", RuntimeWarning)
-        stiffness = results.estimate.sel(quantity=MAIN).values
-        mean = mean_over_draws(stiffness)
-        error = mean - results.truth.sel(quantity=MAIN).values[:, None]
-        return {
-            "mean_stiffness": np.nanmean(mean, axis=-1),
-            "random_error": np.sqrt(np.nanmean(np.nanvar(stiffness, axis=2, ddof=1), axis=-1)),
+        warnings.simplefilter("ignore", RuntimeWarning)  # of means over nothing: a method that failed
+        return _errors(results, MAIN) | {
             "vaf": np.nanmean(results.vaf.values, axis=-1),
             "bandpassed_vaf": np.nanmean(results.bandpassed_vaf.values, axis=-1),
             "lowest_time_varying_vaf": np.nanmin(mean_over_draws(results.time_varying_vaf.values), axis=-1),
-            "bias_error": np.sqrt(np.nanmean(error**2, axis=-1)),
-            "mean_bias": np.nanmean(error, axis=-1),
             "seconds": results.seconds.values,
             "failed": np.isnan(results.vaf.values).sum(axis=-1),
+        }
+
+
+def _errors(results: xr.Dataset, quantity: str) -> dict[str, Array]:
+    """Metrics of a quantity, each over (recording, analysis); NaN where it is not estimated, or not known."""
+    estimates = results.estimate.sel(quantity=quantity).values
+    mean = mean_over_draws(estimates)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        error = mean - results.truth.sel(quantity=quantity).values[:, None]
+        return {
+            f"mean_{quantity}": np.nanmean(mean, axis=-1),
+            "random_error": np.sqrt(np.nanmean(np.nanvar(estimates, axis=2, ddof=1), axis=-1)),
+            "bias_error": np.sqrt(np.nanmean(error**2, axis=-1)),
+            "mean_bias": np.nanmean(error, axis=-1),
         }
 
 

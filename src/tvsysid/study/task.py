@@ -26,6 +26,7 @@ from tvsysid import __version__, metrics
 from tvsysid.errors import DataQualityWarning, InputError, describe_error, library_folders
 from tvsysid.methods import apply
 from tvsysid.models import Model
+from tvsysid.numerics.bands import mean_known
 from tvsysid.signals import Ensemble
 
 Array = NDArray[np.float64]
@@ -33,6 +34,8 @@ Outcome = dict[str, NDArray[Any]]
 """What a task measured: an array for each variable of its study's layout."""
 Row = dict[str, Any]
 """What one identification gave: numbers by name, ``warnings``, ``failure`` (empty if there is none), ``spent`` (s)."""
+Known = Mapping[str, Array | None]
+"""Noiseless torque of each pathway that is measured, shape (realization, time), where it is known."""
 Shapes = Mapping[str, tuple[int, ...]]
 """Numbers that are measured of each identification, and their shapes."""
 
@@ -45,20 +48,11 @@ def versions() -> dict[str, str]:
 
 
 class Task(ABC):
-    """One unit of work of a study.
+    """One unit of work of a study: a frozen dataclass with these attributes, which travels to a worker as it is.
 
-    A frozen dataclass with the attributes below, which travels to a worker as it is.
-
-    Attributes
-    ----------
-    methods
-        Pickled methods by label. Each is unpickled by itself, so that one that cannot be spoils no other.
-    shapes
-        Of what is measured of each identification.
-    versions
-        Software of the process that sends it; a worker with another is refused.
-    left_out
-        Methods not to be tried, and why.
+    ``methods`` are pickled by label, each by itself, so that one that cannot be unpickled spoils no other; ``shapes``
+    are those of what is measured of each identification; ``versions`` tell of the software of the process that sends
+    it, and a worker with another is refused; ``left_out`` says which methods are not to be tried, and why.
     """
 
     methods: Mapping[str, bytes]
@@ -76,13 +70,7 @@ class Task(ABC):
 
 
 def carry_out(task: Task) -> Outcome:
-    """Do a task; one at a time in a process.
-
-    Raises
-    ------
-    InputError
-        If this process has other versions of the software than the one that sent the task.
-    """
+    """Do a task, one at a time in a process, which must have the software of the one that sent it."""
     if (here := versions()) != task.versions:
         raise InputError(f"run: a worker has other software: {differences(task.versions, here)}")
     # Warnings are caught and BLAS is limited for a whole process: one task at a time in it.
@@ -174,6 +162,22 @@ def explained(torque: Array, predicted: Array, sampling_rate: float) -> Row:
     }
 
 
+def of_pathways(found: Mapping[str, Array], known: Known) -> Row:
+    """Torque of each pathway that a model has, RMS over realizations, and its VAF where it is known.
+
+    Torques have shape (realization, time). Nothing of a model with one pathway.
+    """
+    if len(found) < 2 or not known:
+        return {}
+    unknown = np.full(next(iter(found.values())).shape[1], np.nan)
+    rms = [np.sqrt(mean_known(np.square(found[name]))) if name in found else unknown for name in known]
+    vaf = [
+        statistics(metrics.vaf(torque, found[name]) if torque is not None and name in found else np.zeros(0))
+        for name, torque in known.items()
+    ]
+    return {"pathway_torque": np.stack(rms), "pathway_vaf": np.stack(vaf)}
+
+
 STATISTICS = ("mean", "sd", "lowest")
 """Of the VAFs of realizations."""
 
@@ -198,12 +202,8 @@ def digests(items: Mapping[str, Any]) -> dict[str, str]:
 def pickled(items: Mapping[str, Any], what: str = "method", parts: Sequence[Any] = ()) -> dict[str, bytes]:
     """Methods as they travel; a class from a script, notebook or loose file travels whole, for workers lack that.
 
-    So do the classes of what they are made of, if it is named as ``parts``.
-
-    Raises
-    ------
-    InputError
-        If one cannot be pickled.
+    So do the classes of what they are made of, if it is named as ``parts``. Raises an InputError if one cannot be
+    pickled.
     """
     travelling = {}
     for label, item in items.items():

@@ -11,27 +11,13 @@ import cloudpickle
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid import metrics
 from tvsysid.errors import DataQualityWarning
 from tvsysid.models import Model
 from tvsysid.preprocess import decimate, segment
 from tvsysid.signals import Ensemble, Recording
 from tvsysid.simulate import Perturbation, Simulation, System
-from tvsysid.study.task import (
-    Clock,
-    Outcome,
-    Row,
-    Shapes,
-    Task,
-    as_text,
-    attempt,
-    explained,
-    failed,
-    over_time,
-    stacked,
-    statistics,
-    versions,
-)
+from tvsysid.study import task
+from tvsysid.study.task import Known, Outcome, Row, Shapes
 
 Array = NDArray[np.float64]
 
@@ -42,25 +28,11 @@ SIMULATED_HZ = 1000.0
 
 
 class Setting(NamedTuple):
-    """How a trial is simulated and cut, and what is known of it.
-
-    Parameters
-    ----------
-    duration_s, snr_db
-        Of the simulation.
-    rate
-        In Hz, after decimation.
-    period
-        Duration of a realization in s.
-    quantities
-        Whose estimates are measured.
-    pathways
-        Whose torques are compared, if there are several.
-    """
+    """How a trial is simulated and cut, and what is measured: estimates of quantities, and torques of pathways."""
 
     duration_s: float
     snr_db: float
-    rate: float
+    rate: float  # after decimation
     period: float
     quantities: tuple[str, ...]
     pathways: tuple[str, ...]
@@ -76,22 +48,8 @@ class Setting(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Trial(Task):
-    """One trial of one scenario, as sent to a worker.
-
-    Parameters
-    ----------
-    label, number
-        Which it is.
-    setting
-        How it is simulated.
-    simulated
-        Pickled system and perturbation.
-    seed
-        Of its simulation.
-    methods, shapes, versions, left_out
-        As of :class:`Task`.
-    """
+class Trial(task.Task):
+    """One trial of one scenario, as sent to a worker; system and perturbation (``simulated``) are pickled."""
 
     label: str
     number: int
@@ -100,7 +58,7 @@ class Trial(Task):
     seed: np.random.SeedSequence
     methods: Mapping[str, bytes]
     shapes: Shapes
-    versions: Mapping[str, str] = field(default_factory=versions)
+    versions: Mapping[str, str] = field(default_factory=task.versions)
     left_out: Mapping[str, str] = field(default_factory=dict)
 
     def __str__(self) -> str:
@@ -109,48 +67,41 @@ class Trial(Task):
     def work(self) -> Outcome:
         """Simulate the trial and identify it by each method.
 
-        Returns
-        -------
-        dict
-            Arrays of ``shapes``, ``warnings`` and ``failure``, each over (method, ...), ``stage_seconds`` over
-            (stage,) and ``trial_truth`` over (quantity, time). Where a method failed its numbers are NaN and
-            ``failure`` says why.
+        Gives arrays of ``shapes``, ``warnings`` and ``failure``, each over (method, ...), ``stage_seconds`` over
+        (stage,) and ``trial_truth`` over (quantity, time). Where a method failed its numbers are NaN and ``failure``
+        says why.
         """
-        clock = Clock(STAGES)
+        setting, clock = self.setting, task.Clock(STAGES)
         with clock.stage("simulation"):
             system, perturbation = cloudpickle.loads(self.simulated)
-            simulation = self.setting.simulated(system, perturbation, self.seed)
+            simulation = setting.simulated(system, perturbation, self.seed)
         with clock.stage("preprocessing"):
-            ensemble = self.setting.cut(simulation.recording)
-            torque = _core_torque(self.setting.cut(simulation.noiseless))
-            truth = true_values(simulation, ensemble, self.setting.quantities)
-            pathways = {
-                name: _core_torque(self.setting.cut(replace(simulation.recording, torque=simulation.pathways[name])))
-                for name in self.setting.pathways
+            ensemble = setting.cut(simulation.recording)
+
+            def core_torque(recording: Recording) -> Array:
+                cut = setting.cut(recording)
+                return np.asarray(cut.torque[:, cut.core])
+
+            torque = core_torque(simulation.noiseless)
+            truth = true_values(simulation, ensemble, setting.quantities)
+            known: Known = {
+                name: core_torque(replace(simulation.recording, torque=simulation.pathways[name]))
                 if name in simulation.pathways
+                else None
+                for name in setting.pathways
             }
 
         def measure(model: Model) -> Row:
             with clock.stage("bands"):
-                bands = _bands(model, truth, self.setting.quantities)
+                bands = _bands(model, truth, setting.quantities)
             with clock.stage("scoring"):
                 own = model.pathways(ensemble)
-                predicted = np.asarray(sum(own.values()))
-                found = {"estimate": over_time(model, self.setting.quantities)}
-                found |= explained(torque, predicted, ensemble.sampling_rate)
-                if pathways:
-                    found["pathway_vaf"] = np.stack(
-                        [
-                            statistics(metrics.vaf(pathways[name], own[name]))
-                            if name in pathways and name in own and len(own) > 1
-                            else statistics(np.zeros(0))
-                            for name in self.setting.pathways
-                        ]
-                    )
-            return bands | found
+                estimate = {"estimate": task.over_time(model, setting.quantities)}
+                explained = task.explained(torque, np.asarray(sum(own.values())), ensemble.sampling_rate)
+                return bands | estimate | explained | task.of_pathways(own, known)
 
         rows = [
-            failed(self.left_out[label]) if label in self.left_out else attempt(method, ensemble, measure)
+            task.failed(self.left_out[label]) if label in self.left_out else task.attempt(method, ensemble, measure)
             for label, method in self.methods.items()
         ]
         return self._outcome(rows, list(clock.seconds.values()), truth)
@@ -158,14 +109,14 @@ class Trial(Task):
     def all_failed(self, reason: str) -> Outcome:
         """Outcome where no method gave a result."""
         unknown = np.full(self.shapes["estimate"], np.nan)
-        return self._outcome([failed(reason)] * len(self.methods), [np.nan] * len(STAGES), unknown)
+        return self._outcome([task.failed(reason)] * len(self.methods), [np.nan] * len(STAGES), unknown)
 
     def _outcome(self, rows: list[Row], seconds: list[float], truth: Array) -> Outcome:
         texts = {
-            "warnings": as_text(["; ".join(dict.fromkeys(row["warnings"])) for row in rows]),
-            "failure": as_text([row["failure"] for row in rows]),
+            "warnings": task.as_text(["; ".join(dict.fromkeys(row["warnings"])) for row in rows]),
+            "failure": task.as_text([row["failure"] for row in rows]),
         }
-        return stacked(rows, self.shapes) | texts | {"stage_seconds": np.array(seconds), "trial_truth": truth}
+        return task.stacked(rows, self.shapes) | texts | {"stage_seconds": np.array(seconds), "trial_truth": truth}
 
 
 def true_values(simulation: Simulation, ensemble: Ensemble, quantities: tuple[str, ...]) -> Array:
@@ -177,10 +128,6 @@ def true_values(simulation: Simulation, ensemble: Ensemble, quantities: tuple[st
 def _mean(values: Array) -> Array:
     """Mean over the first axis, to the last bit where all are the same."""
     return np.asarray(values[0] if (values == values[0]).all() else values.mean(axis=0))
-
-
-def _core_torque(ensemble: Ensemble) -> Array:
-    return np.asarray(ensemble.torque[:, ensemble.core])
 
 
 def _bands(model: Model, truth: Array, quantities: tuple[str, ...]) -> Row:

@@ -16,7 +16,7 @@ from tests.study.recorded.conftest import READING, SHORT, SMALL, trial, write_tr
 
 import tvsysid as tv
 from tvsysid.preprocess import block_weights, bootstrap_weights
-from tvsysid.study import Experiment, prepared_recordings, read_results, run, summarize
+from tvsysid.study import Experiment, of_quantity, prepared_recordings, read_results, run, summarize
 
 TIMES = ["seconds", "checksums"]
 
@@ -155,7 +155,7 @@ def test_draws_that_fail_are_told_and_the_others_count(tmp_path, small):
     assert (results.failure == "").all()
     assert text.startswith(f"{failed.sum()} of 30 draws failed, the first: ")
     assert "RuntimeError: too early" in text
-    table = summarize(results).set_index(["method", "realizations", "metric"]).value
+    table = of_quantity(summarize(results)).set_index(["method", "realizations", "metric"]).value
     assert table["sometimes", 10, "failed"] == failed.sum()
     assert np.isfinite(table["sometimes", 10, "vaf"])
     assert table["birf", 10, "failed"] == 0

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 import tvsysid as tv
-from tvsysid.study import stiffness_over_time, summarize
+from tvsysid.study import of_quantity, stiffness_over_time, summarize
 
 
 def test_every_figure_is_as_defined(small):
     results = small.results
-    table = summarize(results).set_index(["participant", "perturbation", "method", "realizations", "metric"]).value
+    labels = ["participant", "perturbation", "method", "realizations", "metric"]
+    table = of_quantity(summarize(results)).set_index(labels).value
     at = results.sel(recording="P1-prbs", analysis="esm-20")
     truth = results.truth.sel(quantity="stiffness").sel(recording="P1-prbs").values
     key = ("P1", "prbs", "esm", 20)
@@ -27,6 +28,24 @@ def test_every_figure_is_as_defined(small):
         float((at.estimate.sel(quantity="stiffness").mean("bootstrap") - truth).mean())
     )
     assert len(table) == 2 * 6 * 9
+
+
+def test_every_quantity_that_is_estimated_is_scored(small):
+    results = small.results
+    table = summarize(results)
+    assert set(table.quantity) == {"", "stiffness", "viscosity", "inertia"}  # birf, esm and kbr find no reflex
+    at = results.sel(recording="P1-prbs", analysis="esm-20", quantity="viscosity")
+    rows = table[(table.perturbation == "prbs") & (table.method == "esm") & (table.realizations == 20)]
+    rows = rows[rows.quantity == "viscosity"].set_index("metric")
+    assert rows.index.tolist() == ["mean_viscosity", "random_error", "bias_error", "mean_bias"]
+    assert set(rows.unit) == {"N·m·s/rad"}
+    estimates, truth = at.estimate.values, at.truth.values
+    assert rows.value["mean_viscosity"] == pytest.approx(estimates.mean())
+    assert rows.value["random_error"] == pytest.approx(np.sqrt(estimates.var(axis=0, ddof=1).mean()))
+    assert rows.value["bias_error"] == pytest.approx(tv.metrics.bias_error(estimates, truth))
+    assert rows.value["mean_bias"] == pytest.approx((estimates.mean(axis=0) - truth).mean())
+    people = summarize(results.assign(truth=results.truth * np.nan))
+    assert set(people.metric[people.quantity == "inertia"]) == {"mean_inertia", "random_error"}
 
 
 def test_stiffness_over_time_has_mean_and_spread(small):

@@ -105,6 +105,7 @@ def write_experiment(
         else:
             excluded = pd.read_csv(kept, keep_default_na=False, na_values={"reached": [""], "limit": [""]})
         _write_tables(folder, tables)
+        summary = of_quantity(summary)
         ensembles = {item.recorded.label: item.ensemble for item in prepared if item.ensemble is not None}
         for label, ensemble in ensembles.items():
             write_ensemble(folder / "prepared" / f"{label}.nc", ensemble)

@@ -10,7 +10,7 @@ from scipy.io.matlab import MatlabObject
 from tests.recordings.files import WRITERS, write_hdf5, write_mat_73
 
 import tvsysid as tv
-from tvsysid.recordings import describe_file, memory
+from tvsysid.recordings import channel, describe_file
 
 NAMES = {"angle": "pos", "torque": "tq"}
 
@@ -123,7 +123,7 @@ def test_a_file_that_is_locked_is_told(tmp_path, signals, monkeypatch):
 
 
 def test_more_than_memory_is_refused_before_it_is_read(file, monkeypatch):
-    monkeypatch.setattr(memory, "available", lambda: 10_000)
+    monkeypatch.setattr(channel, "available", lambda: 10_000)
     with pytest.raises(tv.InputError, match=r"reading it takes .* GB, and 1e-05 GB of memory are free"):
         read(file)
 

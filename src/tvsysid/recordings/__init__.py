@@ -1,12 +1,12 @@
 """Recordings and models from and to files."""
 
-from tvsysid.recordings.atomic import whole_file
 from tvsysid.recordings.channel import Channel, outline
 from tvsysid.recordings.formats import describe_file
 from tvsysid.recordings.read import UsableTrials, join_trials, read_recording, read_trials, read_usable_trials
 from tvsysid.recordings.write import (
     load_ensemble,
     load_recording,
+    whole_file,
     write_ensemble,
     write_models,
     write_recording,

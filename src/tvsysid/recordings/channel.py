@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tvsysid.errors import InputError
-from tvsysid.recordings.memory import check_fits
 
+# Variables and attributes, in lower case, by which files state a sampling rate in Hz, and a unit.
 RATE_NAMES = ("sampling_rate", "samplingrate", "sample_rate", "samplerate", "sampling_frequency", "fs")
-"""Variables and attributes, in lower case, by which files state a sampling rate in Hz."""
 UNIT_NAMES = ("units", "unit")
 NUMBERS = "biufc"
 NO_UNITS = ("", "defaultunits", "unknown", "none")
-TIMES_ITS_SIZE = 3
-"""Memory that a channel takes while it is read, converted and checked, as a multiple of its float64 values."""
+TIMES_ITS_SIZE = 3  # memory that reading, converting and checking a channel takes, over that of its float64 values
 
 
 @dataclass(frozen=True)
@@ -57,17 +58,9 @@ class Channel:
         return words + (f", {self.sampling_rate:g} Hz" if self.sampling_rate is not None else "")
 
     def read(self, name: str) -> NDArray[Any]:
-        """Values, as the file has them.
+        """Values, as the file has them; ``name`` is what an InputError calls the channel.
 
-        Parameters
-        ----------
-        name
-            What the channel is, for the message.
-
-        Raises
-        ------
-        InputError
-            If it holds no numbers, or more than there is memory for.
+        One is raised if it holds no numbers, or more than there is memory for.
         """
         if 0 in self.shape:
             raise InputError(f"{name}: expected samples, got an empty array of shape {self.shape}")
@@ -85,7 +78,7 @@ def stored(
     sampling_rate: float | None = None,
 ) -> Channel:
     """Channel whose values are read when they are asked for."""
-    return Channel(shape, kind_of(dtype), unit, sampling_rate, read if dtype.kind in NUMBERS else None)
+    return Channel(shape, _kind_of(dtype), unit, sampling_rate, read if dtype.kind in NUMBERS else None)
 
 
 def in_memory(values: ArrayLike, unit: str = "", sampling_rate: float | None = None) -> Channel:
@@ -94,13 +87,34 @@ def in_memory(values: ArrayLike, unit: str = "", sampling_rate: float | None = N
     return stored(array.shape, array.dtype, lambda: array, unit, sampling_rate)
 
 
-def kind_of(dtype: np.dtype[Any]) -> str:
+def _kind_of(dtype: np.dtype[Any]) -> str:
     """Name of a type in words."""
     if dtype.kind in NUMBERS:
         return str(dtype)
     if dtype.kind in "mM":
         return "dates"
     return "text" if dtype.kind in "USTO" else "records"
+
+
+def available() -> int | None:
+    """Bytes of memory that can be had, or None where the system does not tell."""
+    with suppress(OSError, AttributeError):
+        told = re.search(r"MemAvailable:\s+(\d+) kB", Path("/proc/meminfo").read_text(encoding="ascii"))
+        if told:
+            return 1024 * int(told[1])
+    with suppress(OSError, ValueError, AttributeError):
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    return None
+
+
+def check_fits(name: str, size: int) -> None:
+    """Raise an InputError if so many bytes are more than there is memory for; ``name`` is what takes them."""
+    room = available()
+    if room is not None and size > room:
+        raise InputError(
+            f"{name}: reading it takes {size / 1e9:.3g} GB, and {room / 1e9:.3g} GB of memory are free; save the part "
+            "that is needed to a file of its own"
+        )
 
 
 def stated_unit(unit: Any) -> str:
@@ -152,6 +166,12 @@ def with_rates(channels: Mapping[str, Channel]) -> dict[str, Channel]:
     }
 
 
+def _split(name: str) -> tuple[str, str]:
+    """Group or structure that a channel is in, and its own name."""
+    cut = max(name.rfind("/"), name.rfind(".")) + 1
+    return name[:cut], name[cut:]
+
+
 def listed(channels: Mapping[str, Channel]) -> str:
     """Names of channels, each with what is known of it."""
     return ", ".join(f"{name} ({channel.described})" for name, channel in channels.items()) or "nothing"
@@ -160,17 +180,7 @@ def listed(channels: Mapping[str, Channel]) -> str:
 def outline(values: NDArray[Any], blocks: int = 2000) -> tuple[NDArray[np.int64], NDArray[Any]]:
     """Positions and values of the lowest and the highest sample of each block: what is seen of a long signal.
 
-    Parameters
-    ----------
-    values
-        Shape (time,).
-    blocks
-        Shorter signals than two samples for each block come out whole.
-
-    Returns
-    -------
-    tuple
-        Positions, increasing, and values there.
+    Signals of shape (time,) that are shorter than two samples for each block come out whole.
     """
     if len(values) <= 2 * blocks:
         return np.arange(len(values)), values
@@ -183,8 +193,3 @@ def outline(values: NDArray[Any], blocks: int = 2000) -> tuple[NDArray[np.int64]
 def _extremes(block: NDArray[Any]) -> tuple[int, int]:
     # NaN counts as the lowest, so that a gap is seen.
     return int(np.argmin(block)), int(np.argmax(np.nan_to_num(block, nan=-np.inf)))
-
-
-def _split(name: str) -> tuple[str, str]:
-    cut = max(name.rfind("/"), name.rfind(".")) + 1
-    return name[:cut], name[cut:]

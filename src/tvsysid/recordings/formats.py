@@ -11,16 +11,16 @@ from pathlib import Path
 from typing import NamedTuple
 
 from tvsysid.errors import InputError
-from tvsysid.recordings.c3d import read_c3d
 from tvsysid.recordings.channel import Channel, with_rates
 from tvsysid.recordings.hdf5 import read_hdf5, read_netcdf
 from tvsysid.recordings.mat import read_mat_5, read_mat_73
-from tvsysid.recordings.tables import read_npz, read_parquet, read_text
+from tvsysid.recordings.tables import read_c3d, read_npz, read_parquet, read_text
 
 MAT_5, MAT_73 = "MAT file of version 5 or 7", "MAT file of version 7.3"
 HDF5, NETCDF, PARQUET, ZIP, C3D, TEXT = "HDF5 file", "NetCDF file", "Parquet file", "ZIP archive", "C3D file", "text"
 PICKLE = "Python pickle, which is never read"
 HDF5_BYTES = b"\x89HDF\r\n\x1a\n"
+# Contents by the bytes that such files begin with; a MAT file of version 4 begins with nothing of its own.
 SIGNATURES = {
     b"MATLAB 5.0 MAT-file": MAT_5,
     b"MATLAB 7.3 MAT-file": MAT_73,
@@ -34,21 +34,16 @@ SIGNATURES = {
     b"%PDF": "PDF",
     **dict.fromkeys((b"\x80\x03", b"\x80\x04", b"\x80\x05"), PICKLE),
 }
-"""Contents by the bytes that such files begin with; a MAT file of version 4 begins with nothing of its own."""
 HEAD = 2048
-Reader = Callable[[Path], dict[str, Channel]]
+Reader = Callable[[Path], Iterator[tuple[str, Channel]]]
 
 
 class Format(NamedTuple):
-    """A format of files.
-
-    ``readers`` are by what the first bytes may say; ``shared`` of these are also those of formats that are not read by
-    this ending.
-    """
+    """A format of files."""
 
     name: str
-    readers: Mapping[str, Reader]
-    shared: tuple[str, ...] = ()
+    readers: Mapping[str, Reader]  # by what the first bytes may say
+    shared: tuple[str, ...] = ()  # of these, those of formats as well that are not read by this ending
 
 
 FORMATS = {
@@ -63,26 +58,13 @@ FORMATS = {
     ".parquet": Format(PARQUET, {PARQUET: read_parquet}),
     ".c3d": Format(C3D, {C3D: read_c3d}),
 }
-"""By ending."""
 
 
 def describe_file(path: str | Path) -> dict[str, Channel]:
     """Channels that a file holds, each with shape, type, and unit and sampling rate where the file states them.
 
-    Parameters
-    ----------
-    path
-        File of any format that :func:`tvsysid.read_recording` reads.
-
-    Returns
-    -------
-    dict
-        :class:`Channel` by name, in the file's order. Values are read when asked for: ``channel.read(name)``.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or is not what its ending says.
+    By name, in the file's order, for any format that :func:`tvsysid.read_recording` reads. Values are read when asked
+    for: ``channel.read(name)``. An InputError is raised if the file cannot be read, or is not what its ending says.
     """
     file = Path(path)
     if not file.exists():
@@ -98,8 +80,11 @@ def describe_file(path: str | Path) -> dict[str, Channel]:
         content = content_of(file)
         if content not in kind.readers:
             raise InputError(f"{file}: not a {kind.name} that can be read: {_advice(content)}")
-        channels = kind.readers[content](file)
-        return {name: _told_when_read(channel, file, kind) for name, channel in with_rates(channels).items()}
+        channels = with_rates(dict(kind.readers[content](file)))
+    told = _told(file, kind)  # when they are read as well
+    return {
+        name: replace(channel, values=channel.values and told(channel.values)) for name, channel in channels.items()
+    }
 
 
 def content_of(file: Path) -> str:
@@ -135,18 +120,6 @@ def _advice(content: str) -> str:
     endings = [ending for ending, kind in FORMATS.items() if content in kind.readers and content not in kind.shared]
     todo = f"give it the ending {' or '.join(endings)}" if endings else "save it in another format"
     return f"by its content it is {what}; {todo}"
-
-
-def _told_when_read(channel: Channel, file: Path, kind: Format) -> Channel:
-    if channel.values is None:
-        return channel
-    read = channel.values
-
-    def values():  # type: ignore[no-untyped-def]
-        with _told(file, kind):
-            return read()
-
-    return replace(channel, values=values)
 
 
 @contextmanager

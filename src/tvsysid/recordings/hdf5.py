@@ -19,20 +19,20 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-def read_hdf5(file: Path) -> dict[str, Channel]:
+def read_hdf5(file: Path) -> Iterator[tuple[str, Channel]]:
     """Datasets of an HDF5 file by path, such as ``run1/angle``; links to other files are not followed.
 
     Units and sampling rates are those of the attributes of a dataset, of the groups around it and of the file.
     """
-    found: dict[str, Channel] = {}
+    found: list[tuple[str, Channel]] = []
 
     def visit(name: str, item: Any) -> None:
         if isinstance(item, h5py.Dataset):
-            found[name] = _dataset(file, item)
+            found.append((name, _dataset(file, item)))
 
     with h5py.File(file, "r") as root:
         root.visititems(visit)
-    return found
+    yield from found
 
 
 def _dataset(file: Path, dataset: h5py.Dataset) -> Channel:
@@ -56,28 +56,23 @@ def values_of(file: Path, name: str) -> NDArray[Any]:
         return np.asarray(dataset[()])
 
 
-def read_netcdf(file: Path, engine: str = "h5netcdf") -> dict[str, Channel]:
+def read_netcdf(file: Path, engine: str = "h5netcdf") -> Iterator[tuple[str, Channel]]:
     """Variables of a NetCDF file by name, those in groups by path.
 
     Where a variable has a dimension called time, it comes first. Units and sampling rates are those of the attributes.
     """
+
+    def values(path: str, name: str) -> NDArray[Any]:
+        with _groups(file, engine) as groups:
+            return np.asarray(_time_first(groups[path].variables[name]).values)
+
     with _groups(file, engine) as groups:
-        return {
-            f"{path}/{name}".lstrip("/"): _variable(file, engine, groups, path, str(name))
-            for path, group in groups.items()
-            for name in group.variables
-        }
-
-
-def _variable(file: Path, engine: str, groups: dict[str, xr.Dataset], path: str, name: str) -> Channel:
-    variable = _time_first(groups[path].variables[name])
-    unit, rate = stated(dict(variable.attrs), groups[path].attrs, groups["/"].attrs)
-    return stored(variable.shape, variable.dtype, partial(_variable_values, file, engine, path, name), unit, rate)
-
-
-def _variable_values(file: Path, engine: str, path: str, name: str) -> NDArray[Any]:
-    with _groups(file, engine) as groups:
-        return np.asarray(_time_first(groups[path].variables[name]).values)
+        for path, group in groups.items():
+            for name in map(str, group.variables):
+                variable = _time_first(group.variables[name])
+                unit, rate = stated(dict(variable.attrs), group.attrs, groups["/"].attrs)
+                channel = stored(variable.shape, variable.dtype, partial(values, path, name), unit, rate)
+                yield f"{path}/{name}".lstrip("/"), channel
 
 
 def _time_first(variable: xr.Variable) -> xr.Variable:

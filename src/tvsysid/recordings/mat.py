@@ -6,44 +6,27 @@ import math
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 from scipy.io import loadmat, whosmat
 from scipy.io.matlab import MatlabObject, MatlabOpaque, MatReadWarning
 
-from tvsysid.recordings.channel import NUMBERS, Channel, in_memory, stated_rate, stated_unit, stored
+from tvsysid.recordings.channel import NUMBERS, Channel, check_fits, in_memory, stated_rate, stated_unit, stored
 from tvsysid.recordings.hdf5 import values_of
-from tvsysid.recordings.memory import check_fits
 
-NUMERIC_CLASSES = (
-    "double",
-    "single",
-    "logical",
-    *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)),
-)
-PLAIN_CLASSES = (*NUMERIC_CLASSES, "char", "cell", "struct", "function_handle")
+INTEGER_CLASSES = tuple(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))
+PLAIN_CLASSES = ("double", "single", "logical", *INTEGER_CLASSES, "char", "cell", "struct", "function_handle", "")
 
 
-def read_mat_5(file: Path) -> dict[str, Channel]:
+def read_mat_5(file: Path) -> Iterator[tuple[str, Channel]]:
     """Variables of a MAT file of version 4 to 7 by name, matrices as time x trial.
 
     A structure's fields are channels ``name.field``. An ``nldat`` object's channels are ``name.channel``, with the
     units and the increment of time that it states.
     """
-    return dict(_version_5(file))
-
-
-def read_mat_73(file: Path) -> dict[str, Channel]:
-    """Variables of a MAT file of version 7.3, likewise."""
-    return dict(_version_73(file))
-
-
-def _version_5(file: Path) -> Iterator[tuple[str, Channel]]:
     with suppress(TypeError):  # it knows no objects
         check_fits(str(file), 8 * sum(math.prod(shape) for _, shape, _ in whosmat(file)))
     with warnings.catch_warnings():
@@ -115,10 +98,11 @@ def _texts(values: Any) -> list[str]:
     return [text for item in values.ravel() for text in _texts(item)] if isinstance(values, np.ndarray) else []
 
 
-def _version_73(file: Path) -> Iterator[tuple[str, Channel]]:
+def read_mat_73(file: Path) -> Iterator[tuple[str, Channel]]:
+    """Variables of a MAT file of version 7.3, likewise."""
     with h5py.File(file, "r") as root:
         names = [name for name in root if not name.startswith("#")]
-        objects = [name for name in names if _class(root[name]) not in (*PLAIN_CLASSES, "")]
+        objects = [name for name in names if _class(root[name]) not in PLAIN_CLASSES]
         for name in names:
             if name not in objects:
                 yield from _items(file, name, root[name])
@@ -152,8 +136,5 @@ def _items(file: Path, name: str, item: Any) -> Iterator[tuple[str, Channel]]:
     elif item.dtype.kind == "O":
         yield name, Channel(shape, "cells")
     else:
-        yield name, stored(shape, item.dtype, partial(_transposed, file, item.name))
-
-
-def _transposed(file: Path, name: str) -> NDArray[Any]:
-    return values_of(file, name).T
+        path = item.name
+        yield name, stored(shape, item.dtype, lambda: values_of(file, path).T)

@@ -12,12 +12,9 @@ from tvsysid.quality.catalogue import FAULTS
 from tvsysid.recordings.channel import Channel
 from tvsysid.signals import Array, Recording
 
-UNLIKE = 10.0
-"""Ratio of a trial's size to that of the others from which on it is probably in another unit."""
-AT_A_LEVEL = 0.02
-"""Part of a signal's range that is counted to its lowest or highest level."""
-SAME_RATE = 1e-3
-"""Relative difference of rates that counts as none: files round them."""
+UNLIKE = 10.0  # ratio of a trial's size to that of the others from which on it is probably in another unit
+AT_A_LEVEL = 0.02  # part of a signal's range that is counted to its lowest or highest level
+SAME_RATE = 1e-3  # relative difference of rates that counts as none: files round them
 SPELLINGS = {
     "rad": ("rad", "radian", "radians"),
     "deg": ("deg", "degree", "degrees", "°"),
@@ -28,19 +25,11 @@ SPELLINGS = {
 def contradictions(channels: Mapping[str, Channel], sampling_rate: float, units: Mapping[str, str]) -> Iterator[str]:
     """Rates and units that a file states of the channels that are read, where the caller says others.
 
-    Parameters
-    ----------
-    channels
-        By name in the file.
-    sampling_rate
-        In Hz, as the caller says.
-    units
-        Of angle and torque as the caller says, by name in the file.
+    Channels and the units of angle and torque are by name in the file.
     """
-    rates = {name: channel.sampling_rate for name, channel in channels.items()}
-    for rate in sorted({rate for rate in rates.values() if rate is not None}):
+    for rate in sorted({channel.sampling_rate for channel in channels.values() if channel.sampling_rate is not None}):
         if abs(rate - sampling_rate) > SAME_RATE * sampling_rate:
-            names = ", ".join(name for name, own in rates.items() if own == rate)
+            names = ", ".join(name for name, channel in channels.items() if channel.sampling_rate == rate)
             yield (
                 f"the file states {rate:g} Hz for {names}, and is read at {sampling_rate:g} Hz as you say; is that "
                 "the right rate?"
@@ -104,8 +93,7 @@ def _standstills(recording: Recording, name: str, signal: Array, amid: bool) -> 
 
 def _held(values: Array, levels: Array, lost: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Which standstills are those of a perturbation that switches between two levels, such as a PRBS."""
-    low, high = values.min(), values.max()
-    margin = AT_A_LEVEL * (high - low)
+    low, high, margin = values.min(), values.max(), AT_A_LEVEL * np.ptp(values)
     at_low, at_high = levels <= low + margin, levels >= high - margin
-    held: NDArray[np.bool_] = at_low | at_high
-    return held if (lost & at_low).any() and (lost & at_high).any() else np.zeros_like(held)
+    two_levels = (lost & at_low).any() and (lost & at_high).any()
+    return np.asarray((at_low | at_high) & two_levels)

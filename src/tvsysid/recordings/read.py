@@ -12,9 +12,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from tvsysid.errors import DataQualityWarning, InputError
-from tvsysid.recordings.channel import TIMES_ITS_SIZE, Channel, listed
+from tvsysid.recordings.channel import TIMES_ITS_SIZE, Channel, check_fits, listed
 from tvsysid.recordings.formats import describe_file
-from tvsysid.recordings.memory import check_fits
 from tvsysid.recordings.plausible import contradictions, implausible, unlike_trials
 from tvsysid.signals import Array, Recording, checked_array
 
@@ -35,7 +34,7 @@ def read_recording(
     start: float = 0.0,
     channels: Mapping[str, str] | None = None,
 ) -> Recording:
-    """Read angle and torque from a file.
+    """Read angle and torque from a file, in rad and N·m.
 
     Parameters
     ----------
@@ -60,11 +59,6 @@ def read_recording(
     channels
         Further signals to take along, as they are (EMG, a reference torque, a scheduling variable): the name that each
         gets in the recording, and its name in the file, ``{"emg": "EMG_SIGNAL"}``.
-
-    Returns
-    -------
-    Recording
-        In rad and N·m.
 
     Raises
     ------
@@ -152,33 +146,21 @@ class _Request:
 
 
 class UsableTrials(NamedTuple):
-    """What could be read of many trials.
-
-    ``recording`` holds those that can be used (None if there is none), ``names`` says what each of them is called (its
-    file, or file and number of the trial), and ``refused`` why the others cannot be used, by the same names.
-    """
+    """What could be read of many trials."""
 
     recording: Recording | None
+    """Those that can be used; None if there is none."""
     names: tuple[str, ...]
+    """What each of them is called: its file, or file and number of the trial."""
     refused: dict[str, str]
+    """Why the others cannot be used, by the same names."""
 
 
 def read_usable_trials(paths: Mapping[str, Path], shortest: float = 0.0, **settings: Any) -> UsableTrials:
     """Read trials as :func:`read_trials` does, and leave out those that cannot be used instead of giving up.
 
-    Parameters
-    ----------
-    paths
-        Files in the order of the trials, by what they are called.
-    shortest
-        Seconds that a trial must last.
-    **settings
-        As of :func:`read_recording`, which also says what warns.
-
-    Raises
-    ------
-    InputError
-        If the settings are wrong by themselves.
+    Files are in the order of the trials, by what they are called. A trial must last ``shortest`` seconds. Settings are
+    those of :func:`read_recording`; an InputError is raised if they are wrong by themselves.
     """
     request = _Request(**settings)
     usable: dict[str, Recording] = {}
@@ -189,15 +171,14 @@ def read_usable_trials(paths: Mapping[str, Path], shortest: float = 0.0, **setti
         except (InputError, MemoryError) as error:
             refused[called] = str(error).removeprefix(f"{file}: ").removeprefix(f"{file.name}: ") or "no memory left"
             continue
-        single = request.columns == "contiguous" or values[request.angle].shape[1] == 1
-        for number in range(1 if single else values[request.angle].shape[1]):
-            name = called if single else f"{called}, trial {number + 1}"
-            chosen = slice(None) if single else slice(number, number + 1)
+        trials = values[request.angle].shape[1] if request.columns == "trials" else 1
+        for number in range(trials):
+            name = called if trials == 1 else f"{called}, trial {number + 1}"
+            chosen = slice(None) if trials == 1 else slice(number, number + 1)
             columns = {channel: matrix[:, chosen].ravel(order="F") for channel, matrix in values.items()}
             try:
-                recording = request.recording(
-                    {channel: checked_array(channel, column, ("time",)) for channel, column in columns.items()}
-                )
+                checked = {channel: checked_array(channel, column, ("time",)) for channel, column in columns.items()}
+                recording = request.recording(checked)
             except InputError as error:
                 refused[name] = str(error)
                 continue
@@ -217,7 +198,7 @@ def read_usable_trials(paths: Mapping[str, Path], shortest: float = 0.0, **setti
 
 
 def read_trials(paths: Sequence[str | Path], **settings: Any) -> Recording:
-    """Read trials that are in files of their own, one after the other.
+    """Read trials that are in files of their own, in their order, one after the other.
 
     Several trials in one file are the columns of its matrices (``columns="trials"``), or have names of their own: then
     read each by :func:`read_recording`, and put them together by :func:`join_trials`.
@@ -225,19 +206,9 @@ def read_trials(paths: Sequence[str | Path], **settings: Any) -> Recording:
     Parameters
     ----------
     paths
-        Files in the order of the trials, of any formats that :func:`read_recording` reads.
+        Files, of any formats.
     **settings
-        As of :func:`read_recording`, the same for all files.
-
-    Returns
-    -------
-    Recording
-        With a trial for each file, or for each column of each with ``columns="trials"``.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read, or there is none.
+        As of :func:`read_recording`, the same for all files; so are the errors.
 
     Examples
     --------
@@ -258,26 +229,20 @@ def read_trials(paths: Sequence[str | Path], **settings: Any) -> Recording:
 def join_trials(recordings: Sequence[Recording]) -> Recording:
     """Recordings as the trials of one: nothing is filtered or cut across where they meet.
 
-    Parameters
-    ----------
-    recordings
-        Of one sampling rate, one start and the same channels.
-
-    Raises
-    ------
-    InputError
-        If there are none, or they differ in what they must share.
+    An InputError is raised if they differ in sampling rate, start or channels, or there are none.
     """
     if not recordings:
         raise InputError("join_trials: expected recordings, got none")
     first = recordings[0]
-    for number, other in enumerate(recordings):
-        for what in ("sampling_rate", "start", "channels"):
-            one, two = (getattr(item, what) for item in (first, other))
-            one, two = (sorted(one), sorted(two)) if what == "channels" else (one, two)
-            if one != two:
+    shared = [
+        {"sampling rate": item.sampling_rate, "start": item.start, "channels": sorted(item.channels)}
+        for item in recordings
+    ]
+    for number, other in enumerate(shared):
+        for what, one in shared[0].items():
+            if (two := other[what]) != one:
                 raise InputError(
-                    f"join_trials: recording {number} and the first differ in {what.replace('_', ' ')}: {two} "
+                    f"join_trials: recording {number} and the first differ in {what}: {two} "
                     f"instead of {one}; read them alike, or decimate to one rate before"
                 )
     befores = np.cumsum([0, *(len(item) for item in recordings[:-1])])

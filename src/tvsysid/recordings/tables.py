@@ -1,10 +1,14 @@
-"""Tables of columns: text with a header line, NumPy's NPZ, and Parquet."""
+"""Files of columns: text with a header line, NumPy's NPZ, Parquet, and the analog channels of C3D."""
 
 from __future__ import annotations
 
+import struct
 import warnings
 import zipfile
+from collections import Counter
+from collections.abc import Iterator
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -13,90 +17,124 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
-from tvsysid.recordings.channel import Channel, in_memory, stated, stored
-from tvsysid.recordings.memory import check_fits
+from tvsysid.recordings.channel import Channel, check_fits, in_memory, stated, stated_rate, stated_unit, stored
 
 _PANDAS = tuple(int(part) for part in pd.__version__.split(".")[:2])
 # Earlier pandas are off in the last digits unless told otherwise; from 3.1 on, the option is deprecated.
 EXACTLY: dict[str, Any] = {"float_precision": "round_trip"} if _PANDAS < (3, 1) else {}
+BIG_ENDIAN = 86  # processor that wrote a C3D file, as its parameter section tells: MIPS
 
 
-def read_text(file: Path, separator: str) -> dict[str, Channel]:
+def read_text(file: Path, separator: str) -> Iterator[tuple[str, Channel]]:
     """Columns of a text file by the names in its first line."""
     check_fits(str(file), 2 * file.stat().st_size)
+    settings: dict[str, Any] = {"sep": separator, "skipinitialspace": True, "encoding": "utf-8-sig"}
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)  # rows longer than the header
-            table = pd.read_csv(
-                file,
-                sep=separator,
-                skipinitialspace=True,
-                encoding="utf-8-sig",
-                index_col=False,
-                low_memory=False,
-                **EXACTLY,
-            )
+            table = pd.read_csv(file, **settings, index_col=False, low_memory=False, **EXACTLY)
     except (pd.errors.ParserWarning, ValueError) as error:  # which the parser's errors and those of decoding are
         reason = str(error).strip().splitlines()[0]
         raise InputError(f"{file}: not a text table with a header line ({reason})") from error
-    return {str(name).strip(): in_memory(table[name].to_numpy()) for name in table.columns}
+    for name in table.columns:
+        yield str(name).strip(), in_memory(table[name].to_numpy())
 
 
-def read_npz(file: Path) -> dict[str, Channel]:
+def read_npz(file: Path) -> Iterator[tuple[str, Channel]]:
     """Arrays of an NPZ file by name; each is read when it is asked for, and nothing is unpickled."""
+
+    def values(member: str) -> NDArray[Any]:
+        with zipfile.ZipFile(file) as archive, archive.open(member) as stream:
+            return np.asarray(np.lib.format.read_array(stream, allow_pickle=False))
+
     with zipfile.ZipFile(file) as archive:
-        members = [name for name in archive.namelist() if name.endswith(".npy")]
-        return {name.removesuffix(".npy"): _array(file, archive, name) for name in members}
+        for member in archive.namelist():
+            if member.endswith(".npy"):
+                with archive.open(member) as stream:
+                    shape, dtype = _npy_header(stream)
+                pickled = Channel(shape, "pickled objects, which are never read")
+                channel = pickled if dtype.hasobject else stored(shape, dtype, partial(values, member))
+                yield member.removesuffix(".npy"), channel
 
 
-def _array(file: Path, archive: zipfile.ZipFile, member: str) -> Channel:
-    with archive.open(member) as stream:
-        version = np.lib.format.read_magic(stream)
-        read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-        shape, _, dtype = read_header(stream)
-    if dtype.hasobject:
-        return Channel(shape, "pickled objects, which are never read")
-    return stored(shape, dtype, partial(_array_values, file, member))
+def _npy_header(stream: Any) -> tuple[tuple[int, ...], np.dtype[Any]]:
+    version = np.lib.format.read_magic(stream)
+    read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, _, dtype = read_header(stream)
+    return shape, dtype
 
 
-def _array_values(file: Path, member: str) -> NDArray[Any]:
-    with zipfile.ZipFile(file) as archive, archive.open(member) as stream:
-        return np.asarray(np.lib.format.read_array(stream, allow_pickle=False))
-
-
-def read_parquet(file: Path) -> dict[str, Channel]:
+def read_parquet(file: Path) -> Iterator[tuple[str, Channel]]:
     """Columns of a Parquet file by name; each is read when it is asked for.
 
     Units are those in the metadata of a column, sampling rates those in its or the file's.
     """
-    pyarrow = _pyarrow()
-    with pyarrow.parquet.ParquetFile(file) as table:
-        schema, rows = table.schema_arrow, table.metadata.num_rows
-    return {item.name: _column(pyarrow.types, file, item, schema.metadata, rows) for item in schema}
+    parquet, kind = (_optional(f"pyarrow.{part}", "Parquet", "parquet") for part in ("parquet", "types"))
+
+    def values(name: str) -> NDArray[Any]:
+        with parquet.ParquetFile(file) as table:
+            # What is missing becomes NaN.
+            return np.asarray(table.read(columns=[name]).column(0).to_numpy())
+
+    with parquet.ParquetFile(file) as table:
+        schema, shape = table.schema_arrow, (table.metadata.num_rows,)
+    for item in schema:
+        unit, rate = stated(_decoded(item.metadata), _decoded(schema.metadata))
+        if kind.is_integer(item.type) or kind.is_floating(item.type) or kind.is_boolean(item.type):
+            dtype = np.dtype(item.type.to_pandas_dtype())
+            yield item.name, stored(shape, dtype, partial(values, item.name), unit, rate)
+        else:
+            yield item.name, Channel(shape, f"values of type {item.type}", unit, rate)
 
 
-def _column(kind: Any, file: Path, item: Any, metadata: Any, rows: int) -> Channel:
-    unit, rate = stated(_decoded(item.metadata), _decoded(metadata))
-    if not (kind.is_integer(item.type) or kind.is_floating(item.type) or kind.is_boolean(item.type)):
-        return Channel((rows,), f"values of type {item.type}", unit, rate)
-    return stored((rows,), np.dtype(item.type.to_pandas_dtype()), partial(_column_values, file, item.name), unit, rate)
+def _decoded(metadata: dict[bytes, bytes] | None) -> dict[str, str]:
+    return {str(key, "utf-8", "replace"): str(value, "utf-8", "replace") for key, value in (metadata or {}).items()}
 
 
-def _column_values(file: Path, name: str) -> NDArray[Any]:
-    with _pyarrow().parquet.ParquetFile(file) as table:
-        # What is missing becomes NaN.
-        return np.asarray(table.read(columns=[name]).column(0).to_numpy())
-
-
-def _decoded(metadata: Any) -> dict[str, str]:
-    return {
-        name.decode("utf-8", "replace"): value.decode("utf-8", "replace") for name, value in (metadata or {}).items()
-    }
-
-
-def _pyarrow() -> Any:
+def _optional(module: str, files: str, extra: str) -> Any:
+    """A module of a library that is installed only by those who need it."""
     try:
-        import pyarrow.parquet  # noqa: PLC0415  # heavy
+        return import_module(module)
     except ImportError as error:
-        raise InputError("Parquet files need pyarrow: pip install 'tvsysid[parquet]'") from error
-    return pyarrow
+        library = module.partition(".")[0]
+        raise InputError(f"{files} files need {library}: pip install 'tvsysid[{extra}]'") from error
+
+
+def read_c3d(file: Path) -> Iterator[tuple[str, Channel]]:
+    """Analog channels of a C3D file of a motion laboratory by label, with the units and the rate that it states.
+
+    Labels that several channels share are followed by the channel's number: ``Voltage (3)``.
+    """
+    ezc3d = _optional("ezc3d", "C3D", "c3d")
+    size = file.stat().st_size
+    check_fits(str(file), 4 * size)
+    expected = _expected_size(file)
+    if size < expected:
+        raise InputError(f"{file}: the C3D file ends after {size} of {expected} bytes; copy it again")
+    content = ezc3d.c3d(str(file))
+    values = np.concatenate(list(content["data"]["analogs"]), axis=-1)
+    parameters = content["parameters"].get("ANALOG", {})
+    labels, units = _texts(parameters, "LABELS"), _texts(parameters, "UNITS")
+    repeated = {label for label, count in Counter(labels).items() if count > 1}
+    rate = stated_rate(content["header"]["analogs"]["frame_rate"])
+    for number, samples in enumerate(values):
+        label = labels[number] if number < len(labels) else ""
+        name = f"{label} ({number + 1})".lstrip() if label in repeated or not label else label
+        yield name, in_memory(samples, stated_unit(units[number]) if number < len(units) else "", rate)
+
+
+def _texts(parameters: Any, name: str) -> list[str]:
+    """Texts of a parameter and of its continuations, which have a number behind the name."""
+    parts = (name, *(f"{name}{number}" for number in range(2, 10)))
+    return [str(text).strip() for part in parts if part in parameters for text in parameters[part]["value"]]
+
+
+def _expected_size(file: Path) -> int:
+    """Bytes that the header promises at least: a file that was cut short is otherwise read in part without a word."""
+    with file.open("rb") as stream:
+        head = stream.read(512)
+        stream.seek(512 * (head[0] - 1) + 3)
+        order = ">" if stream.read(1) == bytes([BIG_ENDIAN]) else "<"
+    _, points, analogs, first, last, _, scale, start = struct.unpack(f"{order}HHHHHHfH", head[:18])
+    width = 4 if scale < 0 else 2
+    return int(512 * (start - 1) + max(last - first + 1, 0) * (4 * points + analogs) * width)

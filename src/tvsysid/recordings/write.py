@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
 import re
-from collections.abc import Callable, Mapping, Sequence
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -16,15 +19,13 @@ from scipy.io.matlab import MatWriteError
 
 from tvsysid.errors import InputError
 from tvsysid.models import Model
-from tvsysid.recordings.atomic import whole_file
 from tvsysid.recordings.formats import MAT_5, content_of, describe_file
 from tvsysid.signals import Ensemble, Recording
 
 if TYPE_CHECKING:
     import xarray as xr
 
-LONGEST_NAME = 28
-"""Letters of a variable; MATLAB's files of version 5 hold 31, with a number behind."""
+LONGEST_NAME = 28  # letters of a variable; MATLAB's files of version 5 hold 31, with a number behind
 Converters = Mapping[str, Callable[[Any], Any]]
 
 
@@ -65,17 +66,31 @@ RESERVED = {
 }
 
 
+@contextmanager
+def whole_file(path: str | Path) -> Iterator[Path]:
+    """Temporary path beside a file, which takes the file's place when the block ends without an error.
+
+    So a file appears whole or not at all. Its folder is made if need be.
+    """
+    target = Path(path)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.stem}-", suffix=target.suffix)
+    os.close(handle)
+    temporary = Path(name)
+    try:
+        yield temporary
+        os.umask(mask := os.umask(0))
+        temporary.chmod(0o666 & ~mask)
+        temporary.replace(target)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
 def write_simulation(path: str | Path, columns: Mapping[str, NDArray[np.float64]], sampling_rate: float) -> None:
     """Write signals of one length to a MAT file, or to a CSV or TSV file with a header line.
 
-    Parameters
-    ----------
-    path
-        Ending in .mat, .csv or .tsv; an InputError for another.
-    columns
-        Signals by name, each of shape (time,); in a MAT file (time, trial) as well.
-    sampling_rate
-        In Hz; kept in a MAT file as ``sampling_rate``.
+    Columns are signals by name, each of shape (time,), in a MAT file (time, trial) as well, which also keeps the
+    ``sampling_rate``. An InputError is raised for a path with another ending.
     """
     file = _checked(path, ".mat", ".csv", ".tsv")
     with whole_file(file) as temporary:
@@ -91,17 +106,13 @@ def write_models(path: str | Path, models: Mapping[str, Model], ensemble: Ensemb
     """Write models to a NetCDF file, one group for each; ``xarray.open_datatree`` reads it.
 
     A group holds what :meth:`tvsysid.Model.to_xarray` returns: every estimate, its standard error, degrees of freedom
-    and 95 % limits, and what the method has identified besides. NetCDF has no complex numbers: a frequency response
-    becomes ``frequency_response_real`` and ``_imag``.
+    and 95 % limits, and what the method has identified besides; the torque of each pathway for an ensemble, if one is
+    given. NetCDF has no complex numbers: a frequency response becomes ``frequency_response_real`` and ``_imag``.
 
     Parameters
     ----------
-    path
-        File to write.
-    models
-        By name of the group.
-    ensemble
-        If given, the torque of each pathway for it is written too.
+    path, models, ensemble
+        File to write; models by name of the group; the ensemble whose torque is written too.
 
     Examples
     --------
@@ -139,19 +150,8 @@ def write_recording(path: str | Path, recording: Recording) -> None:
     """Write a recording to a NetCDF or a MAT file; :func:`load_recording` reads it back unchanged.
 
     Any program reads the file: angle (rad), torque (N·m) and further channels are variables of their own names, as far
-    as the format allows.
-
-    Parameters
-    ----------
-    path
-        Ending in .nc or .mat.
-    recording
-        To write.
-
-    Raises
-    ------
-    InputError
-        For another ending, or for more than a MAT file holds.
+    as the format allows. An InputError is raised for an ending that is not .nc or .mat, or for more than a MAT file
+    holds.
 
     Examples
     --------
@@ -168,8 +168,7 @@ def write_recording(path: str | Path, recording: Recording) -> None:
 def write_ensemble(path: str | Path, ensemble: Ensemble) -> None:
     """Write an ensemble to a NetCDF or a MAT file; :func:`load_ensemble` reads it back unchanged.
 
-    Its signals become matrices of realization x time, context and all. Parameters and errors as of
-    :func:`write_recording`.
+    Its signals become matrices of realization x time, context and all; otherwise as :func:`write_recording`.
     """
     _write(path, ensemble)
 
@@ -177,21 +176,13 @@ def write_ensemble(path: str | Path, ensemble: Ensemble) -> None:
 def load_recording(path: str | Path) -> Recording:
     """Recording that :func:`write_recording` wrote, with its sampling rate, trials and channels.
 
-    Parameters
-    ----------
-    path
-        Ending in .nc or .mat.
-
-    Raises
-    ------
-    InputError
-        If the file is of other origin; read that by :func:`tvsysid.read_recording`.
+    An InputError is raised for a file of other origin; read that by :func:`tvsysid.read_recording`.
     """
     return Recording(**_loaded(path, Recording))
 
 
 def load_ensemble(path: str | Path) -> Ensemble:
-    """Ensemble that :func:`write_ensemble` wrote; parameters and errors as of :func:`load_recording`."""
+    """Ensemble that :func:`write_ensemble` wrote; errors as of :func:`load_recording`."""
     return Ensemble(**_loaded(path, Ensemble))
 
 

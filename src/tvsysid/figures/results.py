@@ -45,9 +45,3 @@ def knows_truth(results: xr.Dataset) -> bool:
 def unique(values: Any) -> list[str]:
     """Values as text, each once, in the order of their first appearance."""
     return list(dict.fromkeys(map(str, values)))
-
-
-def warnings_of(results: xr.Dataset) -> xr.DataArray:
-    """What the methods warned of, a text for each identification; empty where there is nothing."""
-    found: xr.DataArray = results.warnings
-    return found

@@ -11,21 +11,7 @@ from tvsysid.errors import InputError
 from tvsysid.figures import Picture, diagnosis_illustration, draw_all
 from tvsysid.figures.words import count
 from tvsysid.quality import Diagnosis
-from tvsysid.report.page import (
-    Block,
-    Box,
-    Code,
-    Column,
-    Figure,
-    Heading,
-    Page,
-    Row,
-    Section,
-    Table,
-    html,
-    number,
-    write_page,
-)
+from tvsysid.report import page
 
 SYMBOLS = {"found": "✗", "uncertain": "?", "in order": "✓", "not judged": "–"}
 HOW = (
@@ -33,21 +19,16 @@ HOW = (
     "mean over realizations. What it explains tells of units, signs and rates; what it does not explain tells of "
     "reflexes, feedback and lost signals; how both vary over realizations tells of drift and misalignment."
 )
-FOUND = (
-    Column("found", kind="label"),
-    Column("what was seen", kind="long"),
-    Column("how strong"),
-    Column("what it does to the result", kind="long"),
-    Column("what to do", kind="long"),
+FOUND = page.columns(
+    {
+        **{"found": "label", "what was seen": "long", "how strong": ""},
+        **{"what it does to the result": "long", "what to do": "long"},
+    }
 )
-CHECKED = (
-    Column("what", kind="label"),
-    Column("verdict", kind="verdict"),
-    Column("how strong"),
-    Column("what was seen", kind="long"),
-    Column("what its number is", kind="long"),
+CHECKED = page.columns(
+    {"what": "label", "verdict": "verdict", "how strong": "", "what was seen": "long", "what its number is": "long"}
 )
-MEASURED = (Column("measure"), Column("value", kind="number"), Column("unit"))
+MEASURED = page.columns({"measure": "", "value": "number", "unit": ""})
 
 
 def write_diagnosis(
@@ -60,16 +41,9 @@ def write_diagnosis(
     path
         Of the file, which appears whole or not at all.
     diagnoses
-        Of :func:`tvsysid.diagnose`, by what the ensembles are called.
-    command
-        What was typed; the page says nothing of it if empty.
-    pool
-        Of :func:`tvsysid.figures.helpers`, whose processes draw too.
-
-    Raises
-    ------
-    InputError
-        For what is no mapping of names to diagnoses, and for none.
+        Of :func:`tvsysid.diagnose`, by what the ensembles are called. ``InputError`` for anything else, and for none.
+    command, pool
+        What was typed, if it is to be mentioned; processes of :func:`tvsysid.figures.helpers`, which draw too.
     """
     from markupsafe import Markup  # noqa: PLC0415  # only a page needs it
 
@@ -79,35 +53,28 @@ def write_diagnosis(
         found = "; ".join(f"{_lower(one.fault.title)} ({one.strength})" for one in each.findings)
         text = f"{each.verdict}{': ' if found else ''}{found}."
         lines.append(Markup('<a href="#{}">{}</a>: {}').format(anchor, name, text))
-    sections = [
-        Section("outcome", "Outcome", [Box(lines), HOW]),
-        Section("seen", "What was seen", blocks),
+    parts = [
+        page.Section("outcome", "Outcome", [page.Box(lines), HOW]),
+        page.Section("seen", "What was seen", blocks),
     ]
     if command:
-        sections.append(Section("again", "How to repeat it", ["This command made the page:", Code("Command", command)]))
+        again: list[page.Block] = ["This command made the page:", page.Code("Command", command)]
+        parts.append(page.Section("again", "How to repeat it", again))
     title = f"Diagnosis of {next(iter(diagnoses))}" if len(diagnoses) == 1 else "Diagnosis"
     ensembles = count(len(diagnoses), "ensemble")
     subtitle = f"What may be wrong with {ensembles} of realizations, before stiffness is identified."
-    write_page(path, Page(title, subtitle, sections))
+    page.write_page(path, page.Page(title, subtitle, parts))
 
 
 def diagnosis_section(diagnoses: Mapping[str, Diagnosis]) -> str:
     """Part of a page: for each ensemble its findings, what to do, pictures, and all that was looked at.
 
-    Parameters
-    ----------
-    diagnoses
-        Of :func:`tvsysid.diagnose`, by what the ensembles are called.
-
-    Returns
-    -------
-    str
-        HTML, escaped, whose headings are of the third and fourth level; it takes the style of the report's pages.
+    HTML, escaped, whose headings are of the third and fourth level; it takes the style of the report's pages.
     """
-    return html(_blocks(diagnoses))
+    return page.html(_blocks(diagnoses))
 
 
-def _blocks(diagnoses: Mapping[str, Diagnosis], pool: Executor | None = None) -> list[Block]:
+def _blocks(diagnoses: Mapping[str, Diagnosis], pool: Executor | None = None) -> list[page.Block]:
     if not isinstance(diagnoses, Mapping) or not all(isinstance(each, Diagnosis) for each in diagnoses.values()):
         raise InputError(
             f"write_diagnosis: expected diagnoses by name, got {type(diagnoses).__name__}; give "
@@ -121,21 +88,21 @@ def _blocks(diagnoses: Mapping[str, Diagnosis], pool: Executor | None = None) ->
 
 
 def _anchors(diagnoses: Mapping[str, Diagnosis]) -> list[str]:
-    return [f"diagnosis-{number}" for number in range(1, len(diagnoses) + 1)]
+    return [f"diagnosis-{place}" for place in range(1, len(diagnoses) + 1)]
 
 
-def _one(name: str, diagnosis: Diagnosis, anchor: str, picture: Picture) -> list[Block]:
+def _one(name: str, diagnosis: Diagnosis, anchor: str, picture: Picture) -> list[page.Block]:
     """Blocks about one ensemble."""
     found = [
-        Row((f"{each.fault.title} ({each.name})", each.what, each.strength, each.fault.effect, each.fault.remedy))
+        page.Row((f"{each.fault.title} ({each.name})", each.what, each.strength, each.fault.effect, each.fault.remedy))
         for each in diagnosis.findings
     ]
     checks = [
-        Row((each.name, f"{SYMBOLS[each.state]} {each.state}", each.strength, each.what, each.fault.measure))
+        page.Row((each.name, f"{SYMBOLS[each.state]} {each.state}", each.strength, each.what, each.fault.measure))
         for each in diagnosis.checks
     ]
     measures = [
-        Row((key, number(value).text, "" if unit == "1" else unit))
+        page.Row((key, page.number(value).text, "" if unit == "1" else unit))
         for key, (value, unit) in diagnosis.measures.items()
         if math.isfinite(value)
     ]
@@ -144,14 +111,14 @@ def _one(name: str, diagnosis: Diagnosis, anchor: str, picture: Picture) -> list
     limits = "Everything that was looked for. What is found is beyond its limit, and significant (p < 0.00001)."
     values = f"Useful values about {name}; its impedance is taken as constant over time, and fitted by least squares."
     return [
-        Heading(name, anchor),
+        page.Heading(name, anchor),
         f"{diagnosis.ensemble}: {diagnosis.verdict}.",
         *(f"{line[:1].upper()}{line[1:]}." for line in diagnosis.notes),
-        *([Table(f"Findings in {name}", caption, FOUND, found)] if found else []),
-        Figure(f"{anchor}-figure", picture),
-        Heading(looked_at, f"{anchor}-checks", 4),
-        Table(looked_at, limits, CHECKED, checks),
-        Table(f"Values about {name}", values, MEASURED, measures),
+        *([page.Table(f"Findings in {name}", caption, FOUND, found)] if found else []),
+        page.Figure(f"{anchor}-figure", picture),
+        page.Heading(looked_at, f"{anchor}-checks", 4),
+        page.Table(looked_at, limits, CHECKED, checks),
+        page.Table(f"Values about {name}", values, MEASURED, measures),
     ]
 
 

@@ -14,35 +14,7 @@ from tvsysid.figures import Picture
 from tvsysid.figures.results import truth, unique
 from tvsysid.figures.style import Array
 from tvsysid.figures.words import count, perturbation_name
-from tvsysid.report.page import (
-    Block,
-    Box,
-    Bullets,
-    Cell,
-    Column,
-    Fold,
-    Heading,
-    Page,
-    Row,
-    Section,
-    Table,
-    number,
-    write_page,
-)
-from tvsysid.report.sections import (
-    again_section,
-    claims_section,
-    methods_section,
-    metrics_there,
-    numbered,
-    problems,
-    problems_section,
-    run_section,
-    settings_of,
-    unfinished,
-    verdicts,
-    version_of,
-)
+from tvsysid.report import page, sections
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -96,20 +68,10 @@ def write_experiment_report(
 
     Parameters
     ----------
-    path
-        Of the file, which appears whole or not at all.
-    results
-        Over recording, analysis, bootstrap and time, as of :func:`tvsysid.study.run`.
-    summary
-        Of these results: columns participant, perturbation, method, realizations, metric, value, unit.
-    claims
-        What the paper says of its experiment and whether it holds here; may have no rows.
+    path, results, summary, claims, pictures, command
+        As for :func:`write_report`.
     exclusions
         A row for each realization recorded: columns recording, excluded_by and shift_s are used.
-    pictures
-        As of :func:`tvsysid.figures.draw_all`.
-    command
-        What was typed to analyse the experiment; the page says nothing of it if empty.
     reported
         Realizations recorded, excluded by each step, and kept, as a paper reports them, by perturbation; shown beside
         recordings of as many realizations.
@@ -129,37 +91,38 @@ def write_experiment_report(
     )
     shown = {stem: each for stem, each in pictures.items() if stem not in DETAILS}
     details = {stem: each for stem, each in pictures.items() if stem in DETAILS}
-    settings = {name.replace("_", " "): value for name, value in settings_of(results, "experiment").items()}
+    settings = {name.replace("_", " "): value for name, value in sections.settings_of(results, "experiment").items()}
     first, smallest = str(results.recording.values[0]), str(results.analysis.values[0])
-    lines = [done, *unfinished(results, "analyses"), *outcome(results, summary, claims, reported)]
-    sections = [
-        Section("outcome", "Outcome", [Box(lines), _definitions(bool(virtual), len(people) > 1)]),
-        *([Section("figures", "Figures", numbered(shown))] if shown else []),
-        Section("metrics", "Metrics", metrics(summary, results.sizes["bootstrap"]), wide=True),
-        claims_section(claims, CLAIMS, fold=True),
-        Section(
+    lines = [done, *sections.unfinished(results, "analyses"), *outcome(results, summary, claims, reported)]
+    parts = [
+        page.Section("outcome", "Outcome", [page.Box(lines), _definitions(bool(virtual), len(people) > 1)]),
+        *([page.Section("figures", "Figures", sections.numbered(shown))] if shown else []),
+        page.Section("metrics", "Metrics", metrics(summary, results.sizes["bootstrap"]), wide=True),
+        sections.claims_section(claims, CLAIMS, fold=True),
+        page.Section(
             "recordings",
             "Recordings and exclusions",
             [
                 recordings(results, exclusions, reported),
-                Heading("Files and trials", "remarks"),
+                page.Heading("Files and trials", "remarks"),
                 *_remarks(results),
-                *numbered(details, 1 + len(shown)),
+                *sections.numbered(details, 1 + len(shown)),
             ],
             contents="Recordings",
             wide=True,
         ),
-        problems_section(problems(results), "recording or analysis"),
-        methods_section(labels),
-        run_section(results, settings, float(np.nansum(results.seconds.values)), f"{failed} of {draws.size}"),
-        again_section(
+        sections.problems_section(sections.problems(results), "recording or analysis"),
+        sections.methods_section(labels),
+        sections.run_section(results, settings, float(np.nansum(results.seconds.values)), f"{failed} of {draws.size}"),
+        sections.again_section(
             command,
             f'results.estimate.sel(quantity="stiffness", recording="{first}", analysis="{smallest}")  # N·m/rad',
             same="The same files, settings and version give the same numbers, except for computing times.",
         ),
     ]
     title = f"Time-varying joint stiffness of {participants}"
-    write_page(path, Page(title, f"{methods} applied to {recorded}. {KNOWN[known]}", sections, version_of(results)))
+    subtitle = f"{methods} applied to {recorded}. {KNOWN[known]}"
+    page.write_page(path, page.Page(title, subtitle, parts, sections.version_of(results)))
 
 
 def _definitions(known: bool, several: bool) -> str:
@@ -177,29 +140,29 @@ def _definitions(known: bool, several: bool) -> str:
     )
 
 
-def over_participants(values: Array, decimals: int | None) -> Cell:
+def over_participants(values: Array, decimals: int | None) -> page.Cell:
     """Mean ± standard deviation of the values that are there; no deviation of a single one."""
     known = values[np.isfinite(values)]
     if not len(known):
-        return number(math.nan)
+        return page.number(math.nan)
     spread = float(known.std(ddof=1)) if len(known) > 1 else math.nan
-    return number(float(known.mean()), spread, decimals)
+    return page.number(float(known.mean()), spread, decimals)
 
 
-def metrics(summary: pd.DataFrame, bootstraps: int) -> list[Block]:
+def metrics(summary: pd.DataFrame, bootstraps: int) -> list[page.Block]:
     """Metrics of each method, amount of data and perturbation; those of every participant fold away."""
     if not len(summary):
         return ["There is none yet."]
-    blocks: list[Block] = [_metrics(summary, bootstraps, "method")]
+    blocks: list[page.Block] = [_metrics(summary, bootstraps, "method")]
     if summary.participant.nunique() > 1:
-        blocks.append(Fold("Each participant", [_metrics(summary, bootstraps, "participant")]))
+        blocks.append(page.Fold("Each participant", [_metrics(summary, bootstraps, "participant")]))
     return blocks
 
 
-def _metrics(summary: pd.DataFrame, bootstraps: int, each: str) -> Table:
+def _metrics(summary: pd.DataFrame, bootstraps: int, each: str) -> page.Table:
     """Table of metrics for each ``"method"`` over participants, or for each ``"participant"``."""
     alone, several = each == "participant", summary.participant.nunique() > 1
-    names, perturbations = metrics_there(summary, METRICS), unique(summary.perturbation)
+    names, perturbations = sections.metrics_there(summary, METRICS), unique(summary.perturbation)
     heads = [*(["participant"] if alone else []), "method", *(["perturbation"] if len(perturbations) > 1 else [])]
     rows, nothing = [], np.zeros(0)
     by = [*(["participant"] if alone else []), "perturbation", "method", "realizations"]
@@ -207,20 +170,20 @@ def _metrics(summary: pd.DataFrame, bootstraps: int, each: str) -> Table:
         values = {str(name): group.value.to_numpy(dtype=float) for name, group in mine.groupby("metric")}
         first = mine.assign(perturbation=mine.perturbation.map(perturbation_name)).iloc[0]
         drawn, failed = int(mine.realizations.iloc[0]), int(np.nansum(values.get("failed", nothing)))
-        cells: list[Cell | str | float] = [str(first[name]) for name in heads]
-        cells.append(Cell(str(drawn), drawn))
+        cells: list[page.Cell | str | float] = [str(first[name]) for name in heads]
+        cells.append(page.Cell(str(drawn), drawn))
         cells += [over_participants(values.get(name, nothing), METRICS[name][2]) for name in names]
-        cells.append(Cell(f"{failed} of {bootstraps * mine.participant.nunique()}", failed))
-        rows.append(Row(cells))
+        cells.append(page.Cell(f"{failed} of {bootstraps * mine.participant.nunique()}", failed))
+        rows.append(page.Row(cells))
     of = " for each participant" if alone else ", mean ± standard deviation over participants" if several else ""
     one = f"; perturbation: {perturbation_name(perturbations[0])}" if len(perturbations) == 1 else ""
     columns = [
-        *(Column(heading, kind="label") for heading in heads),
-        Column("realizations drawn", kind="number"),
-        *(Column(heading, unit, "number") for heading, unit, _ in (METRICS[name] for name in names)),
-        Column("failed draws", kind="number"),
+        *(page.Column(heading, kind="label") for heading in heads),
+        page.Column("realizations drawn", kind="number"),
+        *(page.Column(heading, unit, "number") for heading, unit, _ in (METRICS[name] for name in names)),
+        page.Column("failed draws", kind="number"),
     ]
-    return Table(
+    return page.Table(
         f"Metrics of each {each}",
         f"Metrics of each method{of}{one}. Click a heading to sort.",
         columns,
@@ -231,7 +194,7 @@ def _metrics(summary: pd.DataFrame, bootstraps: int, each: str) -> Table:
     )
 
 
-def recordings(results: xr.Dataset, exclusions: pd.DataFrame, reported: Reported = MappingProxyType({})) -> Table:
+def recordings(results: xr.Dataset, exclusions: pd.DataFrame, reported: Reported = MappingProxyType({})) -> page.Table:
     """What became of the realizations of each recording, their means for each perturbation, and the paper's counts."""
     shifts = {
         str(label): 1000 * mine.shift_s[mine.excluded_by == ""].to_numpy(dtype=float)
@@ -241,17 +204,17 @@ def recordings(results: xr.Dataset, exclusions: pd.DataFrame, reported: Reported
     for label in map(str, results.recording.values):
         here = results.sel(recording=label)
         counts = [int(here[name]) for name in ("trials", "trials_left_out", *COUNTS)]
-        rows.append(Row([label, *counts, over_participants(shifts.get(label, np.zeros(0)), 0)]))
+        rows.append(page.Row([label, *counts, over_participants(shifts.get(label, np.zeros(0)), 0)]))
     means, paper = [], []
     for perturbation, chosen in _by_perturbation(results):
         name = perturbation_name(perturbation)
         if chosen.sizes["recording"] > 1:
             values = [chosen[name].values.astype(float) for name in COUNTS]
             cells = [over_participants(each, 1 if np.ptp(each) else 0) for each in values]
-            means.append(Row([f"mean ± SD, {name}", "", "", *cells, ""], total=True))
+            means.append(page.Row([f"mean ± SD, {name}", "", "", *cells, ""], total=True))
         theirs = reported.get(perturbation)
         if theirs and theirs[0] in unique(chosen.recorded.values):
-            paper.append(Row([f"the paper’s, {name}", "10", "", *theirs, ""], total=True))
+            paper.append(page.Row([f"the paper’s, {name}", "10", "", *theirs, ""], total=True))
     caption = (
         "What became of the realizations of each recording. Excluded are those whose alignment to the torque to be "
         "followed takes too large a shift, and those whose component at the task’s frequency or whose low-passed "
@@ -259,9 +222,9 @@ def recordings(results: xr.Dataset, exclusions: pd.DataFrame, reported: Reported
         "deviation, positive where the torque came late."
     )
     headings = ("trials", "trials left out", *COUNTS.values())
-    columns = [Column("recording", kind="label"), *(Column(heading, kind="number") for heading in headings)]
-    columns.append(Column("shift", "ms", "number"))
-    return Table("Recordings and exclusions", caption, columns, [*rows, *means, *paper], narrow=True)
+    columns = [page.Column("recording", kind="label"), *(page.Column(heading, kind="number") for heading in headings)]
+    columns.append(page.Column("shift", "ms", "number"))
+    return page.Table("Recordings and exclusions", caption, columns, [*rows, *means, *paper], narrow=True)
 
 
 def _by_perturbation(results: xr.Dataset) -> list[tuple[str, xr.Dataset]]:
@@ -273,14 +236,14 @@ def _by_perturbation(results: xr.Dataset) -> list[tuple[str, xr.Dataset]]:
     ]
 
 
-def _remarks(results: xr.Dataset) -> list[Block]:
+def _remarks(results: xr.Dataset) -> list[page.Block]:
     """Recordings about which something was remarked, and what."""
     from markupsafe import Markup  # noqa: PLC0415  # only a page needs it
 
-    blocks: list[Block] = []
+    blocks: list[page.Block] = []
     for label, text in zip(results.recording.values, results.remarks.values, strict=True):
         if lines := [line.strip() for line in str(text).splitlines() if line.strip()]:
-            blocks += [Markup("<strong>{}</strong>").format(label), Bullets(lines)]
+            blocks += [Markup("<strong>{}</strong>").format(label), page.Bullets(lines)]
     return blocks or ["Nothing was left out, and there were no warnings."]
 
 
@@ -299,7 +262,7 @@ def outcome(
             f"With {perturbation_name(perturbation)}, {kept} of {of} realizations were kept{paper}."
             f"{_extremes(summary[summary.perturbation == perturbation])}"
         )
-    return [*sentences, *verdicts(claims)]
+    return [*sentences, *sections.verdicts(claims)]
 
 
 def _extremes(rows: pd.DataFrame) -> str:

@@ -16,6 +16,8 @@ from tvsysid.recordings import whole_file
 if TYPE_CHECKING:
     from jinja2 import Template
 
+Kind = Literal["", "number", "label", "long", "verdict"]
+
 
 @dataclass(frozen=True)
 class Cell:
@@ -31,7 +33,12 @@ class Column:
 
     heading: str
     unit: str = ""
-    kind: Literal["", "number", "label", "long", "verdict"] = ""
+    kind: Kind = ""
+
+
+def columns(kinds: Mapping[str, Kind]) -> list[Column]:
+    """Columns without units, by heading and kind."""
+    return [Column(heading, kind=kind) for heading, kind in kinds.items()]
 
 
 @dataclass(frozen=True)

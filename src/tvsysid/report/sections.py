@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, TypedDict
 
@@ -11,15 +10,20 @@ import numpy as np
 
 from tvsysid import __version__
 from tvsysid.figures import Picture
-from tvsysid.figures.results import warnings_of
 from tvsysid.figures.words import count
 from tvsysid.methods import METHODS
-from tvsysid.report.page import Block, Bullets, Code, Column, Figure, Fold, Heading, Row, Section, Table, number
+from tvsysid.report.page import Block, Bullets, Code, Figure, Fold, Heading, Row, Section, Table, columns, number
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+CLAIM = columns(
+    {
+        **{"claim": "long", "verdict": "verdict", "finding": "long"},
+        **{"estimate": "number", "limits": "number", "unit": "", "remark": "long"},
+    }
+)
 SYMBOLS = {"holds": "✓", "does not hold": "✗", "undecided": "?", "not studied": "–"}
 
 
@@ -34,27 +38,17 @@ class Problem(TypedDict):
 
 
 def problems(results: xr.Dataset) -> list[Problem]:
-    """What failed or gave warnings: how often, and the first reason.
+    """What failed or gave warnings in a study: how often, and the first reason.
 
-    Parameters
-    ----------
-    results
-        Of a simulation study or an experiment: ``failure`` and the warnings are empty texts where there is none.
-
-    Returns
-    -------
-    list
-        A dict for each: ``method`` (label of the method, of the analysis, or of a recording of which nothing could be
-        identified), ``kind`` (``"failed"`` or ``"warning"``), ``count`` of how many ``trials``, and the ``first``
-        reason.
+    A dict for each: ``method`` (label of the method, of the analysis, or of a recording of which nothing could be
+    identified), ``kind`` (``"failed"`` or ``"warning"``), ``count`` of how many ``trials``, and the ``first`` reason.
     """
     found: list[Problem] = []
     if "recording" not in results.dims:
         trials = int(results.checksums.any("variable").sum())
         for label in map(str, results.method_key.values):
             for kind, texts in _texts(results, method_key=label):
-                reasons = [str(text) for text in texts.values.ravel() if text]
-                if reasons:
+                if reasons := [str(text) for text in texts.values.ravel() if text]:
                     found.append(_problem(label, kind, reasons, trials))
         return found
     failure = results.failure.transpose("recording", "analysis").values
@@ -66,15 +60,14 @@ def problems(results: xr.Dataset) -> list[Problem]:
     for label in map(str, left.analysis.values):
         for kind, texts in _texts(left, analysis=label):
             pairs = zip(left.recording.values, texts.values, strict=True)
-            reasons = [f"{recording}: {text}" for recording, text in pairs if text]
-            if reasons:
+            if reasons := [f"{recording}: {text}" for recording, text in pairs if text]:
                 found.append(_problem(label, kind, reasons, left.sizes["recording"]))
     return found
 
 
 def _texts(results: xr.Dataset, **where: str) -> Iterator[tuple[str, xr.DataArray]]:
     yield "failed", results.failure.sel(where)
-    yield "warning", warnings_of(results).sel(where)
+    yield "warning", results.warnings.sel(where)
 
 
 def _problem(method: str, kind: str, reasons: list[str], trials: int) -> Problem:
@@ -86,14 +79,9 @@ def problems_section(found: Iterable[Problem], what: str) -> Section:
     rows = [
         Row((each["method"], each["kind"], f"{each['count']} of {each['trials']}", each["first"])) for each in found
     ]
-    columns = (
-        Column(what, kind="label"),
-        Column("what"),
-        Column("how many", kind="number"),
-        Column("first reason", kind="long"),
-    )
+    headings = columns({what: "label", "what": "", "how many": "number", "first reason": "long"})
     caption = "Identifications that failed are left out of the metrics; those that gave a warning count."
-    table = Table("Failures and warnings", caption, columns, rows)
+    table = Table("Failures and warnings", caption, headings, rows)
     blocks = [table] if rows else ["No identification failed, and none gave a warning."]
     return Section("problems", "Failures and warnings", blocks)
 
@@ -117,16 +105,7 @@ def _claims(label: str, caption: str, claims: pd.DataFrame) -> Table:
         verdict = f"{SYMBOLS.get(claim['verdict'], '')} {claim['verdict']}".strip()
         said = f"{claim['claim']} ({claim['source']})"
         rows.append(Row((said, verdict, claim["finding"], estimate.text, limits, claim["unit"], claim["remark"])))
-    columns = (
-        Column("claim", kind="long"),
-        Column("verdict", kind="verdict"),
-        Column("finding", kind="long"),
-        Column("estimate", kind="number"),
-        Column("limits", kind="number"),
-        Column("unit"),
-        Column("remark", kind="long"),
-    )
-    return Table(label, caption, columns, rows)
+    return Table(label, caption, CLAIM, rows)
 
 
 def verdicts(claims: pd.DataFrame) -> list[str]:
@@ -159,9 +138,9 @@ def run_section(results: xr.Dataset, settings: Mapping[str, Any], seconds: float
     if results.attrs.get("machine"):
         rows.append(("machine", str(results.attrs["machine"])))
     rows += [("computing time", f"{round(seconds):,} s on one core"), ("failed identifications", failed)]
-    columns = (Column("setting"), Column("value"))
     caption = "Settings of the study, and the machine that it ran on."
-    return Section("run", "What was run", [Table("What was run", caption, columns, [Row(row) for row in rows])])
+    table = Table("What was run", caption, columns({"setting": "", "value": ""}), [Row(row) for row in rows])
+    return Section("run", "What was run", [table])
 
 
 def again_section(command: str, selection: str, toml: str = "", same: str = "") -> Section:
@@ -233,8 +212,3 @@ def in_words(value: Any) -> str:
     if value is None:
         return "none"
     return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def finite(value: float) -> float:
-    """Value, or 0 where it is not known."""
-    return value if math.isfinite(value) else 0.0

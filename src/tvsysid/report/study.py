@@ -13,22 +13,7 @@ import tomli_w
 
 from tvsysid.figures import Picture
 from tvsysid.figures.words import TRAITS, count, described, trait
-from tvsysid.report.page import Box, Cell, Column, Page, Row, Section, Table, number, write_page
-from tvsysid.report.sections import (
-    again_section,
-    claims_section,
-    finite,
-    methods_section,
-    metrics_there,
-    numbered,
-    problems,
-    problems_section,
-    run_section,
-    settings_of,
-    unfinished,
-    verdicts,
-    version_of,
-)
+from tvsysid.report import page, sections
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -68,11 +53,11 @@ BEST = {
     "vaf": "highest VAF",
 }
 TRAIT_COLUMNS = {
-    "profile": Column("stiffness"),
-    "perturbation": Column("perturbation"),
-    "duration_s": Column("data (s)", kind="number"),
-    "snr_db": Column("signal-to-noise (dB)", kind="number"),
-    "viscosity": Column("viscosity"),
+    "profile": page.Column("stiffness"),
+    "perturbation": page.Column("perturbation"),
+    "duration_s": page.Column("data (s)", kind="number"),
+    "snr_db": page.Column("signal-to-noise (dB)", kind="number"),
+    "viscosity": page.Column("viscosity"),
 }
 USUAL = {"profile": "square", "duration_s": 150.0, "snr_db": 10.0, "viscosity": "constant"}
 METRICS = (
@@ -104,18 +89,16 @@ def write_report(
     ----------
     path
         Of the file, which appears whole or not at all.
-    results
-        As of :func:`tvsysid.study.run`.
-    summary
-        Of these results.
+    results, summary
+        As of :func:`tvsysid.study.run`, and of :func:`tvsysid.study.summarize`.
     claims
         What the paper says and whether it holds here; may have no rows.
     pictures
         As of :func:`tvsysid.figures.draw_all`.
     command
-        What was typed to run the study; the page says nothing of it if empty.
+        What was typed to run the study, if it is to be mentioned.
     """
-    sizes, study = results.sizes, settings_of(results, "study")
+    sizes, study = results.sizes, sections.settings_of(results, "study")
     failure = results.failure.values[results.checksums.values.any(axis=-1)]
     failed = int(np.count_nonzero(failure != ""))
     methods, scenarios = (count(sizes[dim], word) for dim, word in (("method_key", "method"), ("scenario", "scenario")))
@@ -127,16 +110,16 @@ def write_report(
     seconds = float(results.seconds.sum() + results.stage_seconds.sum())
     main = main_scenario(traits_of(results))
     nameless = any(OBJECT.fullmatch(label) for label in study.get("methods", ()))
-    lines = [done, *unfinished(results, "trials"), *outcome(results, summary, claims)]
-    sections = [
-        Section("outcome", "Outcome", [Box(lines), METRICS]),
-        run_section(results, settings, seconds, f"{failed} of {failure.size}"),
-        Section("ranking", "Ranking", [ranking(results, summary)], wide=True),
-        *([Section("figures", "Figures", numbered(pictures))] if pictures else []),
-        claims_section(claims, CLAIMS),
-        methods_section(map(str, results.method_key.values)),
-        problems_section(problems(results), "method"),
-        again_section(
+    lines = [done, *sections.unfinished(results, "trials"), *outcome(results, summary, claims)]
+    parts = [
+        page.Section("outcome", "Outcome", [page.Box(lines), METRICS]),
+        sections.run_section(results, settings, seconds, f"{failed} of {failure.size}"),
+        page.Section("ranking", "Ranking", [ranking(results, summary)], wide=True),
+        *([page.Section("figures", "Figures", sections.numbered(pictures))] if pictures else []),
+        sections.claims_section(claims, CLAIMS),
+        sections.methods_section(map(str, results.method_key.values)),
+        sections.problems_section(sections.problems(results), "method"),
+        sections.again_section(
             command,
             f'results.estimate.sel(scenario="{main}", quantity="stiffness")  # over trial, method_key and time',
             "" if nameless else tomli_w.dumps(study),
@@ -144,7 +127,7 @@ def write_report(
     ]
     title = "Comparison of time-varying identification methods"
     subtitle = f"How well {methods} found the stiffness of a simulated joint, whose true stiffness is known."
-    write_page(path, Page(title, subtitle, sections, version_of(results)))
+    page.write_page(path, page.Page(title, subtitle, parts, sections.version_of(results)))
 
 
 def traits_of(results: xr.Dataset) -> dict[str, dict[str, Any]]:
@@ -160,20 +143,20 @@ def main_scenario(traits: Mapping[str, Mapping[str, Any]]) -> str:
     return max(traits, key=lambda label: sum(traits[label][name] == usual for name, usual in USUAL.items()))
 
 
-def ranking(results: xr.Dataset, summary: pd.DataFrame) -> Table:
+def ranking(results: xr.Dataset, summary: pd.DataFrame) -> page.Table:
     """Metrics of every method in every scenario, those with the lowest total error first within a scenario."""
     traits = traits_of(results)
     varying = [name for name in TRAITS if len({each[name] for each in traits.values()}) > 1]
     table = summary.set_index(["scenario", "method", "metric"]).sort_index()
-    metrics = metrics_there(summary, RANKED)
+    metrics = sections.metrics_there(summary, RANKED)
     rows = []
     for label, each in traits.items():
         mine = []
         for method in map(str, results.method_key.values):
             cells = {name: _cell(table, label, method, name) for name in metrics}
-            total = cells.get("total_error", Cell("", None)).value
+            total = cells.get("total_error", page.Cell("", None)).value
             texts = [_trait(name, each[name]) for name in varying]
-            mine.append((math.inf if total is None else total, Row((method, *texts, *cells.values()), label)))
+            mine.append((math.inf if total is None else total, page.Row((method, *texts, *cells.values()), label)))
         rows += [row for _, row in sorted(mine, key=lambda pair: pair[0])]
     shared = described(traits[next(iter(traits))], [name for name in TRAITS if name not in varying])
     caption = (
@@ -181,30 +164,30 @@ def ranking(results: xr.Dataset, summary: pd.DataFrame) -> Table:
         f"heading to sort.{f' The same in all: {shared}.' if shared else ''}"
     )
     columns = [
-        Column("method", kind="label"),
+        page.Column("method", kind="label"),
         *(TRAIT_COLUMNS[name] for name in varying),
-        *(Column(heading, unit, "number") for heading, unit, _ in (RANKED[name] for name in metrics)),
+        *(page.Column(heading, unit, "number") for heading, unit, _ in (RANKED[name] for name in metrics)),
     ]
     groups = {label: described(each) for label, each in traits.items()}
-    return Table(
+    return page.Table(
         "Ranking of methods", caption, columns, rows, "ranking-table", True, groups=groups, chosen=main_scenario(traits)
     )
 
 
-def _trait(name: str, value: Any) -> Cell | str:
+def _trait(name: str, value: Any) -> page.Cell | str:
     """Trait as it stands under its heading."""
     if TRAIT_COLUMNS[name].kind == "number":
-        return Cell(f"{value:g}", value)
+        return page.Cell(f"{value:g}", value)
     return trait(name, value).removeprefix("b ")
 
 
-def _cell(table: pd.DataFrame, *key: str) -> Cell:
+def _cell(table: pd.DataFrame, *key: str) -> page.Cell:
     """A metric of one scenario and method, times in ms."""
     if key not in table.index:
-        return number(math.nan)
+        return page.number(math.nan)
     value, error = table[["value", "standard_error"]].to_numpy(dtype=float)[table.index.get_loc(key)]
     factor = 1000 if key[-1] == "seconds" else 1
-    return number(factor * value, factor * error, RANKED[key[-1]][2])
+    return page.number(factor * value, factor * error, RANKED[key[-1]][2])
 
 
 def outcome(results: xr.Dataset, summary: pd.DataFrame, claims: pd.DataFrame) -> list[str]:
@@ -216,7 +199,7 @@ def outcome(results: xr.Dataset, summary: pd.DataFrame, claims: pd.DataFrame) ->
         rows = here[(here.metric == name) & here.value.notna()].sort_values("value", ascending=name != "vaf")
         if len(rows) > 1:
             first: Any = rows.iloc[0]
-            value = number(float(first.value), float(first.standard_error), RANKED[name][2]).text
+            value = page.number(float(first.value), float(first.standard_error), RANKED[name][2]).text
             parts.append(f"{first.method} has the {words} ({value} {first.unit}){_runner_up(first, rows.iloc[1])}")
     if parts:
         sentences.append(f"With {described(traits[label])}: {'; '.join(parts)}.")
@@ -225,11 +208,11 @@ def outcome(results: xr.Dataset, summary: pd.DataFrame, claims: pd.DataFrame) ->
         best = total.loc[total.groupby("scenario", sort=False).value.idxmin()].method.value_counts()
         wins = ", ".join(f"{method} in {times}" for method, times in best.items())
         sentences.append(f"Of all {len(traits)} scenarios the total error is lowest for {wins}.")
-    return [*sentences, *verdicts(claims)]
+    return [*sentences, *sections.verdicts(claims)]
 
 
 def _runner_up(first: Any, second: Any) -> str:
-    noise = math.hypot(finite(float(first.standard_error)), finite(float(second.standard_error)))
+    noise = float(np.hypot(*np.nan_to_num([float(each.standard_error) for each in (first, second)])))
     if abs(float(second.value) - float(first.value)) <= 2 * noise:
         return f", though not clearly {'lower' if first.value <= second.value else 'higher'} than {second.method}"
     return ""

@@ -20,8 +20,7 @@ from tvsysid.methods.plugins import (
     typed,
 )
 from tvsysid.methods.sds import ShortDataSegments
-from tvsysid.methods.tuning.evidence import Evidence
-from tvsysid.methods.tuning.tuning import Tuned
+from tvsysid.methods.tuning.evidence import Evidence, Tuned
 
 __all__ = [
     "METHODS",

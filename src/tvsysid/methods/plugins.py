@@ -28,7 +28,7 @@ from tvsysid.methods.eirf import EnsembleIRF
 from tvsysid.methods.esm import EnsembleSpectral
 from tvsysid.methods.kbr.kbr import KernelRegression
 from tvsysid.methods.sds import ShortDataSegments
-from tvsysid.methods.tuning.tuning import Tuned
+from tvsysid.methods.tuning.evidence import Tuned
 from tvsysid.numerics.bases import BASES, Basis, basis_from_text
 
 METHODS: dict[str, type[Method]] = {

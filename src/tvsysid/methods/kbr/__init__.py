@@ -9,22 +9,5 @@ from tvsysid.methods.tuning.evidence import Evidence
 from tvsysid.models import Diagnostics
 from tvsysid.numerics.gaussian import Fit, fit
 
-__all__ = [
-    "DEGREES",
-    "ENDLESS",
-    "LARGEST",
-    "VISIBLE",
-    "Diagnostics",
-    "Evidence",
-    "Fit",
-    "Kernel",
-    "KernelModel",
-    "Record",
-    "Search",
-    "Tried",
-    "common_phase",
-    "fit",
-    "lagged",
-    "mean_features",
-    "with_zeros",
-]
+__all__ = ["ENDLESS", "VISIBLE", "Kernel", "KernelModel", "Tried", "common_phase", "mean_features", "with_zeros"]
+__all__ += ["DEGREES", "LARGEST", "Diagnostics", "Evidence", "Fit", "Record", "Search", "fit", "lagged"]

@@ -52,11 +52,9 @@ Preset = Literal["simulation", "experiment"]
 PRESETS: dict[str, dict[str, float]] = {
     "simulation": {"length_periodic": math.exp(-2), "length_decay": ENDLESS, "gamma": 4.5},
     "experiment": {"length_periodic": math.exp(-1), "length_decay": 30.0, "gamma": 13.8},
-}
-"""The paper's settings for its simulated (section 3.2.5) and its experimental study (section 4.2)."""
+}  # The paper's settings for its simulated (section 3.2.5) and its experimental study (section 4.2).
 
-GUESS = 1e-2
-"""Share of the torque's power that the noise is taken to have at least, until it is known."""
+GUESS = 1e-2  # share of the torque's power that the noise is taken to have at least, until it is known
 
 
 @dataclass(frozen=True)
@@ -80,7 +78,7 @@ class KernelRegression(Method):
     length_periodic
         l1: smoothness within a period; larger is smoother. It has no unit, although the paper prints seconds.
     length_decay
-        l2 in s: time over which periods come to differ.
+        l2 in s: time over which periods come to differ. From 20 record lengths on, the kernel is strictly periodic.
     gamma
         Prior variance about their means of stiffness, viscosity and inertia, or one number for all three, **angles
         counted in degrees**: (N·m/deg)², (N·m·s/deg)² and (N·m·s²/deg)². The paper gives one, without a unit. In
@@ -93,37 +91,29 @@ class KernelRegression(Method):
         for a spring. A third derivative has no name in an impedance and is not offered. With a lower order the last
         gammas do not count.
     lag
-        a_1 in s: a first-order lag that the torque has behind what the joint does, as a sensor or a filter makes it;
-        0 for none (Na = 0). It does not change.
+        a_1 in s: a constant first-order lag of the torque behind what the joint does, as a sensor or a filter makes it;
+        0 for none (Na = 0).
 
-    Notes
-    -----
-    The lag is fitted as output error, since an equation error with the derivative of a noisy torque is biased: the
-    angle passes the lag (:func:`tvsysid.numerics.lowpass.low_pass`), and the impedance of what comes out is that of the
-    joint,
-
-    .. math:: y = \sum_m b_m(t)\,\left(\frac{\theta}{1 + a_1 s}\right)^{(m)} - f_{ext}(t)
-
-    This takes the lag and the change of b in the other order, which errs by about :math:`a_1 \dot b_m / b_m` as a share
-    of each term. :meth:`tuned` finds order and lag by evidence.
+    Notes ----- The lag is fitted as output error, since an equation error with the derivative of a noisy torque is
+    biased: the angle passes the lag (:func:`tvsysid.numerics.lowpass.low_pass`), and the impedance of what comes out is
+    that of the joint. This takes the lag and the change of b in the other order, which errs by about
+    :math:`a_1 \dot b_m / b_m` as a share of each term. :meth:`tuned` finds order and lag by evidence.
 
     The kernel is used in a low-rank form: Fourier series with known variances times eigenfunctions of the decay
     (:mod:`tvsysid.numerics.kernels`), which makes the problem a ridge regression with some 110 unknowns. Where a run
     holds whole periods, a product with a harmonic is a shift in frequency, so that only the signals times the
-    eigenfunctions are ever transformed.
+    eigenfunctions are ever transformed. The cost grows with the cube of the record where the decay is short against it:
+    600 s at 30 s take 3800 coefficients and some 10 s.
 
-    From a decay of 20 record lengths on, the kernel is taken as strictly periodic, as the paper's 120 000 s is meant.
-    The kernel itself then falls by under 0.25 % over the record; but with gamma in degrees even that lets inertia
-    drift freely, and the dense solution with the decay kept differs by up to 1 N·m/rad of stiffness for 20 s of data.
+    The paper's decay of 120 000 s is meant as none. The kernel itself falls by under 0.25 % over 1/20 of the decay; but
+    with gamma in degrees even that lets inertia drift freely, and the dense solution with the decay kept differs by up
+    to 1 N·m/rad of stiffness for 20 s of data.
 
     The external term is a sum of five half-cosines over a run, with the torque's variance as prior variance each.
 
-    What cannot reach a small share of the noise in the torque is left out (:data:`VISIBLE`), for each coefficient by
-    its own signal: of a gamma that inertia and stiffness have in common, inertia needs some twice as many features. Of
-    their coefficients the prior is all that is known. It changes stiffness by some 1e-3 N·m/rad.
-
-    Its cost grows with the cube of the record where the decay is short against it: of 600 s at 30 s there are 3800
-    coefficients, which take some 10 s.
+    What cannot reach a small share of the noise in the torque is left out, for each coefficient by its own signal: of a
+    gamma that inertia and stiffness have in common, inertia needs some twice as many features. Of their coefficients
+    the prior is all that is known. It changes stiffness by some 1e-3 N·m/rad.
 
     The noise variance is estimated from the residual, with the effective number of parameters taken off. The
     diagnostics' ``second_order_agreement`` says how much of the torque that answers to the angle a model of order 2
@@ -178,15 +168,7 @@ class KernelRegression(Method):
 
     @classmethod
     def preset(cls, name: Preset, **settings: Any) -> Self:
-        """Return the paper's settings for the ``"simulation"`` (the default) or the ``"experiment"``.
-
-        Parameters
-        ----------
-        name
-            Which.
-        **settings
-            Settings that differ.
-        """
+        """Return the paper's settings for the ``"simulation"`` (the default) or the ``"experiment"``, but for some."""
         if name not in PRESETS:
             listed = ", ".join(repr(known) for known in PRESETS)
             raise InputError(f"KernelRegression: preset must be one of {listed}; got {name!r}")
@@ -244,20 +226,17 @@ class KernelRegression(Method):
 
     def _fit(self, record: Record, kernel: Kernel) -> tuple[Fit, NDArray[np.bool_]]:
         """Fit the coefficients that the data can see, and say which these are, shape (coefficient, column)."""
-        stacks, rate = record.stacks, record.rate
-        size = sum(run.torque.size for run in stacks)
-        powers = record.powers
-        power = sum(float(np.vdot(run.torque, run.torque)) for run in stacks)
-        bins = max(1.0, size * min(self.band[1] / rate, 0.5))
-        noise = GUESS * 0.5 * power / bins
+        size, powers = record.size, record.powers
+        bins = max(1.0, size * min(self.band[1] / record.rate, 0.5))
+        noise = GUESS * 0.5 * record.power / bins
         while True:
             kept = kernel.visible(self._gammas * powers, VISIBLE * noise)
             count = int(kept.sum())
             if 8 * count**2 > LARGEST:
                 raise InputError(
                     f"KernelRegression: a decay of {self.length_decay:g} s over a record of "
-                    f"{size / rate:g} s needs {count} coefficients, too many to solve for; give fewer realizations or "
-                    "a longer length_decay"
+                    f"{size / record.rate:g} s needs {count} coefficients, too many to solve for; give fewer "
+                    "realizations or a longer length_decay"
                 )
             precision = np.outer(1 / self._gammas, kernel.precision)[kept]
             found = fit(record.statistics(kernel, kept), precision, record.weak_prior)
@@ -277,8 +256,7 @@ class KernelRegression(Method):
     ) -> PosteriorErrors:
         """Standard errors of the coefficients' sums over features (time, column).
 
-        The posterior takes the noise as as strong as it is in the mean over the band that was fitted. What the model
-        has not was not estimated, and has no random error.
+        The posterior takes the noise to be as strong as in the mean over the band that was fitted.
         """
         columns, rate = features.shape[1], ensemble.sampling_rate
         parts = [slice(first, first + columns) for first in range(0, len(covariance), columns)]
@@ -297,10 +275,10 @@ class KernelRegression(Method):
         )
 
     def _evidence(self, ensemble: Ensemble, seed: int) -> Evidence:
-        """Marginal likelihood: of l1, gammas and decays, then of other orders and lags.
+        """Marginal likelihood: of l1, gammas and decays, then of other orders and lags; nothing is drawn at random.
 
         Noise that is not white in the band makes a record worth less than as many independent numbers, as what the
-        settings given leave shows, without decay. ``seed`` is not needed: all starts are fixed.
+        settings given leave shows, without decay.
         """
         noise, share = self._noise(ensemble)
         gammas = np.broadcast_to(np.asarray(self.gamma, dtype=np.float64), 3)
@@ -327,7 +305,7 @@ class KernelRegression(Method):
 
 
 def _agreement(model: KernelModel, ensemble: Ensemble, left: Array) -> float:
-    """How much of the torque that answers to the angle, lagged if the model has a lag, it explains, in per cent.
+    """How much of the torque that answers to the (lagged) angle the model explains, in per cent.
 
     ``left`` is what the mean impedance leaves of the torque.
     """

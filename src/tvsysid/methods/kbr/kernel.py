@@ -13,29 +13,18 @@ from tvsysid.numerics.kernels import TOLERANCE, DecayFeatures, harmonic_features
 
 Array = NDArray[np.float64]
 
-ENDLESS = 120_000.0
-"""Decay in s that stands for none: the paper's for its simulated study."""
-VISIBLE = 0.03
-"""Share of the noise that a feature's part of the torque must be able to reach to be fitted at all."""
-STRICT = 20.0
-"""Length of the decay, in lengths of the record, from which on the kernel is taken as strictly periodic."""
+ENDLESS = 120_000.0  # decay in s that stands for none: the paper's for its simulated study
+VISIBLE = 0.03  # share of the noise that a feature's part of the torque must be able to reach to be fitted at all
+STRICT = 20.0  # length of the decay, in lengths of the record, from which on the kernel is taken as strictly periodic
 
 
 @dataclass(frozen=True, eq=False)
 class Kernel:
     """Features of the locally periodic kernel: products of a harmonic of the period and a slow function of time.
 
-    Parameters
-    ----------
-    period
-        In s.
-    decay
-        The slow functions beside the constant; None where the kernel is strictly periodic.
-    products
-        Harmonic, part (0 for cosine, 1 for sine) and slow function of each column. The first column is the constant
-        without prior.
-    precision
-        Prior precision of each column for gamma = 1, shape (column,); 0 for the first.
+    ``decay`` gives the slow functions beside the constant, None where the kernel is strictly periodic. ``products`` are
+    harmonic, part (0 for cosine, 1 for sine) and slow function of each column, ``precision`` (column,) its prior
+    precision for gamma = 1. The first column is the constant without prior, 0.
     """
 
     period: float
@@ -83,14 +72,9 @@ class Kernel:
         return constant if self.decay is None else np.concatenate([constant, self.decay(clock).T])
 
     def visible(self, power: Array, noise: float) -> NDArray[np.bool_]:
-        """Features whose part of the torque may reach a share of the noise, shape (signal, column).
+        """Features that may reach a ``noise``, as a sum of squares, in the torque, shape (signal, column).
 
-        Parameters
-        ----------
-        power
-            Prior variance of each signal's coefficient times the signal's summed squares, shape (signal,).
-        noise
-            That share, as a sum of squares.
+        ``power`` (signal,) is the prior variance of a signal's coefficient times its summed squares.
         """
         with np.errstate(divide="ignore"):
             return np.asarray(np.outer(power, 1 / self.precision) >= noise)
@@ -99,7 +83,7 @@ class Kernel:
         """Features at times in s: of the periodic behaviour, and of the record; shape (time, column)."""
         periodic = harmonic_features(phase, self.period, self.harmonics)
         slow = self.slow_features(clock)
-        place, slowness = self._places
+        place, slowness = self.places
         return np.asarray(periodic[:, place] * slow[slowness].T)
 
     def combined(self, phase: Array, clock: Array, coefficients: Array) -> Array:
@@ -107,13 +91,13 @@ class Kernel:
         of_signals = coefficients.reshape(-1, self.columns)
         slow = 1 if self.decay is None else 1 + len(self.decay.variances)
         weights = np.zeros((2 * self.harmonics + 1, len(of_signals), slow))
-        place, slowness = self._places
+        place, slowness = self.places
         weights[place, :, slowness] = of_signals.T
         of_harmonics = np.tensordot(self.slow_features(clock), weights, axes=(0, 2))  # (time, harmonic, signal)
         return np.asarray(np.einsum("th,thm->tm", harmonic_features(phase, self.period, self.harmonics), of_harmonics))
 
     @cached_property
-    def _places(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def places(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Column of :func:`harmonic_features` and row of :meth:`slow_features` that make each feature."""
         harmonic, part, slowness = np.array(self.products).T
         return np.maximum(0, 2 * harmonic - 1 + part), slowness

@@ -16,12 +16,9 @@ from tvsysid.numerics.kernels import log_harmonic_variances
 
 Array = NDArray[np.float64]
 
-LENGTHS = np.geomspace(0.002, 30.0, 12)
-"""Periodic lengths of which a tuned one is the best."""
-NOISES = 20
-"""Steps of the noise variance at most, for settings that are given."""
-FAINT = 1e-7
-"""Share of the noise below which a feature's part of the torque does not count in the likelihood."""
+LENGTHS = np.geomspace(0.002, 30.0, 12)  # periodic lengths of which a tuned one is the best
+NOISES = 20  # steps of the noise variance at most, for settings that are given
+FAINT = 1e-7  # share of the noise below which a feature's part of the torque does not count in the likelihood
 
 
 class Tried(NamedTuple):
@@ -56,7 +53,7 @@ class Tried(NamedTuple):
 class Likelihood(NamedTuple):
     r"""Log marginal likelihood as a function of the logs of l1, three gammas and the noise variance.
 
-    For one order, lag and decay, and so that others can be compared with them:
+    For one order, lag and decay (in s), and so that others can be compared with them:
 
     .. math:: \log p + \log \pi(\hat b) - \tfrac12 (M + 1 + L) \log N
 
@@ -65,18 +62,8 @@ class Likelihood(NamedTuple):
     the price of what is fitted by its maximum and is not common to all models: M + 1 gammas, and a lag (L = 1) unless
     it is 0. Within an order and lag the last two are constant.
 
-    Parameters
-    ----------
-    statistics
-        Of N numbers, the external terms eliminated.
-    coefficient, harmonic
-        Derivative and harmonic of each column, shape (column,).
-    fixed
-        Columns without prior, shape (column,).
-    noise
-        Noise variance about which the terms were eliminated, and of which the prior of the constants is.
-    lag, decay
-        In s.
+    ``statistics`` are of N numbers, the external terms eliminated about the ``noise`` variance, of which also the prior
+    of the constants is. ``coefficient`` and ``harmonic`` are those of each column; the ``fixed`` ones have no prior.
     """
 
     statistics: Statistics

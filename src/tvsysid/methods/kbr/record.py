@@ -24,26 +24,25 @@ from tvsysid.signals import Ensemble
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
+Chosen = NDArray[np.bool_]
 
 DEGREES = math.degrees(1.0)
-BLOCK = 2048
-"""Frequencies whose regressors are held at once."""
-STACK = 32
-"""Runs of one length that are transformed together."""
-EXTERNAL_TERMS = 5
-"""Half-cosines over a run, the fastest of two cycles, that make up the smooth external term."""
-LARGEST = 2**31
-"""Bytes above which regressors, or their Gram matrix, are refused."""
+BLOCK = 2048  # frequencies whose regressors are held at once
+STACK = 32  # runs of one length that are transformed together
+EXTERNAL_TERMS = 5  # half-cosines over a run, the fastest of two cycles, that make up the smooth external term
+LARGEST = 2**31  # bytes above which regressors, or their Gram matrix, are refused
 
 
 class Run(NamedTuple):
     """Unbroken stretches of record of one length: angle and its derivatives (in degrees), torque, and when they were.
 
-    ``signals`` (derivative, run, time), ``torque`` (run, time); ``phase`` and ``clock`` (run,) in s at its start.
+    ``signals`` (derivative, run, time), ``torque`` (run, time), ``rate`` in Hz; ``phase`` and ``clock`` (run,), the
+    time in s at the start, since the trial's time 0 and on the record's clock.
     """
 
     signals: Array
     torque: Array
+    rate: float
     phase: Array
     clock: Array
 
@@ -51,59 +50,54 @@ class Run(NamedTuple):
     def of(cls, ensemble: Ensemble, realizations: NDArray[np.int64], clock: float, order: int) -> Run:
         """Join realizations that follow each other; the derivatives use the context at both ends, or lose samples."""
         assert ensemble.onsets is not None
-        used = min(ensemble.context, HALF_WIDTH)
-        start, stop = ensemble.core.start, ensemble.core.stop
+        rate, used = ensemble.sampling_rate, min(ensemble.context, HALF_WIDTH)
         lost = HALF_WIDTH - used
-        torque = ensemble.torque[realizations, start:stop].ravel()
+        torque = ensemble.torque[realizations, ensemble.core].ravel()
         torque = torque[lost : len(torque) - lost]
         signals = np.zeros((order + 1, 0))
         if len(torque):
-            signals = differentiate(_joined(ensemble, realizations, used), ensemble.sampling_rate)[: order + 1]
+            signals = differentiate(_joined(ensemble, realizations, used), rate)[: order + 1]
             signals *= DEGREES
-        shift = lost / ensemble.sampling_rate
-        onset = float(ensemble.onsets[realizations[0]])
-        return cls(signals[:, None], torque[None], np.array([onset + shift]), np.array([clock + shift]))
+        times = (np.array([onset + lost / rate]) for onset in (float(ensemble.onsets[realizations[0]]), clock))
+        return cls(signals[:, None], torque[None], rate, *times)
 
-    def bins(self, band: tuple[float, float], rate: float) -> tuple[int, int]:
+    def bins(self, band: tuple[float, float]) -> tuple[int, int]:
         """First frequency in the band, and the one after the last."""
         count = self.torque.shape[1]
-        low = math.ceil(band[0] * count / rate - 1e-9)
-        return low, min(math.floor(band[1] * count / rate + 1e-9), count // 2) + 1
+        low = math.ceil(band[0] * count / self.rate - 1e-9)
+        return low, min(math.floor(band[1] * count / self.rate + 1e-9), count // 2) + 1
 
-    def in_band(self, kernel: Kernel, kept: NDArray[np.bool_], low: int, high: int, rate: float) -> Iterator[Block]:
-        """Fourier coefficients of the regressors kept, shape (column, run, bin), in blocks of frequencies.
+    def in_band(self, kernel: Kernel, kept: Chosen, low: int, high: int) -> Iterator[tuple[int, ComplexArray]]:
+        """Regressors kept (column, run, bin), in blocks of frequencies, and the first bin of each.
 
         In blocks, so that memory does not grow with the record times the columns.
         """
         count = self.torque.shape[1]
-        periods = count / rate / kernel.period
+        periods = count / self.rate / kernel.period
         shift = round(periods)
         whole = abs(periods - shift) < 1e-9 * periods and high - 1 + kernel.harmonics * shift <= count // 2
-        yield from (self._shifted if whole else self._transformed)(kernel, kept, low, high, rate)
+        return (self._shifted if whole else self._transformed)(kernel, kept, low, high)
 
-    def _shifted(self, kernel: Kernel, kept: NDArray[np.bool_], low: int, high: int, rate: float) -> Iterator[Block]:
+    def _shifted(self, kernel: Kernel, kept: Chosen, low: int, high: int) -> Iterator[tuple[int, ComplexArray]]:
         """Products with harmonics as shifts in frequency: exact where the run holds whole periods."""
         runs, count = self.torque.shape
-        shift = round(count / rate / kernel.period)
+        shift = round(count / self.rate / kernel.period)
         reach = kernel.harmonics * shift
         below = max(0, reach - low)
-        slow = self._slow(kernel, rate)
+        slow = self._slow(kernel)
         used = _slow_used(kernel, kept)
-        root = 1 / math.sqrt(count)
 
         def reaching(x: Array) -> ComplexArray:
             """Spectra from bin low - reach to high + reach."""
             spectrum = rfft(x)
             ends = spectrum[..., below:0:-1].conj(), spectrum[..., max(0, low - reach) : high + reach]
-            return np.asarray(np.concatenate(ends, axis=-1) * root, dtype=np.complex128)
+            return np.asarray(np.concatenate(ends, axis=-1) * (1 / math.sqrt(count)), dtype=np.complex128)
 
-        # The constant, which comes first, needs no product.
+        # The constant, which comes first, needs no product. Shape (slow function, run, bin) for each signal.
         spectra = [
             np.concatenate([reaching(signal)[None], reaching(signal * slow[1 : 1 + most])])
-            if most
-            else reaching(signal)[None]
             for signal, most in zip(self.signals, used.max(axis=1), strict=True)
-        ]  # (slow function, run, bin) of each signal
+        ]
         first = 0 if kernel.decay is None else 1
         harmonics = np.arange(kernel.harmonics + 1)
         turns = 0.5 * np.exp(2j * np.pi * np.outer(harmonics, self.phase) / kernel.period)[:, :, None]
@@ -117,21 +111,19 @@ class Run(NamedTuple):
                 out[row : row + constant] = spectrum[:constant, :, centre : centre + bins]
                 row += constant
                 for harmonic in harmonics[1:]:
-                    functions = slice(first, first + counts[harmonic])
                     many = counts[harmonic]
+                    functions = spectrum[first : first + many]
                     up, down = centre - harmonic * shift, centre + harmonic * shift
-                    below_it = spectrum[functions, :, up : up + bins] * turns[harmonic]
-                    above_it = spectrum[functions, :, down : down + bins] * turns[harmonic].conj()
+                    below_it = functions[:, :, up : up + bins] * turns[harmonic]
+                    above_it = functions[:, :, down : down + bins] * turns[harmonic].conj()
                     np.add(below_it, above_it, out=out[row : row + many])
                     sine = out[row + many : row + 2 * many]
                     np.subtract(above_it, below_it, out=sine)
                     sine *= 1j
                     row += 2 * many
-            yield Block(start - low, out)
+            yield start - low, out
 
-    def _transformed(
-        self, kernel: Kernel, kept: NDArray[np.bool_], low: int, high: int, rate: float
-    ) -> Iterator[Block]:
+    def _transformed(self, kernel: Kernel, kept: Chosen, low: int, high: int) -> Iterator[tuple[int, ComplexArray]]:
         """Products with any features, each transformed."""
         runs, count = self.torque.shape
         columns = int(kept.sum())
@@ -141,22 +133,20 @@ class Run(NamedTuple):
                 f"KernelRegression: {columns} regressors over {high - low} frequencies would take "
                 f"{size / 2**30:.1f} GiB; give realizations of whole periods, fewer of them, or a longer length_decay"
             )
-        slow = self._slow(kernel, rate)
-        index = np.arange(count) / rate
+        slow = self._slow(kernel)
+        index = np.arange(count) / self.rate
         periodic = np.stack([harmonic_features(phase + index, kernel.period, kernel.harmonics) for phase in self.phase])
-        out, row = np.empty((columns, runs, high - low), dtype=np.complex128), 0
-        for signal, mask in zip(self.signals, kept, strict=True):
-            for column in np.flatnonzero(mask):
-                harmonic, part, slowness = kernel.products[column]
-                feature = periodic[:, :, max(0, 2 * harmonic - 1 + part)] * slow[slowness]
-                out[row] = rfft(signal * feature)[:, low:high]
-                row += 1
+        place, slowness = kernel.places
+        out = np.empty((columns, runs, high - low), dtype=np.complex128)
+        for row, (signal, column) in enumerate(np.argwhere(kept)):
+            feature = periodic[:, :, place[column]] * slow[slowness[column]]
+            out[row] = rfft(self.signals[signal] * feature)[:, low:high]
         out /= math.sqrt(count)
-        yield Block(0, out)
+        yield 0, out
 
-    def _slow(self, kernel: Kernel, rate: float) -> Array:
+    def _slow(self, kernel: Kernel) -> Array:
         """Slow functions over each run, shape (function, run, time)."""
-        clock = self.clock[:, None] + np.arange(self.torque.shape[1]) / rate
+        clock = self.clock[:, None] + np.arange(self.torque.shape[1]) / self.rate
         return kernel.slow_features(clock.ravel()).reshape(-1, *clock.shape)
 
 
@@ -183,10 +173,7 @@ def _joined(ensemble: Ensemble, realizations: NDArray[np.int64], context: int) -
 
 
 class Record(NamedTuple):
-    """A record in ``stacks`` of unbroken runs, its first and last time ``start`` and ``stop`` in s, and its ``rate``.
-
-    The fit is to frequencies in the ``band``, in Hz.
-    """
+    """A record in ``stacks`` of unbroken runs, from ``start`` to ``stop`` in s; its ``band`` in Hz is fitted."""
 
     stacks: list[Run]
     start: float
@@ -196,15 +183,9 @@ class Record(NamedTuple):
 
     @classmethod
     def of(cls, ensemble: Ensemble, band: tuple[float, float], order: int) -> Record:
-        """With derivatives of the angle up to an order.
-
-        Raises
-        ------
-        InputError
-            If nothing is left between the ends that the derivatives need, or within the band.
-        """
-        rate = ensemble.sampling_rate
-        runs = [Run.of(ensemble, realizations, clock, order) for realizations, clock in runs_of(ensemble)]
+        """With derivatives of the angle up to an order; raises if they, or the band, leave nothing."""
+        rate, clocks = ensemble.sampling_rate, clocks_of(ensemble)
+        runs = [Run.of(ensemble, joined, float(clocks[joined[0]]), order) for joined in ensemble.runs]
         runs = [run for run in runs if run.torque.shape[1] >= 2]
         if not runs or band[0] >= rate / 2:
             raise InputError(
@@ -213,7 +194,7 @@ class Record(NamedTuple):
                 f"{band[0]:g} to {band[1]:g} Hz; give context, longer realizations or a lower band"
             )
         stop = max(run.clock.max() + run.torque.shape[1] / rate for run in runs)
-        return cls(list(stacked(runs)), min(run.clock.min() for run in runs), stop, rate, band)
+        return cls(list(_stacked(runs)), min(run.clock.min() for run in runs), stop, rate, band)
 
     def kernel(self, period: float, l1: float, l2: float = math.inf) -> Kernel:
         """Features that matter over the record."""
@@ -223,35 +204,64 @@ class Record(NamedTuple):
         """Record without the higher derivatives."""
         return self._replace(stacks=[run._replace(signals=run.signals[: order + 1]) for run in self.stacks])
 
-    def statistics(self, kernel: Kernel, kept: NDArray[np.bool_]) -> Statistics:
-        """Of the features kept, within the band."""
-        return statistics_of(self.stacks, kernel, kept, self.band, self.rate)
-
     @property
     def powers(self) -> Array:
         """Summed squares of the angle and its derivatives."""
-        return np.array([sum(float(np.sum(run.signals[m] ** 2)) for run in self.stacks) for m in range(self.orders)])
+        orders = range(len(self.stacks[0].signals))
+        return np.array([sum(float(np.sum(run.signals[m] ** 2)) for run in self.stacks) for m in orders])
 
     @property
-    def orders(self) -> int:
-        """How many they are."""
-        return len(self.stacks[0].signals)
+    def size(self) -> int:
+        """Samples of the torque."""
+        return sum(run.torque.size for run in self.stacks)
+
+    @property
+    def power(self) -> float:
+        """Summed squares of the torque."""
+        return sum(float(np.vdot(run.torque, run.torque)) for run in self.stacks)
 
     @property
     def weak_prior(self) -> float:
         """Prior precision of the external terms: one over the torque's mean square."""
-        power = sum(float(np.vdot(run.torque, run.torque)) for run in self.stacks)
-        return sum(run.torque.size for run in self.stacks) / (power or 1.0)
+        return self.size / (self.power or 1.0)
+
+    def statistics(self, kernel: Kernel, kept: Chosen) -> Statistics:
+        """Sums over real and imaginary parts of the frequencies in the band, of the features kept.
+
+        Each run has its own external terms; they are turned so that they are orthogonal in the band.
+        """
+        size, square, count = int(kept.sum()), 0.0, 0
+        gram, cross = np.zeros((size, size), order="F"), np.zeros(size)
+        mixed, shared, powers = [], [], []
+        for run in self.stacks:
+            low, high = run.bins(self.band)
+            runs, samples = run.torque.shape
+            root = 1 / math.sqrt(samples)
+            terms = np.stack([half_cosine_spectrum(term, samples, low, high) for term in range(EXTERNAL_TERMS)]) * root
+            power, axes = np.linalg.eigh(terms.view(np.float64) @ terms.view(np.float64).T)
+            terms = axes.T @ terms
+            output = np.ascontiguousarray(rfft(run.torque)[:, low:high]) * root
+            between = np.zeros((size, runs, EXTERNAL_TERMS))
+            for first, products in run.in_band(kernel, kept, low, high):
+                block = slice(first, first + products.shape[2])
+                regressors, target, within = (
+                    np.ascontiguousarray(values).view(np.float64)
+                    for values in (products, output[:, block], terms[:, block])
+                )
+                flat = regressors.reshape(size, -1)
+                gram = blas.dsyrk(1.0, flat.T, beta=1.0, c=gram, trans=1, lower=1, overwrite_c=1)
+                cross += flat @ target.ravel()
+                between += (regressors.reshape(-1, within.shape[1]) @ within.T).reshape(between.shape)
+            mixed.append(between.reshape(size, -1))
+            shared.append((output.view(np.float64) @ terms.view(np.float64).T).ravel())
+            powers.append(np.tile(np.maximum(power, 0.0), runs))
+            square += float(np.sum(np.abs(output) ** 2))
+            count += 2 * output.size
+        nuisance = np.concatenate(mixed, axis=1), np.concatenate(shared), np.concatenate(powers)
+        return Statistics(gram, cross, square, count, *nuisance)
 
 
-class Block(NamedTuple):
-    """Regressors (column, run, bin) at some frequencies, the first of which is ``first`` in the band."""
-
-    first: int
-    regressors: ComplexArray
-
-
-def _slow_used(kernel: Kernel, kept: NDArray[np.bool_]) -> NDArray[np.int64]:
+def _slow_used(kernel: Kernel, kept: Chosen) -> NDArray[np.int64]:
     """How many slow functions are kept of each harmonic, shape (signal, harmonic); the one without prior not counted.
 
     They are the first ones, since their variances descend.
@@ -263,56 +273,19 @@ def _slow_used(kernel: Kernel, kept: NDArray[np.bool_]) -> NDArray[np.int64]:
     return used
 
 
-def statistics_of(
-    stacks: list[Run], kernel: Kernel, kept: NDArray[np.bool_], band: tuple[float, float], rate: float
-) -> Statistics:
-    """Sums over real and imaginary parts of the frequencies in the band.
-
-    Each run has its own external terms; they are turned so that they are orthogonal in the band.
-    """
-    size, square, count = int(kept.sum()), 0.0, 0
-    gram, cross = np.zeros((size, size), order="F"), np.zeros(size)
-    mixed, shared, powers = [], [], []
-    for run in stacks:
-        low, high = run.bins(band, rate)
-        runs, samples = run.torque.shape
-        root = 1 / math.sqrt(samples)
-        terms = np.stack([half_cosine_spectrum(term, samples, low, high) for term in range(EXTERNAL_TERMS)]) * root
-        power, axes = np.linalg.eigh(terms.view(np.float64) @ terms.view(np.float64).T)
-        terms = axes.T @ terms
-        output = np.ascontiguousarray(rfft(run.torque)[:, low:high]) * root
-        between = np.zeros((size, runs, EXTERNAL_TERMS))
-        for first, products in run.in_band(kernel, kept, low, high, rate):
-            block = slice(first, first + products.shape[2])
-            regressors, target, within = (
-                np.ascontiguousarray(values).view(np.float64)
-                for values in (products, output[:, block], terms[:, block])
-            )
-            flat = regressors.reshape(size, -1)
-            gram = blas.dsyrk(1.0, flat.T, beta=1.0, c=gram, trans=1, lower=1, overwrite_c=1)
-            cross += flat @ target.ravel()
-            between += (regressors.reshape(-1, within.shape[1]) @ within.T).reshape(between.shape)
-        mixed.append(between.reshape(size, -1))
-        shared.append((output.view(np.float64) @ terms.view(np.float64).T).ravel())
-        powers.append(np.tile(np.maximum(power, 0.0), runs))
-        square += float(np.sum(np.abs(output) ** 2))
-        count += 2 * output.size
-    return Statistics(
-        gram, cross, square, count, np.concatenate(mixed, axis=1), np.concatenate(shared), np.concatenate(powers)
-    )
-
-
-def stacked(runs: list[Run]) -> Iterator[Run]:
+def _stacked(runs: list[Run]) -> Iterator[Run]:
     """Runs of one length together."""
     alike: dict[int, list[Run]] = {}
     for run in runs:
         alike.setdefault(run.torque.shape[1], []).append(run)
     for group in alike.values():
         for first in range(0, len(group), STACK):
-            signals, torque, phase, clock = zip(*group[first : first + STACK], strict=True)
-            yield Run(
-                np.concatenate(signals, axis=1), np.concatenate(torque), np.concatenate(phase), np.concatenate(clock)
-            )
+            run, *others = group[first : first + STACK]
+            if others:  # one by itself needs no copy
+                signals, torque, _, phase, clock = zip(run, *others, strict=True)
+                times = np.concatenate(phase), np.concatenate(clock)
+                run = Run(np.concatenate(signals, axis=1), np.concatenate(torque), run.rate, *times)
+            yield run
 
 
 def clocks_of(ensemble: Ensemble) -> Array:
@@ -324,15 +297,7 @@ def clocks_of(ensemble: Ensemble) -> Array:
     return ensemble.onsets + number * span
 
 
-def runs_of(ensemble: Ensemble) -> Iterator[tuple[NDArray[np.int64], float]]:
-    """Realizations of each unbroken run, and when it begins on the record's clock."""
-    clocks = clocks_of(ensemble)
-    for realizations in ensemble.runs:
-        yield realizations, float(clocks[realizations[0]])
-
-
-def times_of(ensemble: Ensemble, realization: int, clocks: Array | None = None) -> tuple[Array, Array]:
+def times_of(ensemble: Ensemble, realization: int, clocks: Array) -> tuple[Array, Array]:
     """Times of a realization's samples: since the trial's time 0, and on the record's clock."""
     assert ensemble.onsets is not None
-    clocks = clocks_of(ensemble) if clocks is None else clocks
     return ensemble.onsets[realization] + ensemble.time, clocks[realization] + ensemble.time

@@ -18,41 +18,24 @@ from tvsysid.signals import Ensemble
 
 Array = NDArray[np.float64]
 
-HIGHEST = 2
-"""Order of an impedance: inertia, viscosity and stiffness."""
-DECAYS = (4.0, 2.0, 1.0, 0.5, 0.25, 0.125)
-"""Decays that are tried, in lengths of the record."""
-LAGS = (0.001, 0.002, 0.004, 0.008, 0.016, 0.032, 0.05)
-"""Lags in s that are tried, until the likelihood falls."""
-REFINED = 6
-"""Further lags about the best of them."""
-START = 1e3
-"""Power of the torque that each coefficient makes, in noise variances, from which tuning sets out."""
-LEEWAY = 100.0
-"""Factor by which a decay may enlarge a prior variance."""
-MOST = 2000
-"""Coefficients beyond which a decay is not tried, and settings that were given are not compared."""
+HIGHEST = 2  # order of an impedance: inertia, viscosity and stiffness
+DECAYS = (4.0, 2.0, 1.0, 0.5, 0.25, 0.125)  # decays that are tried, in lengths of the record
+LAGS = (0.001, 0.002, 0.004, 0.008, 0.016, 0.032, 0.05)  # lags in s that are tried, until the likelihood falls
+REFINED = 6  # further lags about the best of them
+START = 1e3  # power of the torque that each coefficient makes, in noise variances, from which tuning sets out
+LEEWAY = 100.0  # factor by which a decay may enlarge a prior variance
+MOST = 2000  # coefficients beyond which a decay is not tried, and settings that were given are not compared
+# Log marginal likelihood by which a decay must be worse for shorter ones not to be tried, and by which an order or a
+# lag must be better than the one given.
 CLEARLY = 5.0
-"""Log marginal likelihood by which a decay must be worse for shorter ones not to be tried, and by which an order or a
-lag must be better than the one given."""
 
 
 @dataclass(frozen=True, eq=False)
 class Search:
     """What settings are compared on.
 
-    Parameters
-    ----------
-    ensemble
-        Realizations.
-    period
-        Of the behaviour, in s.
-    band
-        Of the frequencies fitted, in Hz.
-    noise
-        Noise variance that the settings given leave, about.
-    share
-        How many independent numbers one number of the record is worth.
+    ``noise`` is about the variance that the settings given leave; ``share`` says how many independent numbers one
+    number of the record is worth.
     """
 
     ensemble: Ensemble

@@ -27,41 +27,11 @@ from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.moments import convolve_lags, lagged_moments, time_chunks
 from tvsysid.numerics.spectra import hann, power_share, short_time_spectra
 
-__all__ = [
-    "HALF_WIDTH",
-    "IMPEDANCE",
-    "LONGEST_COLOUR",
-    "PRIORS",
-    "Colour",
-    "DerivativeMoments",
-    "Posterior",
-    "PosteriorErrors",
-    "Solver",
-    "StandardError",
-    "Windows",
-    "agreement",
-    "agreement_of",
-    "coloured_variances",
-    "convolve_lags",
-    "counted",
-    "derivative_filters",
-    "derivative_moments",
-    "differentiate",
-    "errors_of_variances",
-    "hann",
-    "impedance_estimates",
-    "impulse_response_model",
-    "independent_realizations",
-    "independent_share",
-    "lagged_moments",
-    "no_errors",
-    "power_share",
-    "residual",
-    "second_order_fit",
-    "short_time_spectra",
-    "solve_windows",
-    "standard_errors",
-    "time_chunks",
-    "window_errors",
-    "window_model",
-]
+__all__ = ["IMPEDANCE", "StandardError", "impedance_estimates", "no_errors", "standard_errors"]
+__all__ += ["DerivativeMoments", "agreement", "derivative_filters", "derivative_moments", "second_order_fit"]
+__all__ += ["Solver", "Windows", "coloured_variances", "errors_of_variances"]
+__all__ += ["impulse_response_model", "solve_windows", "window_errors", "window_model"]
+__all__ += ["LONGEST_COLOUR", "Colour", "PosteriorErrors", "agreement_of", "counted"]
+__all__ += ["independent_realizations", "independent_share", "residual"]
+__all__ += ["HALF_WIDTH", "PRIORS", "Posterior", "convolve_lags", "differentiate", "lagged_moments", "time_chunks"]
+__all__ += ["hann", "power_share", "short_time_spectra"]

@@ -30,15 +30,14 @@ Solver = Callable[[slice, Array, Array, Array, Array], Solution]
 
 
 class Windows(NamedTuple):
-    """Least squares in a window about each time whose ``lags`` lie within the context.
+    """Least squares in a window about each time whose ``lags`` lie within the context, of so many ``realizations``.
 
-    Of so many independent ``realizations``. The windows reach ``half`` samples to either side, of which ``margin`` may
-    lie beyond the realization. ``weights`` (time, lag) and ``rank`` (time,) of the solution; ``samples`` that it was
-    found from, how many of them are ``independent``, the ``noise`` variance and its degrees of ``freedom``, the power
-    of the torque that a second-order fit ``fitted``, what lagged angles explain ``beyond`` it and what they would by
-    ``chance``, all (time,); ``readout`` (time, 3, lag) by which stiffness, viscosity and inertia follow from the
-    correlations, the ``impedance`` itself and, of windows of one sample, its variances under ``white`` noise, both
-    (time, 3).
+    The windows reach ``half`` samples to either side, of which ``margin`` may lie beyond the realization. ``weights``
+    (time, lag) and ``rank`` of the solution; ``samples`` that it was found from, how many of them are ``independent``,
+    the ``noise`` variance and its degrees of ``freedom``, the power of the torque that a second-order fit ``fitted``,
+    what lagged angles explain ``beyond`` it and what they would by ``chance``, all (time,); ``readout`` (time, 3, lag)
+    by which stiffness, viscosity and inertia follow from the correlations, the ``impedance`` itself and, of windows of
+    one sample, its variances under ``white`` noise, both (time, 3).
     """
 
     realizations: int
@@ -74,22 +73,10 @@ class Windows(NamedTuple):
 def solve_windows(ensemble: Ensemble, lags: int, half: int, solve: Solver | None = None) -> Windows:
     r"""Solve :math:`\varphi(t) = \Phi(t) w(t)`, the correlations being means over realizations and a window of time.
 
-    Parameters
-    ----------
-    ensemble
-        Realizations.
-    lags
-        Lags to either side, in samples.
-    half
-        Samples of the window before and after its centre; it is cut short where the context ends.
-    solve
-        From times, :math:`\Phi`, :math:`\varphi`, the torque's variance and the number of samples averaged to the
-        solution; default :func:`tvsysid.numerics.pseudoinverse.truncated`.
-
-    Notes
-    -----
-    The noise is what all directions of the lagged angles leave, of which some truncated solution was taken by the same
-    noise: what is left beside that would be too small.
+    The window reaches ``half`` samples to either side, and is cut short where the context ends. ``solve`` gives the
+    solution from times, :math:`\Phi`, :math:`\varphi`, the torque's variance and the number of samples averaged; the
+    default is :func:`tvsysid.numerics.pseudoinverse.truncated`. The noise is what all directions of the lagged angles
+    leave, of which some truncated solution was taken by the same noise: what is left beside that would be too small.
     """
     angle, torque, margin = _within_reach(ensemble, lags, half)
     times, realizations = angle.shape[1] - 2 * lags, independent_realizations(ensemble)
@@ -121,24 +108,15 @@ def solve_windows(ensemble: Ensemble, lags: int, half: int, solve: Solver | None
 
 
 def coloured_variances(windows: Windows, products: Array, noise: Array) -> Array:
-    r"""Variances of stiffness, viscosity and inertia when the noise of neighbouring samples is correlated.
+    r"""Variances (time, 3) of the impedance when the noise of neighbouring samples is correlated.
 
     With :math:`z_r(i) = a^T x_r(i)`, the readout a of a quantity applied to the lagged angles,
 
     .. math:: \mathrm{var} = \frac{\sigma^2(t)}{L^2} \sum_r \sum_{i, j \in W(t)} z_r(i)\, \rho(i - j)\, z_r(j)
 
-    where the autocorrelation :math:`\rho` is that of the residual at all times; see
-    :func:`tvsysid.numerics.moments.coloured_moments`.
-
-    Parameters
-    ----------
-    windows, products, noise
-        Solution, its :meth:`Windows.angle_products` and its :meth:`Windows.noise_correlation`.
-
-    Returns
-    -------
-    Array
-        Shape (time, 3).
+    with the autocorrelation :math:`\rho` of the residual at all times
+    (:func:`tvsysid.numerics.moments.coloured_moments`). ``products`` and ``noise`` are the windows' own, from the
+    ensemble.
     """
     half, margin, length = windows.half, windows.margin, 2 * windows.lags + 1
     noise = noise[: 2 * half + 1]

@@ -28,19 +28,16 @@ from tvsysid.signals import Ensemble
 
 Array = NDArray[np.float64]
 
-LONGEST_COLOUR = 0.25
-"""Seconds up to which the noise's autocorrelation is taken into account; the angle's own hardly reaches further."""
-LEAST_LEFT = 0.1
-"""Share of the noise that a residual is taken to hold at least."""
-LEAST_POWER = 1e-3
-"""Share of white noise's power in a band below which the noise's autocorrelation is too coarse to tell."""
+LONGEST_COLOUR = 0.25  # seconds up to which the noise's autocorrelation counts; the angle's own hardly reaches further
+LEAST_LEFT = 0.1  # share of the noise that a residual is taken to hold at least
+LEAST_POWER = 1e-3  # share of white noise's power in a band below which an autocorrelation is too coarse to tell it
 
 
 def independent_realizations(ensemble: Ensemble) -> int:
     """How many realizations' worth of noise an ensemble holds at each time.
 
-    One less than there are realizations where the mean over them was subtracted: what is fitted then is a regression
-    with an intercept at each time.
+    One less where the mean over them was subtracted: what is fitted then is a regression with an intercept at each
+    time.
     """
     return max(1, len(ensemble) - ensemble.mean_subtracted)
 
@@ -53,7 +50,7 @@ def counted(ensemble: Ensemble) -> str:
 
 
 def independent_share(ensemble: Ensemble, predicted: Array, band: tuple[float, float]) -> float:
-    """How many independent samples a sample is worth for stiffness, at most 1: what is left unexplained is not white.
+    """How many independent samples a sample is worth for stiffness: what is left unexplained is not white.
 
     ``predicted`` is the torque (realization, time) by some model, ``band`` the frequencies in Hz that are fitted; see
     :func:`tvsysid.numerics.noise.white_share`.
@@ -134,23 +131,10 @@ def agreement_of(fit: Array, left: Array, angle: Array, around: Array, lags: int
 class PosteriorErrors:
     """Standard errors of known functions of time from the posterior of their coefficients, and from the noise's colour.
 
-    The posterior takes the noise as white.
-
-    Parameters
-    ----------
-    expansions, covariances
-        Functions of time (time, function) of stiffness, viscosity and inertia, as far as the model has them, and the
-        posterior covariances of their coefficients.
-    colour
-        Of the noise.
-    band
-        Edges in cycles per sample of the band that was fitted.
-    stronger
-        How much stronger the noise is than the posterior knows.
-    freedom
-        Degrees of freedom.
-    times, missing
-        Samples of a realization, and how many at either end were not identified.
+    The posterior takes the noise as white. ``expansions`` are functions of time (time, function) of stiffness,
+    viscosity and inertia, as far as the model has them, ``covariances`` those of their coefficients, ``band`` the edges
+    in cycles per sample of the band that was fitted. The noise is so much ``stronger`` than the posterior knows. Of the
+    ``times`` of a realization so many at either end are ``missing``.
     """
 
     expansions: tuple[Array, ...]

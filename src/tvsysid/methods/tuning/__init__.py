@@ -1,7 +1,6 @@
 """Settings chosen from data: how good they are by a criterion, and which are the best."""
 
-from tvsysid.methods.tuning.bases import evidence_of_bases
-from tvsysid.methods.tuning.evidence import Evidence
+from tvsysid.methods.tuning.evidence import Evidence, Tuned, evidence_of_bases
 from tvsysid.methods.tuning.halves import evidence_by_halves
 
-__all__ = ["Evidence", "evidence_by_halves", "evidence_of_bases"]
+__all__ = ["Evidence", "Tuned", "evidence_by_halves", "evidence_of_bases"]

@@ -1,19 +1,35 @@
-"""Why settings were chosen: a criterion, and its value for all that were tried."""
+"""Why settings were chosen: a criterion, and its value for all that were tried; and methods that choose their own."""
 
 from __future__ import annotations
 
 import html
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tvsysid.errors import InputError
+from tvsysid.methods.base import Method
+from tvsysid.models import Model
+from tvsysid.numerics.bases import Basis, CubicBSplines, FourierSeries, HaarWavelets, evaluate
+from tvsysid.signals import Ensemble
+
 if TYPE_CHECKING:
     import pandas as pd
 
 Array = NDArray[np.float64]
+
+# Bases of which a tuned one is the best.
+BASES: tuple[Basis, ...] = (
+    *(CubicBSplines(functions) for functions in (4, 6, 8, 10, 12, 16, 20, 28, 40)),
+    *(CubicBSplines(functions, periodic=True) for functions in (6, 8, 10, 12, 16, 20, 28, 40)),
+    *(FourierSeries(harmonics) for harmonics in (0, 1, 2, 3, 4, 6, 8, 12, 16)),
+    *(HaarWavelets(functions) for functions in (2, 4, 8, 16, 32)),
+)
+MOST = 500  # coefficients of the largest model that is tried
+CLEARLY = 3.0  # log evidence by which a basis must be better than the one given to be chosen: 20 to 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,12 +38,8 @@ class Evidence:
 
     Parameters
     ----------
-    criterion
-        What was compared.
-    unit
-        Of the criterion.
-    better
-        Which values are better.
+    criterion, unit, better
+        What was compared, in which unit, and whether ``"higher"`` or ``"lower"`` values are better.
     tried
         Settings by name, for each trial; the first are those that the method had before.
     values
@@ -36,10 +48,8 @@ class Evidence:
         Of each value's difference from the first, shape (trial,); NaN where the criterion has none.
     chosen
         Which was chosen.
-    axis
-        What the trials are drawn against, with its unit.
-    positions
-        Where on it, shape (trial,).
+    axis, positions
+        What the trials are drawn against, with its unit, and where on it, shape (trial,).
     lines
         What else they differ in, for each: trials of one name make one line.
     """
@@ -111,3 +121,87 @@ def _short(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.4g}"
     return f"({', '.join(map(_short, value))})" if isinstance(value, tuple) else repr(value)
+
+
+def evidence_of_bases(
+    given: Basis, prior: str, samples: int, log_evidence: Callable[[Basis], float], per_function: int
+) -> Evidence:
+    """Log evidence of bases, less the number of precisions that were fitted to the data.
+
+    The ``"ard"`` prior fits a precision for each coefficient, of which there are so many ``per_function`` of a basis,
+    ``"ridge"`` one for all; ``"none"`` has no evidence. Noise that is not white makes samples worth less than as many
+    independent ones, which ``log_evidence`` knows.
+    """
+    if prior == "none":
+        raise InputError("BasisIRF: least squares has no evidence to choose a basis by; set prior to 'ard' or 'ridge'")
+    counts = {basis: evaluate(basis, samples).shape[1] for basis in BASES}
+    tried = [given, *(basis for basis in BASES if basis != given and per_function * counts[basis] <= MOST)]
+    positions = [evaluate(basis, samples).shape[1] for basis in tried]
+    # Each precision that was fitted raises the evidence, even of a function that is not there.
+    fitted = [per_function * functions if prior == "ard" else 1 for functions in positions]
+    values = np.array([log_evidence(basis) for basis in tried]) - fitted
+    best = int(np.argmax(values))
+    return Evidence(
+        criterion="log evidence less precisions fitted",
+        unit="nat",
+        better="higher",
+        tried=tuple({"basis": basis} for basis in tried),
+        values=values,
+        standard_errors=np.full(len(values), np.nan),
+        chosen=best if values[best] > values[0] + CLEARLY else 0,
+        axis="functions",
+        positions=np.array(positions, dtype=np.float64),
+        lines=tuple(_kind(basis) for basis in tried),
+    )
+
+
+def _kind(basis: Basis) -> str:
+    """Name of a basis, without the number of its functions."""
+    name = getattr(type(basis), "__name__", "basis")
+    return f"periodic {name}" if isinstance(basis, CubicBSplines) and basis.periodic else name
+
+
+@dataclass(frozen=True)
+class Tuned:
+    """A method whose settings are chosen anew from each ensemble that it identifies from.
+
+    What a study needs, in which each trial has data of its own; ``kbr:tuned=true`` on the command line. The model's
+    ``method`` tells the settings chosen.
+
+    Parameters
+    ----------
+    method, seed
+        With the settings to begin with; of :meth:`tvsysid.methods.Method.tuned`.
+
+    Examples
+    --------
+    >>> from tvsysid.methods import ShortDataSegments
+    >>> Tuned(ShortDataSegments()).title
+    'Short data segments, tuned'
+    """
+
+    method: Method
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.method, Method):
+            raise InputError(f"Tuned: expected one of the package's methods, got {self.method!r}")
+
+    @property
+    def key(self) -> str:
+        """Of the method."""
+        return self.method.key
+
+    @property
+    def title(self) -> str:
+        """Of the method."""
+        return f"{self.method.title}, tuned"
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """Of the method."""
+        return self.method.assumptions
+
+    def identify(self, ensemble: Ensemble) -> Model:
+        """Choose the settings, and identify by them; as :meth:`tvsysid.methods.Method.identify`."""
+        return self.method.tuned(ensemble, self.seed).method.identify(ensemble)

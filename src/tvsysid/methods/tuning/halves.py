@@ -32,29 +32,17 @@ from tvsysid.signals import Ensemble
 
 Array = NDArray[np.float64]
 
-DEALS = 6
-"""How often the realizations are dealt into halves."""
-BEYOND = 1.0
-"""Standard deviations over deals by which settings must be better than those given to be chosen."""
-FEWEST = 8
-"""Realizations below which halves say nothing."""
-KNOWN = 0.5
-"""Share of the times that the settings given know which others must know too."""
-DETERMINED = 4
-"""Samples for each lag from which on the reference is determined."""
+DEALS = 6  # how often the realizations are dealt into halves
+BEYOND = 1.0  # standard deviations over deals by which settings must be better than those given to be chosen
+FEWEST = 8  # realizations below which halves say nothing
+KNOWN = 0.5  # share of the times that the settings given know which others must know too
+DETERMINED = 4  # samples for each lag from which on the reference is determined
 
 
 class Halves:
     """Estimates of stiffness from halves of an ensemble, and how good settings are by them.
 
-    Parameters
-    ----------
-    ensemble
-        Realizations.
-    max_lag
-        Lags to either side of the reference in s.
-    seed
-        Of the deals.
+    The reference has lags of ``max_lag`` seconds to either side; ``seed`` is of the deals.
     """
 
     def __init__(self, ensemble: Ensemble, max_lag: float, seed: int) -> None:
@@ -75,11 +63,8 @@ class Halves:
     def errors(self, stiffness: Array) -> Array:
         """Estimated mean square error in (N·m/rad)², shape (deal, method).
 
-        Parameters
-        ----------
-        stiffness
-            Estimates of all methods that are to be compared, shape (method, deal, half, time): the error is a mean over
-            the times that all of them know.
+        ``stiffness`` (method, deal, half, time) holds all methods that are to be compared: the error is a mean over the
+        times that all of them know.
         """
         known = np.isfinite(stiffness).all(axis=(0, 1, 2)) & np.isfinite(self.references).all(axis=(0, 1))
         off = stiffness[..., known] - self.references[..., known]
@@ -104,16 +89,7 @@ def evidence_by_halves(
 ) -> Evidence:
     """Settings chosen one after another, each the best of its grid, or left alone if none is clearly better.
 
-    Parameters
-    ----------
-    method
-        With the settings given.
-    ensemble, seed
-        As of :meth:`tvsysid.methods.Method.tuned`.
-    grids
-        Values to be tried by name, in the order of choice. The last one is what the evidence is drawn against.
-    max_lag
-        Lags to either side of the reference in s.
+    ``grids`` are values to be tried by name, in the order of choice; the last is what the evidence is drawn against.
     """
     halves = Halves(ensemble, max_lag, seed)
     tried: list[Mapping[str, Any]] = [{name: getattr(method, name) for name in grids}]

@@ -2,7 +2,6 @@
 
 from tvsysid.quality.catalogue import FAULTS, Fault
 from tvsysid.quality.curves import Curves
-from tvsysid.quality.diagnose import Diagnosis, diagnose
-from tvsysid.quality.finding import Finding
+from tvsysid.quality.diagnose import Diagnosis, Finding, diagnose
 
 __all__ = ["FAULTS", "Curves", "Diagnosis", "Fault", "Finding", "diagnose"]

@@ -10,20 +10,12 @@ class Fault(NamedTuple):
 
     Parameters
     ----------
-    title
-        In a few words.
-    measure
-        What its value is.
-    limit
+    title, measure, effect, remedy
+        In words: what it is, what its value is, what it does to the result, and what to do.
+    limit, unit
         Value that is still in order.
-    unit
-        Of the value.
-    effect
-        What it does to the result.
-    remedy
-        What to do.
     wrong
-        On which side of the limit it is wrong; above, the sign does not count.
+        On which side of the limit a value is wrong; above, the sign does not count.
     """
 
     title: str
@@ -39,6 +31,7 @@ class Fault(NamedTuple):
         return abs(value) > self.limit if self.wrong == "above" else value < self.limit
 
 
+# By name, in the order in which they are reported.
 FAULTS: dict[str, Fault] = {
     "few-realizations": Fault(
         "Few realizations",
@@ -297,4 +290,3 @@ FAULTS: dict[str, Fault] = {
         "use eirf, sds or esm with longer lags; look for a reflex, a soft coupling, or a filter in one channel",
     ),
 }
-"""By name, in the order in which they are reported."""

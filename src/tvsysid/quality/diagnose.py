@@ -14,24 +14,92 @@ from tvsysid.errors import InputError
 from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.numerics.moments import window_moments
 from tvsysid.quality import losses, realizations, scales, structure, timing
-from tvsysid.quality.catalogue import FAULTS
+from tvsysid.quality.catalogue import FAULTS, Fault
 from tvsysid.quality.curves import Curves, curves
-from tvsysid.quality.finding import Finding, Seen, finding_of
-from tvsysid.quality.fitted import FittedEnsemble
+from tvsysid.quality.fitted import FittedEnsemble, NotJudged, Seen
 from tvsysid.quality.resampling import SHORTEST, known_samples
 from tvsysid.signals import Ensemble
 
 if TYPE_CHECKING:
     import pandas as pd
 
-LARGEST = 1e60
-"""Value beyond which squares of derivatives are no numbers."""
-OF_ANY_SIGNAL = ("few-realizations", "repeated-realizations", "same-channel")
-"""Checks that do not take the torque for an answer."""
-MOST_POWER = 0.95
-"""Share of the angle's power that lies within its bandwidth."""
-LAGS = 0.12
-"""Lags in s, to either side, whose correlation matrix is looked at: those of the impulse-response methods."""
+LARGEST = 1e60  # value beyond which squares of derivatives are no numbers
+OF_ANY_SIGNAL = ("few-realizations", "repeated-realizations", "same-channel")  # do not take the torque for an answer
+MOST_POWER = 0.95  # share of the angle's power that lies within its bandwidth
+LAGS = 0.12  # in s, to either side, of the correlation matrix that is looked at: those of impulse-response methods
+HEADINGS = ("found", "what was seen", "how strong", "what it does to the result", "what to do")
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that was looked at in an ensemble, and what was seen.
+
+    Parameters
+    ----------
+    name
+        Its key in the catalogue, such as ``"drift"``.
+    value, significant
+        How strong it is, in the unit of its fault, and whether that is more than noise explains. NaN where it could not
+        be judged.
+    what
+        What was seen, in words; why it could not be judged where it was not.
+    realizations
+        Indices of the realizations concerned, of faults that single ones have.
+    """
+
+    name: str
+    value: float
+    significant: bool
+    what: str
+    realizations: tuple[int, ...] = ()
+
+    @property
+    def fault(self) -> Fault:
+        """What was looked for: title, measure, unit, limit, effect and remedy."""
+        return FAULTS[self.name]
+
+    @property
+    def judged(self) -> bool:
+        """Whether the data allow a judgement at all."""
+        return not math.isnan(self.value)
+
+    @property
+    def beyond(self) -> bool:
+        """Whether the value is on the wrong side of its limit, significant or not."""
+        return self.fault.beyond(self.value)
+
+    @property
+    def found(self) -> bool:
+        """Whether it is wrong: beyond its limit, and significant."""
+        return self.beyond and self.significant
+
+    @property
+    def state(self) -> str:
+        """``"found"``, ``"in order"``, ``"uncertain"`` (beyond the limit, not significant) or ``"not judged"``."""
+        if self.found:
+            return "found"
+        return "uncertain" if self.beyond else "in order" if self.judged else "not judged"
+
+    @property
+    def strength(self) -> str:
+        """Value against limit, in words.
+
+        Examples
+        --------
+        >>> Finding("drift", 24.3, True, "").strength
+        '24.3 %, at most 10 is in order'
+        """
+        if not self.judged:
+            return "–"
+        fault, size = self.fault, abs(self.value)
+        value = "0" if size < 1e-9 else f"{self.value:.3g}" if size < 1e4 else f"{self.value:.2g}"
+        unit = fault.unit.removesuffix("s") if value == "1" else fault.unit
+        allowed = "at most" if fault.wrong == "above" else "at least"
+        caveat = ", but not significant" if self.state == "uncertain" else ""
+        return f"{value} {unit}, {allowed} {fault.limit:g} is in order{caveat}"
+
+    def __repr__(self) -> str:
+        return f"Finding({self.name}: {self.state}; {self.what})"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -44,10 +112,8 @@ class Diagnosis:
         Everything that was looked at, in the order of the catalogue.
     measures
         Values about the ensemble by name, with their unit: ``{"bandwidth": (8.9, "Hz"), ...}``.
-    curves
-        What the pictures show.
-    ensemble
-        What was diagnosed, in words.
+    curves, ensemble
+        What the pictures show; what was diagnosed, in words.
     """
 
     checks: tuple[Finding, ...]
@@ -104,20 +170,15 @@ class Diagnosis:
         return "\n".join([*lines, *self.notes])
 
     def _repr_html_(self) -> str:
-        rows = "".join(
-            "<tr>" + "".join(f"<td style='text-align:left'>{html.escape(text)}</td>" for text in texts) + "</tr>"
-            for texts in (
-                (check.name, check.what, check.strength, check.fault.effect, check.fault.remedy)
-                for check in self.findings
-            )
-        )
-        headings = "".join(f"<th style='text-align:left'>{text}</th>" for text in HEADINGS)
-        table = f"<table><thead><tr>{headings}</tr></thead><tbody>{rows}</tbody></table>" if rows else ""
+        def row(kind: str, *texts: str) -> str:
+            cells = (f"<{kind} style='text-align:left'>{html.escape(text)}</{kind}>" for text in texts)
+            return f"<tr>{''.join(cells)}</tr>"
+
+        told = [(each.name, each.what, each.strength, each.fault.effect, each.fault.remedy) for each in self.findings]
+        rows = "".join(row("td", *texts) for texts in told)
+        table = f"<table><thead>{row('th', *HEADINGS)}</thead><tbody>{rows}</tbody></table>" if rows else ""
         notes = "".join(f"<p>{html.escape(line)}.</p>" for line in self.notes)
         return f"<p><b>Diagnosis</b> of {html.escape(self.ensemble)}: {html.escape(self.verdict)}.</p>{table}{notes}"
-
-
-HEADINGS = ("found", "what was seen", "how strong", "what it does to the result", "what to do")
 
 
 def diagnose(ensemble: Ensemble) -> Diagnosis:
@@ -133,17 +194,8 @@ def diagnose(ensemble: Ensemble) -> Diagnosis:
     Parameters
     ----------
     ensemble
-        Realizations of one repeated behaviour; mean subtracted, or not (which is then found).
-
-    Returns
-    -------
-    Diagnosis
-        Findings, everything that was looked at, values, and what the pictures show.
-
-    Raises
-    ------
-    InputError
-        For a single realization, or realizations that are too short for derivatives.
+        Realizations of one repeated behaviour; mean subtracted, or not (which is then found). An InputError is raised
+        for a single one, or for realizations that are too short for derivatives.
 
     Examples
     --------
@@ -182,15 +234,21 @@ def diagnose(ensemble: Ensemble) -> Diagnosis:
         # Nothing else that is seen then is of a joint.
         why = "angle and torque are one signal"
         found |= {name: Finding(name, math.nan, False, why) for name in FAULTS if name not in OF_ANY_SIGNAL}
-    seen = curves(data)
-    return Diagnosis(
-        tuple(found[name] for name in FAULTS),
-        _measures(timely, seen),
-        seen,
-        f"{len(ensemble)} realizations of {ensemble.duration:g} s at {ensemble.sampling_rate:g} Hz",
-    )
+    seen, checks = curves(data), tuple(found[name] for name in FAULTS)
+    words = f"{len(ensemble)} realizations of {ensemble.duration:g} s at {ensemble.sampling_rate:g} Hz"
+    return Diagnosis(checks, _measures(timely, seen), seen, words)
 
 
+def _finding(name: str, check: Callable[..., Seen], arguments: tuple[object, ...]) -> Finding:
+    """Finding of a check, which may raise NotJudged."""
+    try:
+        seen = check(*arguments)
+    except NotJudged as reason:
+        return Finding(name, math.nan, False, str(reason))
+    return Finding(name, float(seen.value), bool(seen.significant), seen.what, seen.realizations)
+
+
+# Checks that need no more than the ensemble less drifting offsets and a delay.
 TIMELY: dict[str, Callable[[FittedEnsemble], Seen]] = {
     "few-realizations": scales.few_realizations,
     "weak-answer": scales.weak_answer,
@@ -208,7 +266,6 @@ TIMELY: dict[str, Callable[[FittedEnsemble], Seen]] = {
     "reflex": structure.reflex,
     "slow-answer": structure.slow_answer,
 }
-"""Checks that need no more than the ensemble less drifting offsets and a delay."""
 
 
 def _looked_at(data: FittedEnsemble) -> tuple[FittedEnsemble, dict[str, Finding]]:
@@ -216,7 +273,7 @@ def _looked_at(data: FittedEnsemble) -> tuple[FittedEnsemble, dict[str, Finding]
     found: dict[str, Finding] = {}
 
     def look(name: str, check: Callable[..., Seen], *arguments: object) -> Finding:
-        found[name] = finding_of(name, lambda: check(*arguments))
+        found[name] = _finding(name, check, arguments)
         return found[name]
 
     look("same-channel", scales.same_channel, data)

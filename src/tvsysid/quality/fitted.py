@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,6 @@ from scipy.signal import lfilter
 
 from tvsysid.impedance import second_order_fit
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
-from tvsysid.quality.finding import NotJudged
 from tvsysid.quality.resampling import between, known_region, lowered
 from tvsysid.quality.statistics import innovations, prediction_error
 from tvsysid.signals import Array, Ensemble
@@ -24,6 +24,24 @@ WHITENING, PAST = 0.1, 0.12  # seconds of the past from which noise is predicted
 ANSWERED = 0.1  # share of the torque that must be explained for the impedance to be spoken of
 NO_ANSWER = "the torque does not answer the angle"
 NOT_SEPARATE = "stiffness, viscosity and inertia are not separately identifiable"
+
+
+class Seen(NamedTuple):
+    """What a check returns: the value that is held against the limit, and the rest of a finding."""
+
+    value: float
+    what: str
+    significant: bool = True
+    realizations: tuple[int, ...] = ()
+
+
+class NotJudged(Exception):  # noqa: N818  # no error: these data do not allow a check; its text says why
+    """Raised by a check that these data do not allow, with the reason."""
+
+
+def indices(concerned: NDArray[np.bool_] | np.bool_) -> tuple[int, ...]:
+    """Indices of the realizations concerned."""
+    return tuple(np.flatnonzero(concerned).tolist())
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, median_filter
 
 from tvsysid.quality.catalogue import FAULTS
-from tvsysid.quality.finding import NotJudged, Seen, indices
-from tvsysid.quality.fitted import FittedEnsemble
+from tvsysid.quality.fitted import FittedEnsemble, NotJudged, Seen, indices
 from tvsysid.quality.statistics import over_usual
 from tvsysid.signals import Array
 

@@ -8,8 +8,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
 from tvsysid.quality import statistics
-from tvsysid.quality.finding import NotJudged, Seen, indices
-from tvsysid.quality.fitted import ANSWERED, NO_ANSWER, FittedEnsemble
+from tvsysid.quality.fitted import ANSWERED, NO_ANSWER, FittedEnsemble, NotJudged, Seen, indices
 from tvsysid.quality.statistics import FOLDS, LEAST_REALIZATIONS, SIGNIFICANT, p_value, p_value_of, without
 from tvsysid.signals import Array
 

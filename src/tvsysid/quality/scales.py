@@ -8,8 +8,7 @@ import numpy as np
 
 from tvsysid.numerics.spectra import power_share
 from tvsysid.quality.catalogue import FAULTS
-from tvsysid.quality.finding import NotJudged, Seen
-from tvsysid.quality.fitted import ANSWERED, NO_ANSWER, NOT_SEPARATE, FittedEnsemble
+from tvsysid.quality.fitted import ANSWERED, NO_ANSWER, NOT_SEPARATE, FittedEnsemble, NotJudged, Seen
 from tvsysid.signals import Array
 
 QUARTER = 0.25  # of the sampling rate: above it a joint hardly moves, but a sensor's noise goes on

@@ -6,8 +6,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from tvsysid.numerics.differentiation import HALF_WIDTH
-from tvsysid.quality.finding import NotJudged, Seen
-from tvsysid.quality.fitted import FittedEnsemble
+from tvsysid.quality.fitted import FittedEnsemble, NotJudged, Seen
 from tvsysid.quality.statistics import LEAST_REALIZATIONS, SIGNIFICANT, gained, gains, p_value_of, without
 from tvsysid.signals import Array
 

@@ -10,8 +10,16 @@ from scipy.fft import irfft, next_fast_len, rfft
 from scipy.ndimage import uniform_filter1d
 
 from tvsysid.quality.catalogue import FAULTS
-from tvsysid.quality.finding import NotJudged, Seen
-from tvsysid.quality.fitted import ANSWERED, NO_ANSWER, NOT_SEPARATE, FittedEnsemble, SecondOrder, fit_motion
+from tvsysid.quality.fitted import (
+    ANSWERED,
+    NO_ANSWER,
+    NOT_SEPARATE,
+    FittedEnsemble,
+    NotJudged,
+    SecondOrder,
+    Seen,
+    fit_motion,
+)
 from tvsysid.quality.resampling import between
 from tvsysid.quality.scales import narrow_excitation
 from tvsysid.quality.statistics import LEAST_REALIZATIONS, SIGNIFICANT, p_value, p_value_of

@@ -77,17 +77,14 @@ class Account:
                 f"Account: the first step kept {np.count_nonzero(kept)} realizations, but the second was given "
                 f"{len(later)}; add accounts in the order of the steps"
             )
-
-        def joined(name: str) -> NDArray[np.generic]:
+        changes = {}
+        for name in ("excluded_by", "reached", "limits", "units"):
             before, after = getattr(self, name), getattr(later, name)
-            values = before.astype(np.result_type(before, after))
-            values[kept] = after
-            return np.asarray(values)
-
-        changes = {name: joined(name) for name in ("excluded_by", "reached", "limits", "units")}
+            changes[name] = before.astype(np.result_type(before, after))
+            changes[name][kept] = after
         shifts = self.shifts.copy()
         shifts[kept] += later.shifts
-        return Account(self.trials, self.onsets, shifts, **changes)  # type: ignore[arg-type]
+        return Account(self.trials, self.onsets, shifts, **changes)
 
     def __repr__(self) -> str:
         counts = ", ".join(f"{count} by {step}" for step, count in self.counts.items())

@@ -16,12 +16,8 @@ def bootstrap(ensemble: Ensemble, count: int, seed: int, size: int | None = None
 
     Parameters
     ----------
-    ensemble
-        What to draw from.
-    count
-        How many ensembles to draw.
-    seed
-        The same one gives the same draws; a higher count only adds draws.
+    count, seed
+        How many ensembles to draw. The same seed gives the same draws; a higher count only adds draws.
     size
         Realizations in each; by default as many as there are.
 

@@ -106,8 +106,6 @@ def trim(recording: Recording, ends: float, margin: float = 0.0) -> Recording:
 
     Parameters
     ----------
-    recording
-        What to trim.
     ends
         Seconds to remove at both ends of each trial; something must be left of it.
     margin
@@ -139,8 +137,6 @@ def segment(recording: Recording, period: float, context: float = 0.5) -> Ensemb
 
     Parameters
     ----------
-    recording
-        What to cut.
     period
         Duration of a realization in s: a whole number of samples.
     context

@@ -44,8 +44,6 @@ def gained(target: Array, regressors: Array) -> tuple[float, float]:
     The signal is of shape (realization, time), regressors of shape (regressor, realization, time). The share is below
     zero where they predict nothing; the p-value comes from the scatter of the gain over realizations.
     """
-    if len(target) < LEAST_REALIZATIONS or not target.shape[1]:
-        return math.nan, 1.0
     gain = gains(target, regressors)
     total = float(np.sum(target**2))
     return float(gain.sum()) / total if total > 0 else math.nan, p_value_of(gain)

@@ -172,11 +172,6 @@ def _split(name: str) -> tuple[str, str]:
     return name[:cut], name[cut:]
 
 
-def listed(channels: Mapping[str, Channel]) -> str:
-    """Names of channels, each with what is known of it."""
-    return ", ".join(f"{name} ({channel.described})" for name, channel in channels.items()) or "nothing"
-
-
 def outline(values: NDArray[Any], blocks: int = 2000) -> tuple[NDArray[np.int64], NDArray[Any]]:
     """Positions and values of the lowest and the highest sample of each block: what is seen of a long signal.
 
@@ -185,11 +180,9 @@ def outline(values: NDArray[Any], blocks: int = 2000) -> tuple[NDArray[np.int64]
     if len(values) <= 2 * blocks:
         return np.arange(len(values)), values
     edges = np.linspace(0, len(values), blocks + 1).astype(np.int64)
-    places = [first + place for first, end in pairwise(edges) for place in _extremes(values[first:end])]
-    positions = np.unique(np.asarray(places, dtype=np.int64))
-    return positions, values[positions]
-
-
-def _extremes(block: NDArray[Any]) -> tuple[int, int]:
+    blocks_of = [values[first:end] for first, end in pairwise(edges)]
     # NaN counts as the lowest, so that a gap is seen.
-    return int(np.argmin(block)), int(np.argmax(np.nan_to_num(block, nan=-np.inf)))
+    lowest = [np.argmin(block) for block in blocks_of]
+    highest = [np.argmax(np.nan_to_num(block, nan=-np.inf)) for block in blocks_of]
+    positions = np.unique([edges[:-1] + lowest, edges[:-1] + highest])
+    return positions, values[positions]

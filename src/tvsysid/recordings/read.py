@@ -12,7 +12,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from tvsysid.errors import DataQualityWarning, InputError
-from tvsysid.recordings.channel import TIMES_ITS_SIZE, Channel, check_fits, listed
+from tvsysid.recordings.channel import TIMES_ITS_SIZE, Channel, check_fits
 from tvsysid.recordings.formats import describe_file
 from tvsysid.recordings.plausible import contradictions, implausible, unlike_trials
 from tvsysid.signals import Array, Recording, checked_array
@@ -264,7 +264,8 @@ def _signals(file: Path, request: _Request) -> tuple[dict[str, Channel], dict[st
     names = request.names
     for name in names:
         if name not in found:
-            raise InputError(f"{file.name}: no channel {name!r}; it holds {listed(found)}")
+            there = ", ".join(f"{own} ({channel.described})" for own, channel in found.items()) or "nothing"
+            raise InputError(f"{file.name}: no channel {name!r}; it holds {there}")
     # The rest is refused for its values first, as a text's length says little.
     shapes = {name: _time_first(found[name].shape) for name in names if found[name].values is not None}
     if len(set(shapes.values())) > 1:

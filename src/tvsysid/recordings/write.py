@@ -6,10 +6,11 @@ import json
 import os
 import re
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -26,44 +27,9 @@ if TYPE_CHECKING:
     import xarray as xr
 
 LONGEST_NAME = 28  # letters of a variable; MATLAB's files of version 5 hold 31, with a number behind
-Converters = Mapping[str, Callable[[Any], Any]]
-
-
-class Layout(NamedTuple):
-    """What a file holds beside angle, torque and channels: numbers, and vectors along a dimension of their own.
-
-    Each with what makes of the value that is read the one that the class takes.
-    """
-
-    dims: tuple[str, ...]
-    numbers: Converters
-    vectors: Converters
-    vector_dim: str
-
-
-def _whole(values: Any) -> NDArray[np.int64]:
-    return np.ravel(values).astype(np.int64)
-
-
-LAYOUTS = {
-    Recording: Layout(
-        ("time",),
-        {"sampling_rate": float, "start": float},
-        {"trial_starts": lambda values: tuple(_whole(values).tolist())},
-        "trial",
-    ),
-    Ensemble: Layout(
-        ("realization", "time"),
-        {"sampling_rate": float, "context": int, "left_out": int, "mean_subtracted": bool},
-        {"onsets": np.ravel, "trials": _whole},
-        "realization",
-    ),
-}
 UNITS = {"angle": "rad", "torque": "N m"}
-RESERVED = {
-    *("angle", "torque", "time", "realization", "trial", "channels", "tvsysid"),
-    *(name for layout in LAYOUTS.values() for name in (*layout.numbers, *layout.vectors)),
-}
+RESERVED = {"time", "realization", "trial", "tvsysid"}
+RESERVED |= {item.name for kind in (Recording, Ensemble) for item in fields(kind)}
 
 
 @contextmanager
@@ -162,15 +128,8 @@ def write_recording(path: str | Path, recording: Recording) -> None:
     ...     load_recording(f"{folder}/ankle.nc")
     Recording(20 s at 100 Hz; angle RMS 0.0142 rad, torque RMS 1.14 N·m)
     """
-    _write(path, recording)
-
-
-def write_ensemble(path: str | Path, ensemble: Ensemble) -> None:
-    """Write an ensemble to a NetCDF or a MAT file; :func:`load_ensemble` reads it back unchanged.
-
-    Its signals become matrices of realization x time, context and all; otherwise as :func:`write_recording`.
-    """
-    _write(path, ensemble)
+    about = {"sampling_rate": recording.sampling_rate, "start": recording.start}
+    _write(path, recording, ("time",), about, "trial", {"trial_starts": np.array(recording.trial_starts)})
 
 
 def load_recording(path: str | Path) -> Recording:
@@ -178,24 +137,59 @@ def load_recording(path: str | Path) -> Recording:
 
     An InputError is raised for a file of other origin; read that by :func:`tvsysid.read_recording`.
     """
-    return Recording(**_loaded(path, Recording))
+    found, channels = _loaded(path, "recording")
+    return Recording(
+        np.ravel(found["angle"]),
+        np.ravel(found["torque"]),
+        float(found["sampling_rate"]),
+        float(found["start"]),
+        {name: np.ravel(values) for name, values in channels.items()},
+        tuple(np.ravel(found["trial_starts"]).astype(np.int64).tolist()),
+    )
+
+
+def write_ensemble(path: str | Path, ensemble: Ensemble) -> None:
+    """Write an ensemble to a NetCDF or a MAT file; :func:`load_ensemble` reads it back unchanged.
+
+    Its signals become matrices of realization x time, context and all; otherwise as :func:`write_recording`.
+    """
+    about = {name: getattr(ensemble, name) for name in ("sampling_rate", "context", "left_out")}
+    about["mean_subtracted"] = int(ensemble.mean_subtracted)  # neither format has truth values
+    vectors = {"onsets": np.asarray(ensemble.onsets), "trials": np.asarray(ensemble.trials)}
+    _write(path, ensemble, ("realization", "time"), about, "realization", vectors)
 
 
 def load_ensemble(path: str | Path) -> Ensemble:
     """Ensemble that :func:`write_ensemble` wrote; errors as of :func:`load_recording`."""
-    return Ensemble(**_loaded(path, Ensemble))
+    found, channels = _loaded(path, "ensemble")
+    return Ensemble(
+        found["angle"],
+        found["torque"],
+        float(found["sampling_rate"]),
+        context=int(found["context"]),
+        onsets=np.ravel(found["onsets"]),
+        trials=np.ravel(found["trials"]).astype(np.int64),
+        channels=channels,
+        left_out=int(found["left_out"]),
+        mean_subtracted=bool(found["mean_subtracted"]),
+    )
 
 
-def _write(path: str | Path, signals: Recording | Ensemble) -> None:
-    file, layout = _checked(path, ".nc", ".mat"), LAYOUTS[type(signals)]
+def _write(
+    path: str | Path,
+    signals: Recording | Ensemble,
+    dims: tuple[str, ...],
+    about: Mapping[str, float],
+    vector_dim: str,
+    vectors: Mapping[str, NDArray[Any]],
+) -> None:
+    """Signals with these dimensions, numbers about them, and vectors along a dimension of their own."""
+    file = _checked(path, ".nc", ".mat")
     variables = _variables(list(signals.channels))
     # As text, so that names that are no names of variables come back unchanged.
     labels = {"tvsysid": type(signals).__name__.lower(), "channels": json.dumps(variables)}
     arrays = {"angle": signals.angle, "torque": signals.torque}
     arrays |= {variable: signals.channels[name] for name, variable in variables.items()}
-    # Neither format has truth values.
-    about = {name: +getattr(signals, name) for name in layout.numbers}
-    vectors = {name: np.asarray(getattr(signals, name)) for name in layout.vectors}
     with whole_file(file) as temporary:
         if file.suffix.lower() == ".mat":
             try:
@@ -205,40 +199,33 @@ def _write(path: str | Path, signals: Recording | Ensemble) -> None:
         else:
             import xarray as xr  # noqa: PLC0415  # heavy
 
-            content: dict[str, Any] = {name: (layout.dims, values) for name, values in arrays.items()}
-            content |= {name: (layout.vector_dim, values) for name, values in vectors.items()}
+            content: dict[str, Any] = {name: (dims, values) for name, values in arrays.items()}
+            content |= {name: (vector_dim, values) for name, values in vectors.items()}
             dataset = xr.Dataset(content, attrs={**about, **labels})
             for name, unit in UNITS.items():
                 dataset[name].attrs["units"] = unit
             dataset.to_netcdf(temporary, engine="h5netcdf", mode="w")
 
 
-def _loaded(path: str | Path, kind: type[Recording | Ensemble]) -> dict[str, Any]:
-    """What a file holds, as arguments of a class of signals."""
-    file, layout, name = _checked(path, ".nc", ".mat"), LAYOUTS[kind], kind.__name__.lower()
+def _loaded(path: str | Path, kind: str) -> tuple[dict[str, Any], dict[str, NDArray[np.float64]]]:
+    """What a file holds by the names of variables, and its channels by theirs."""
+    file = _checked(path, ".nc", ".mat")
     describe_file(file)  # whether it can be read at all, and is what its ending says
     if file.suffix.lower() == ".mat":
         found = loadmat(file, mat_dtype=True, chars_as_strings=True) if content_of(file) == MAT_5 else {}
         found = {
-            key: values.ravel()[0] if np.size(values) == 1 else values
-            for key, values in found.items()
-            if not key.startswith("__")
+            name: values.ravel()[0] if np.size(values) == 1 else values
+            for name, values in found.items()
+            if not name.startswith("__")
         }
     else:
         import xarray as xr  # noqa: PLC0415  # heavy
 
         dataset = xr.load_dataset(file, decode_times=False)
-        found = {**{str(key): values.values for key, values in dataset.variables.items()}, **dataset.attrs}
-    if str(found.get("tvsysid", "")) != name:
-        raise InputError(f"{file}: not written by write_{name}; what others wrote is read by read_recording")
-
-    def signal(variable: str) -> NDArray[np.float64]:
-        values = np.asarray(found[variable], dtype=np.float64)
-        return values.ravel() if len(layout.dims) == 1 else values
-
-    channels = {channel: signal(variable) for channel, variable in json.loads(str(found["channels"])).items()}
-    rest = {key: convert(found[key]) for key, convert in {**layout.numbers, **layout.vectors}.items()}
-    return {"angle": signal("angle"), "torque": signal("torque"), "channels": channels, **rest}
+        found = {**{str(name): values.values for name, values in dataset.variables.items()}, **dataset.attrs}
+    if str(found.get("tvsysid", "")) != kind:
+        raise InputError(f"{file}: not written by write_{kind}; what others wrote is read by read_recording")
+    return found, {name: found[variable] for name, variable in json.loads(str(found["channels"])).items()}
 
 
 def _checked(path: str | Path, *endings: str) -> Path:
@@ -256,7 +243,7 @@ def _variables(names: Sequence[str]) -> dict[str, str]:
     >>> _variables(["emg", "sv.Ankle (rad)", "angle"])
     {'emg': 'emg', 'sv.Ankle (rad)': 'sv_Ankle_rad', 'angle': 'angle_2'}
     """
-    taken = {name.lower() for name in RESERVED}
+    taken = set(RESERVED)
     variables = {}
     for name in names:
         plain = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")[:LONGEST_NAME]

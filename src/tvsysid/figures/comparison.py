@@ -148,7 +148,7 @@ def _varying_vaf(row: Sequence[Axes], cell: xr.Dataset, which: str) -> None:
 def _means(row: Sequence[Axes], cell: xr.Dataset, values: xr.DataArray, most: float = np.inf) -> None:
     """For each method mean and twice the standard deviation over trials of values that cannot exceed a limit."""
     mean = values.mean("trial")
-    spread = 2 * np.sqrt(np.square(values - mean).mean("trial"))  # .std warns where there is no trial
+    spread = 2 * ((values - mean) ** 2).mean("trial") ** 0.5  # .std warns where there is no trial
     several = values.notnull().sum("trial").max("time") > 1
     for axes, (method, hue) in zip(row, hues(unique(cell.method_key.values)).items(), strict=True):
         middle, reach = mean.sel(method_key=method).values, spread.sel(method_key=method).values

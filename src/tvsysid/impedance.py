@@ -8,41 +8,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid.numerics.differentiation import HALF_WIDTH, derivative_weights
-from tvsysid.numerics.moments import lagged_moments, time_chunks
+from tvsysid.numerics.moments import diagonal_moments, window_matrices
 
 Array = NDArray[np.float64]
 
+ROUNDING = 1e-9  # share of the largest eigenvalue below which directions of lagged angles are rounding
+SINGULAR = 1e-9  # determinant of three regressors' correlation matrix below which they cannot be told apart
+
 
 def static_stiffness(impulse_response: Array, sample_time: float) -> Array:
-    r"""Area under the impulse response: :math:`k(t) = \Delta t \sum_\tau h(t, \tau)` (equation 20).
-
-    Parameters
-    ----------
-    impulse_response
-        In N·m/rad per second, shape (time, lag).
-    sample_time
-        In s.
-
-    Returns
-    -------
-    Array
-        In N·m/rad, shape (time,).
-    """
+    r"""Area under the impulse response (time, lag): :math:`k(t) = \Delta t \sum_\tau h(t, \tau)` (equation 20)."""
     return np.asarray(impulse_response.sum(axis=1) * sample_time)
 
 
-class Readout(NamedTuple):
-    """What stiffness, viscosity and inertia are of the correlations at each time.
-
-    ``matrix`` (time, 3, lag): times the correlations of input and output it gives the three; ``fitted`` (time,): the
-    output's power that the second-order fit explains.
-    """
-
-    matrix: Array
-    fitted: Array
-
-
-def second_order_readout(phi_uu: Array, phi_uy: Array, inverse: Array, sampling_rate: float) -> Readout:
+def second_order_readout(phi_uu: Array, phi_uy: Array, inverse: Array, sampling_rate: float) -> tuple[Array, Array]:
     r"""Stiffness as the area under an impulse response, viscosity and inertia from a second-order fit to it.
 
     Weights :math:`w = \Phi^{-1} \varphi` have a covariance in proportion to :math:`\Phi^{-1}`. The fit, weighted by
@@ -54,19 +33,9 @@ def second_order_readout(phi_uu: Array, phi_uy: Array, inverse: Array, sampling_
     lagged angles (:mod:`tvsysid.numerics.differentiation`). So it lies in the band in which the input has power, and
     needs no truncation: three numbers are determined where an impulse response is not.
 
-    Parameters
-    ----------
-    phi_uu, phi_uy
-        Correlations as of :func:`tvsysid.numerics.moments.lagged_moments`, shapes (time, lag, lag) and (time, lag).
-    inverse
-        Pseudo-inverse of ``phi_uu``, truncated or not, shape (time, lag, lag), by which the area follows.
-    sampling_rate
-        In Hz.
-
-    Returns
-    -------
-    Readout
-        NaN where the input does not tell the three apart.
+    From the correlations of :func:`tvsysid.numerics.moments.lagged_moments` and the pseudo-inverse, truncated or not,
+    by which the area follows: the matrix (time, 3, lag) that times ``phi_uy`` gives the three, and the output's power
+    that the fit explains (time,). NaN where the input does not tell the three apart.
     """
     derivative = derivative_filters(phi_uu.shape[1] // 2, sampling_rate)
     filtered = phi_uu @ derivative.T
@@ -75,7 +44,7 @@ def second_order_readout(phi_uu: Array, phi_uy: Array, inverse: Array, sampling_
     cross = phi_uy @ derivative.T
     found = (inverted @ cross[..., None])[..., 0]
     matrix = np.concatenate([inverse.sum(axis=2)[:, None], fit[:, 1:]], axis=1)
-    return Readout(matrix, np.einsum("tm,tm->t", found, cross))
+    return matrix, np.einsum("tm,tm->t", found, cross)
 
 
 class MomentFit(NamedTuple):
@@ -86,19 +55,9 @@ class MomentFit(NamedTuple):
 
 
 def second_order_fit(moments: Array, cross: Array) -> MomentFit:
-    r"""Stiffness, viscosity and inertia by least squares on angle, velocity and acceleration.
+    """Stiffness, viscosity and inertia by least squares on angle, velocity and acceleration.
 
-    Parameters
-    ----------
-    moments
-        Second moments of angle, velocity and acceleration, shape (time, 3, 3).
-    cross
-        Their moments with the torque, shape (time, 3).
-
-    Returns
-    -------
-    MomentFit
-        NaN where the moments do not determine the three.
+    From the three's second ``moments`` (time, 3, 3) and those with the torque (time, 3); NaN where not determined.
     """
     inverse = _inverses(moments)
     return MomentFit((inverse @ cross[..., None])[..., 0], inverse)
@@ -108,8 +67,9 @@ class DerivativeMoments(NamedTuple):
     """Second moments over realizations of angle, velocity and acceleration at each time, and of the torque.
 
     ``regressors`` (time, 3, 3) of the three with each other, ``cross`` (time, 3) with the torque, ``square`` (time,) of
-    the torque; those of the lagged angles that the three are made of: ``mixed`` (time, lag, 3) with the three,
-    ``answers`` (time, lag) with the torque, and ``lagged`` (lag, lag) with each other, averaged over time.
+    the torque; those of the angles from :data:`HALF_WIDTH` samples before to as many after, of which the three are
+    sums: ``mixed`` (time, sample, 3) with the three, ``answers`` (time, sample) with the torque, and ``around``
+    (sample, sample) with each other, averaged over time.
     """
 
     regressors: Array
@@ -117,69 +77,48 @@ class DerivativeMoments(NamedTuple):
     square: Array
     mixed: Array
     answers: Array
-    lagged: Array
+    around: Array
 
     def second_order_agreement(self, impedance: Array, realizations: int) -> float:
         """Agreement of an impedance (time, 3) with the moments; see :func:`agreement_of_moments`."""
+        times = len(impedance)
         explained = float(np.sum(self.cross * impedance))
         fitted = float(np.einsum("tm,tmk,tk->", impedance, self.regressors, impedance))
-        times = len(impedance)
-        return agreement_of_moments(
-            fitted / times,
-            np.mean(self.answers - (self.mixed @ impedance[..., None])[..., 0], axis=0),
-            self.lagged,
-            (float(self.square.sum()) - 2 * explained + fitted) / times,
-            realizations * times,
-        )
+        unexplained = self.answers.sum(axis=0) - np.einsum("tjm,tm->j", self.mixed, impedance)
+        left = (float(self.square.sum()) - 2 * explained + fitted) / times
+        return agreement_of_moments(fitted / times, unexplained / times, self.around, left, realizations * times)
 
 
-def derivative_moments(angle: Array, torque: Array, sampling_rate: float) -> DerivativeMoments:
-    """Moments of angle, velocity and acceleration, which are sums of lagged angles; no derivative is formed.
+def derivative_moments(products: Array, angle: Array, torque: Array, sampling_rate: float) -> DerivativeMoments:
+    """Moments of angle, velocity and acceleration, which are sums of the angles about; no derivative is formed.
 
-    Parameters
-    ----------
-    angle, torque
-        Shape (realization, time); the moments are those of the times :data:`HALF_WIDTH` from both ends.
-    sampling_rate
-        In Hz.
+    They are those of the times :data:`HALF_WIDTH` from both ends of angle and torque (realization, time). ``products``
+    are the angle's moments along the diagonals (:func:`diagonal_moments`), of as many more samples before as after.
     """
-    filters = derivative_filters(HALF_WIDTH, sampling_rate)
-    parts, lagged = [], np.zeros((filters.shape[1],) * 2)
-    for chunk in time_chunks(angle.shape[1] - 2 * HALF_WIDTH, filters.shape[1]):
-        within = slice(chunk.start, chunk.stop + 2 * HALF_WIDTH)
-        phi_uu, phi_uy, square, _ = lagged_moments(angle[:, within], torque[:, within], HALF_WIDTH)
-        parts.append((phi_uu @ filters.T, phi_uy, square))
-        lagged += phi_uu.sum(axis=0)
-    mixed, answers, square = (np.concatenate(values) for values in zip(*parts, strict=True))
-    return DerivativeMoments(filters @ mixed, answers @ filters.T, square, mixed, answers, lagged / len(square))
+    filters = derivative_filters(HALF_WIDTH, sampling_rate)[:, ::-1]
+    first = (len(products) - angle.shape[1] + 1) // 2
+    along = products[first : first + angle.shape[1], : 2 * HALF_WIDTH + 1]
+    windows = window_matrices(along, along)
+    mixed = windows @ filters.T
+    inner = torque[:, HALF_WIDTH : torque.shape[1] - HALF_WIDTH]
+    answers = diagonal_moments(inner, angle, 2 * HALF_WIDTH)
+    square = np.einsum("rt,rt->t", inner, inner) / len(inner)
+    return DerivativeMoments(filters @ mixed, answers @ filters.T, square, mixed, answers, windows.mean(axis=0))
 
 
 def derivative_filters(lags: int, sampling_rate: float) -> Array:
-    """Filters that give a signal and its first and second derivative from so many lags to either side.
-
-    Shape (3, 2 lags + 1), in the units of 1 per second to the power 0, 1 and 2.
-    """
+    """Filters (3, 2 lags + 1) that give a signal and its first and second derivative, in 1/s to the power 0, 1, 2."""
     return np.asarray(derivative_weights(lags) * sampling_rate ** np.arange(3.0)[:, None])
 
 
 def agreement(fitted: Array, beyond: Array, chance: Array) -> float:
-    r"""Share of the output that answers to the input which a second-order fit explains.
+    r"""Share of the output that answers to the input which a second-order fit explains, in per cent.
 
     .. math:: 100\,\% \left(1 - \frac{\sum_t (e(t) - c(t))}{\sum_t (f(t) + e(t))}\right)
 
-    no more than 100 %. On a joint that is of second order lagged inputs explain more than the fit by chance only.
-
-    Parameters
-    ----------
-    fitted, beyond
-        Power of the output that the fit explains, f, and that lagged inputs explain of the rest, e, shape (time,).
-    chance
-        What noise alone makes of the second, c, shape (time,).
-
-    Returns
-    -------
-    float
-        In per cent; NaN where nothing can be said.
+    with f the output's power that is ``fitted``, e what lagged inputs explain ``beyond`` and c what noise alone makes
+    of that, (time,). No more than 100 %, NaN where nothing can be said. On a joint that is of second order lagged
+    inputs explain more than the fit by chance only.
     """
     known = np.isfinite(fitted) & np.isfinite(beyond) & np.isfinite(chance)
     total = float(np.sum((fitted + beyond)[known]))
@@ -189,28 +128,16 @@ def agreement(fitted: Array, beyond: Array, chance: Array) -> float:
 
 
 def agreement_of_moments(fitted: float, cross: Array, moments: Array, left: float, samples: int) -> float:
-    """Agreement of a second-order fit with the torque's mean response to lagged angles.
+    """Agreement of a second-order fit with the torque's mean response to lagged angles, in per cent.
 
     The response is taken as the same at all times: what a fit leaves because it smooths a change of stiffness has no
-    mean response, and does not count.
-
-    Parameters
-    ----------
-    fitted, left
-        Mean squares of the fit, and of what it leaves of the torque.
-    cross
-        Mean products of lagged angles and what the fit leaves, shape (lag,).
-    moments
-        Mean products of lagged angles, shape (lag, lag).
-    samples
-        How many there are, realizations times times.
-
-    Returns
-    -------
-    float
-        In per cent; see :func:`agreement`.
+    mean response, and does not count. ``fitted`` and ``left`` are mean squares of the fit and of what it leaves of the
+    torque, ``cross`` (lag,) and ``moments`` (lag, lag) mean products of lagged angles with what is left and with each
+    other, over so many ``samples``.
     """
-    answer = float(cross @ np.linalg.pinv(moments, rcond=ROUNDING, hermitian=True) @ cross)
+    values, vectors = np.linalg.eigh(moments)
+    kept = np.abs(values) > ROUNDING * np.abs(values).max()
+    answer = float(np.sum((cross @ vectors)[kept] ** 2 / values[kept]))
     chance = len(cross) * left / samples
     return agreement(*(np.array([value]) for value in (fitted, answer, chance)))
 
@@ -224,9 +151,3 @@ def _inverses(matrices: Array) -> Array:
     determined = np.linalg.det(scaled) > SINGULAR
     scaled[~determined] = np.eye(matrices.shape[1])
     return np.where(determined[:, None, None], np.linalg.inv(scaled) / scales, np.nan)
-
-
-ROUNDING = 1e-9
-"""Share of the largest eigenvalue below which directions of lagged angles are rounding."""
-SINGULAR = 1e-9
-"""Determinant of three regressors' correlation matrix below which they cannot be told apart."""

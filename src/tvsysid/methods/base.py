@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.models import Model
-from tvsysid.numerics.spectra import power_share
+from tvsysid.numerics.spectra import power_shares
 from tvsysid.quality.statistics import LEAST_POWER, MOSTLY_NEGATIVE, mean_left, still_samples
 from tvsysid.signals import Ensemble
 
@@ -244,8 +244,7 @@ def _common_warnings(ensemble: Ensemble, model: Model, low: float, high: float) 
                 f"{still[0] / ensemble.sampling_rate:.3g} s: nothing is identified there, and the values mean nothing"
             )
     angle = ensemble.angle[:: max(1, len(ensemble) // 64)]
-    below = power_share(angle, ensemble.sampling_rate, 0.0, low)
-    above = power_share(angle, ensemble.sampling_rate, high, math.inf)
+    below, above = power_shares(angle, ensemble.sampling_rate, (0.0, low), (high, math.inf))
     if min(below, above) < LEAST_POWER:
         side, limit, share, fault = (
             ("below", low, below, "stiffness") if below < above else ("above", high, above, "viscosity and inertia")

@@ -26,6 +26,7 @@ from tvsysid.methods.shared import (
     Posterior,
     PosteriorErrors,
     agreement,
+    colour_products,
     derivative_filters,
     derivative_moments,
     impedance_estimates,
@@ -112,7 +113,8 @@ class BasisIRF(Method):
         return self._parametric(ensemble, functions) if self.model == "parametric" else self._irf(ensemble, functions)
 
     def _parametric(self, ensemble: Ensemble, functions: Array) -> SecondOrderModel:
-        moments = self._derivative_moments(ensemble)
+        products = colour_products(ensemble)
+        moments = self._derivative_moments(ensemble, products)
         missing = (len(functions) - len(moments.square)) // 2
         expansions = _expansions(functions[missing : len(functions) - missing])
         system = _parametric_system(moments, expansions)
@@ -123,10 +125,10 @@ class BasisIRF(Method):
         places = np.split(np.arange(len(coefficients)), (count, 2 * count))
         impedance = np.stack([e @ coefficients[at] for e, at in zip(expansions, places, strict=True)], axis=1)
         agreement = moments.second_order_agreement(impedance, len(ensemble))
-        filters = derivative_filters(moments.answers.shape[1] // 2, ensemble.sampling_rate)
+        filters = derivative_filters(HALF_WIDTH, ensemble.sampling_rate)
         left = residual(ensemble, impedance @ filters)
         covariances = tuple(covariance[np.ix_(at, at)] for at in places)
-        errors = self._errors(ensemble, expansions, covariances, left, posterior.effective)
+        errors = self._errors(ensemble, products, expansions, covariances, left, posterior.effective)
         stiffness, viscosity, inertia = padded(impedance, missing).T
         names = [f"{name} {j}" for name in ("stiffness", "viscosity") for j in range(count)]
         return SecondOrderModel(
@@ -164,7 +166,7 @@ class BasisIRF(Method):
         readout = np.stack([np.ones(unknowns), fit[1], fit[2]])
         covariances = tuple(np.einsum("ma,ajbk,mb->mjk", readout, covariance, readout, optimize=True))
         left, expansions = residual(ensemble, weights), (inner,) * 3
-        errors = self._errors(ensemble, expansions, covariances, left, posterior.effective)
+        errors = self._errors(ensemble, colour_products(ensemble), expansions, covariances, left, posterior.effective)
         diagnostics = _diagnostics(posterior, found)
         return impulse_response_model(repr(self), ensemble, weights, weights @ fit.T, diagnostics, errors)
 
@@ -174,15 +176,16 @@ class BasisIRF(Method):
         moments = (system.gram * count, system.cross * count, system.square * count)
         return PRIORS[self.prior](*moments, round(count * system.times))
 
-    def _derivative_moments(self, ensemble: Ensemble) -> DerivativeMoments:
+    def _derivative_moments(self, ensemble: Ensemble, products: Array) -> DerivativeMoments:
         check_window("BasisIRF: the derivatives of the angle", 2 * HALF_WIDTH + 1, ensemble)
         first = max(0, ensemble.context - HALF_WIDTH)
         angle, torque = (x[:, first : x.shape[1] - first] for x in (ensemble.angle, ensemble.torque))
-        return derivative_moments(angle, torque, ensemble.sampling_rate)
+        return derivative_moments(products, angle, torque, ensemble.sampling_rate)
 
     def _errors(
         self,
         ensemble: Ensemble,
+        products: Array,
         expansions: tuple[Array, ...],
         covariances: tuple[Array, ...],
         left: Array,
@@ -195,7 +198,7 @@ class BasisIRF(Method):
         return PosteriorErrors(
             expansions,
             covariances,
-            Colour.of(ensemble, left, effective / left.size, filters),
+            Colour.of(ensemble, left, effective / left.size, filters, products),
             band=(0.0, 0.5),
             stronger=(left.size - effective) / max(freedom, 1.0),
             freedom=freedom,
@@ -208,7 +211,7 @@ class BasisIRF(Method):
         per_function = 2 if self.model == "parametric" else 2 * fitting_lags("BasisIRF", self.max_lag, ensemble) + 1
         predicted = self._identify(ensemble).predict(ensemble)
         share = independent_share(ensemble, predicted, (0.0, ensemble.sampling_rate / 2))
-        moments = self._derivative_moments(ensemble) if self.model == "parametric" else None
+        moments = self._derivative_moments(ensemble, colour_products(ensemble)) if self.model == "parametric" else None
 
         def log_evidence(basis: Basis) -> float:
             functions = evaluate(basis, ensemble.samples)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -29,14 +28,15 @@ from tvsysid.methods.shared import (
     Colour,
     StandardError,
     agreement_of,
+    colour_products,
     convolve_lags,
     counted,
     derivative_filters,
-    differentiate,
+    derivative_moments,
     hann,
     impedance_estimates,
     independent_realizations,
-    power_share,
+    power_shares,
     second_order_fit,
     short_time_spectra,
     standard_errors,
@@ -160,7 +160,8 @@ class EnsembleSpectral(Method):
 
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
         rate = ensemble.sampling_rate
-        if power_share(ensemble.angle[:: max(1, len(ensemble) // 64)], rate, rate / 4, math.inf) < OVERSAMPLED:
+        (fast,) = power_shares(ensemble.angle[:: max(1, len(ensemble) // 64)], rate, (rate / 4, math.inf))
+        if fast < OVERSAMPLED:
             yield (
                 f"the angle has hardly any power above {rate / 4:.4g} Hz: at {rate:g} Hz the response there is noise, "
                 "and so is the prediction of torque; decimate first, to 100 Hz for instance"
@@ -220,30 +221,28 @@ class Segments(NamedTuple):
 
 def _segment_fit(ensemble: Ensemble, power: Array, begin: int, end: int) -> tuple[Segments, Array, float]:
     """Segments from one sample to another, context counted; their impedance (time, 3) and its agreement in per cent."""
-    first, last = max(0, begin - HALF_WIDTH), min(ensemble.angle.shape[1], end + HALF_WIDTH)
-    signals = differentiate(ensemble.angle[:, first:last], ensemble.sampling_rate)
-    torque = ensemble.torque[:, first + HALF_WIDTH : last - HALF_WIDTH]
-    edges = first + HALF_WIDTH - begin, end - (last - HALF_WIDTH)
-    moments = np.zeros((end - begin, 4, 4))
-    both = (*signals, torque)
-    for a, b in itertools.combinations_with_replacement(range(4), 2):
-        products = np.einsum("rt,rt->t", both[a], both[b])
-        moments[edges[0] : len(moments) - edges[1], a, b] = moments[edges[0] : len(moments) - edges[1], b, a] = products
+    rate, centre, samples = ensemble.sampling_rate, len(power) // 2, ensemble.angle.shape[1]
+    products = colour_products(ensemble)
+    found = derivative_moments(products, ensemble.angle, ensemble.torque, rate)
+    moments = np.zeros((samples, 4, 4))
+    inner = moments[HALF_WIDTH : samples - HALF_WIDTH]
+    inner[:, :3, :3], inner[:, 3, 3] = found.regressors, found.square
+    inner[:, 3, :3] = inner[:, :3, 3] = found.cross
+    moments = moments[begin:end] * len(ensemble)
+    edges = max(0, HALF_WIDTH - begin), max(0, end - (samples - HALF_WIDTH))
     sums = window_sums(moments, power)
     impedance, _ = second_order_fit(sums[:, :3, :3], sums[:, :3, 3])
 
     # What the fit leaves at the segments' centres, as far as the derivatives are known there.
-    centre = len(power) // 2
-    start, stop = max(0, edges[0] - centre), min(len(impedance), torque.shape[1] + edges[0] - centre)
-    known = slice(start + centre - edges[0], stop + centre - edges[0])
-    fit = np.einsum("tm,mrt->rt", impedance[start:stop], signals[:, :, known])
-    left = torque[:, known] - fit
-    filters = derivative_filters(HALF_WIDTH, ensemble.sampling_rate)
-    taken = _taken(power, len(ensemble), round(LONGEST_COLOUR * ensemble.sampling_rate) + 1)
-    colour = Colour.of(ensemble, left, taken, filters)
-    lags = min(centre, round(LONGEST_COLOUR * ensemble.sampling_rate))
+    first, last = max(begin + centre, HALF_WIDTH), min(begin + centre + len(impedance), samples - HALF_WIDTH)
+    filters = derivative_filters(HALF_WIDTH, rate)
+    weights = impedance[first - begin - centre : last - begin - centre] @ filters
+    fit = convolve_lags(ensemble.angle[:, first - HALF_WIDTH : last + HALF_WIDTH], weights)
+    left = ensemble.torque[:, first:last] - fit
+    longest = round(LONGEST_COLOUR * rate)
+    colour = Colour.of(ensemble, left, _taken(power, len(ensemble), longest + 1), filters, products)
     # The response itself would not do for a comparison, because leakage takes more from it than higher dynamics.
-    agreement = agreement_of(fit, left, signals[0, :, known], ensemble.angle, lags)
+    agreement = agreement_of(fit, left, ensemble.angle[:, first:last], ensemble.angle, min(centre, longest))
     return Segments(moments, edges, power, independent_realizations(ensemble), colour), impedance, agreement
 
 

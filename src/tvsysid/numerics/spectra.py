@@ -101,10 +101,11 @@ def hann(length: int) -> Array:
     return np.asarray(0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(length) + 1) / (length + 1)))
 
 
-def power_share(x: Array, sampling_rate: float, low: float, high: float) -> float:
-    """Share of the variance of x, shape (realization, time), that lies from low to high (Hz)."""
+def power_shares(x: Array, sampling_rate: float, *bands: tuple[float, float]) -> list[float]:
+    """Shares of the variance of x (realization, time) that lie within bands, each from a frequency to another in Hz."""
     centred = x - x.mean(axis=1, keepdims=True)
-    power = np.sum(np.abs(np.fft.rfft(centred * hann(x.shape[1]), axis=1)) ** 2, axis=0)
-    frequencies = np.fft.rfftfreq(x.shape[1], 1 / sampling_rate)
-    inside = (frequencies >= low) & (frequencies <= high)
-    return float(power[inside].sum() / power.sum()) if power.sum() > 0 else 0.0
+    spectrum = rfft(centred * hann(x.shape[1]), axis=1)
+    power = np.einsum("rf,rf->f", spectrum.real, spectrum.real) + np.einsum("rf,rf->f", spectrum.imag, spectrum.imag)
+    frequencies, total = np.fft.rfftfreq(x.shape[1], 1 / sampling_rate), power.sum()
+    inside = [power[(frequencies >= low) & (frequencies <= high)].sum() for low, high in bands]
+    return [float(share / total) if total > 0 else 0.0 for share in inside]

@@ -38,6 +38,7 @@ from tvsysid.methods.shared import (
     Colour,
     PosteriorErrors,
     agreement_of,
+    colour_products,
     derivative_filters,
     impedance_estimates,
     independent_realizations,
@@ -265,7 +266,9 @@ class KernelRegression(Method):
         return PosteriorErrors(
             (features,) * len(parts),
             tuple(covariance[part, part] for part in parts),
-            Colour.of(ensemble, left, found.effective / left.size, filters),
+            Colour.of(
+                ensemble, left, found.effective / left.size, filters, colour_products(ensemble, filters.shape[1])
+            ),
             band=(low, high),
             # Of a mean over realizations that was subtracted the posterior knows nothing.
             stronger=len(ensemble) / independent_realizations(ensemble),

@@ -13,6 +13,7 @@ from tvsysid.estimates import IMPEDANCE, StandardError
 from tvsysid.impedance import agreement_of_moments
 from tvsysid.methods.base import padded
 from tvsysid.numerics.bands import arc_length
+from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.numerics.moments import convolve_lags
 from tvsysid.numerics.noise import (
     angle_products,
@@ -68,8 +69,8 @@ def residual(ensemble: Ensemble, weights: Array) -> Array:
     lags = weights.shape[1] // 2
     first = max(0, ensemble.context - lags)
     angle, torque = (x[:, first : x.shape[1] - first] for x in (ensemble.angle, ensemble.torque))
-    left: Array = torque[:, lags : torque.shape[1] - lags] - convolve_lags(angle, weights)
-    return left
+    fit = convolve_lags(angle, weights)
+    return np.subtract(torque[:, lags : torque.shape[1] - lags], fit, out=fit)
 
 
 def noise_correlation(covariance: Array, taken: Array) -> Array:
@@ -97,13 +98,12 @@ class Colour(NamedTuple):
     products: Array
 
     @classmethod
-    def of(cls, ensemble: Ensemble, left: Array, taken: Array | float, filters: Array) -> Colour:
-        """Colour of a residual (realization, time).
+    def of(cls, ensemble: Ensemble, left: Array, taken: Array | float, filters: Array, products: Array) -> Colour:
+        """Colour of a residual (realization, time), and of an angle with these :func:`colour_products`.
 
         ``taken`` is the share of noise whose mean over realizations, if it was subtracted, is not missing.
         """
         lags = round(LONGEST_COLOUR * ensemble.sampling_rate)
-        products = angle_products(ensemble.angle, filters.shape[1], lags)
         share = taken * len(ensemble) / independent_realizations(ensemble)
         return cls(autocovariance(left, lags), share, filters, products)
 
@@ -117,6 +117,11 @@ class Colour(NamedTuple):
         return noise, colour_factors(regressors, noise * seen)
 
 
+def colour_products(ensemble: Ensemble, width: int = 2 * HALF_WIDTH + 1) -> Array:
+    """Moments of the angle along the diagonals as far as so wide filters and the noise's colour need them."""
+    return angle_products(ensemble.angle, width, round(LONGEST_COLOUR * ensemble.sampling_rate))
+
+
 def agreement_of(fit: Array, left: Array, angle: Array, around: Array, lags: int) -> float:
     """Agreement of a fit that ``left`` something of the torque, both (realization, time).
 
@@ -124,7 +129,11 @@ def agreement_of(fit: Array, left: Array, angle: Array, around: Array, lags: int
     :func:`tvsysid.impedance.agreement_of_moments`.
     """
     cross, moments = cross_covariance(angle, left, lags), toeplitz(autocovariance(around, 2 * lags))
-    return agreement_of_moments(float(np.mean(fit**2)), cross, moments, float(np.mean(left**2)), left.size)
+    return agreement_of_moments(_mean_square(fit), cross, moments, _mean_square(left), left.size)
+
+
+def _mean_square(x: Array) -> float:
+    return float(np.einsum("rt,rt->", x, x)) / x.size
 
 
 @dataclass(frozen=True, eq=False)

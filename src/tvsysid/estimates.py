@@ -174,7 +174,7 @@ class Estimate:
         return self.error
 
     def band(self, level: float = 0.95, simultaneous: bool = False) -> tuple[Array, Array]:
-        """Band about the estimate.
+        """Lower and upper limits of the band about the estimate, in its unit and shape; NaN where there is none.
 
         Parameters
         ----------
@@ -183,11 +183,6 @@ class Estimate:
         simultaneous
             Whether it holds the truth at all times together with at least that probability, rather than at each time by
             itself; see :func:`tvsysid.numerics.bands.simultaneous_value`.
-
-        Returns
-        -------
-        lower, upper : Array
-            In the estimate's unit and shape; NaN where there is none.
 
         Raises
         ------

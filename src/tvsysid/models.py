@@ -131,35 +131,22 @@ class Model(ABC):
         return self.over_time("inertia")
 
     def over_time(self, quantity: str) -> Array:
-        """Estimate of a quantity over time, shape (time,).
-
-        The mean over realizations where the method tells them apart; NaN where it has no such estimate.
-        """
+        """Estimate over time (time,): the mean over realizations where the method tells them apart, NaN where none."""
         estimate = self.estimates.get(quantity)
-        if estimate is not None and estimate.axes == ("time",):
-            return estimate.values
-        if estimate is not None and estimate.axes == ("realization", "time"):
-            return mean_known(estimate.values)
-        return np.full(len(self.time), np.nan)
+        if estimate is None or estimate.axes not in {("time",), ("realization", "time")}:
+            return np.full(len(self.time), np.nan)
+        return estimate.values if estimate.axes == ("time",) else mean_known(estimate.values)
 
     def pathways(self, ensemble: Ensemble) -> dict[str, Array]:
-        """Torque of each pathway for the ensemble's signals.
+        """Torque of each pathway for an ensemble's signals, not necessarily those that the model was identified from.
 
-        Parameters
-        ----------
-        ensemble
-            Realizations of the model's sampling rate and duration; not necessarily those identified from.
-
-        Returns
-        -------
-        dict
-            By pathway (``"intrinsic"`` alone where the model has one), in N·m, shape (realization, time), context not
-            counted; NaN where lags reach beyond the samples or the model does not.
+        By pathway (``"intrinsic"`` alone where the model has one), in N·m, shape (realization, time), context not
+        counted; NaN where lags reach beyond the samples or the model does not.
 
         Raises
         ------
         InputError
-            For another sampling rate or duration.
+            For another sampling rate or duration than the model's.
         """
         if ensemble.samples != len(self.time) or abs(ensemble.sampling_rate / self.sampling_rate - 1) > 1e-9:
             raise InputError(
@@ -176,15 +163,12 @@ class Model(ABC):
     def _pathways(self, ensemble: Ensemble) -> dict[str, Array]: ...
 
     def __repr__(self) -> str:
-        stiffness = self.stiffness
-        known = int(np.isfinite(stiffness).sum())
-        span = "no stiffness"
-        if known:
-            span = f"stiffness {np.nanmin(stiffness):.1f} to {np.nanmax(stiffness):.1f} N·m/rad"
+        known = self.stiffness[np.isfinite(self.stiffness)]
+        span = f"stiffness {known.min():.1f} to {known.max():.1f} N·m/rad" if known.size else "no stiffness"
         warned = "".join(f"\n  warning: {text}" for text in self.diagnostics.warnings)
         return (
             f"{type(self).__name__}({self.method}: {span} over {len(self.time) / self.sampling_rate:g} s, "
-            f"identified at {known} of {len(self.time)} samples, "
+            f"identified at {known.size} of {len(self.time)} samples, "
             f"{self.diagnostics.parameters:.3g} effective parameters){warned}"
         )
 
@@ -192,13 +176,9 @@ class Model(ABC):
         """Everything identified as an xarray.Dataset, with units as attributes.
 
         Each estimate has beside it, where the method states it, its ``_standard_error``, degrees of ``_freedom``, and
-        the ``_lower`` and ``_upper`` limits of its 95 % band. A frequency response is complex;
+        the ``_lower`` and ``_upper`` limits of its 95 % band. If an ensemble is given, the torque of each pathway for
+        it is there too, as ``torque_`` and the pathway's name. A frequency response is complex;
         :func:`tvsysid.recordings.write_models` splits it for the NetCDF file.
-
-        Parameters
-        ----------
-        ensemble
-            If given, the torque of each pathway for it is there too, as ``torque_`` and the pathway's name.
         """
         import xarray as xr  # noqa: PLC0415  # heavy
 
@@ -255,15 +235,7 @@ class Model(ABC):
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class ImpulseResponseModel(Model):
-    """Two-sided impulse response at each time.
-
-    Parameters
-    ----------
-    impulse_response
-        In N·m/rad per second, shape (time, lag).
-    lags
-        In s, shape (lag,); positive where the input comes before the output.
-    """
+    """Two-sided impulse response at each time, in N·m/rad per second, shape (time, lag); ``lags`` in s."""
 
     impulse_response: Array
     lags: Array
@@ -284,18 +256,9 @@ class FrequencyResponseModel(Model):
     that it was estimated from have samples, half of them negative. Frequencies without input are left out. It is good
     where the perturbation reaches a fair part of the Nyquist frequency, as at 100 Hz; decimate first.
 
-    Parameters
-    ----------
-    frequency_response
-        In N·m/rad, complex, shape (time, frequency).
-    frequencies
-        In Hz, shape (frequency,).
-    coherence
-        Share of the torque's power that is linearly related to the angle, 0 to 1, shape (time, frequency).
-    excited
-        Where the angle has at least a millionth of its strongest frequency's power, shape (time, frequency).
-    segment
-        Samples of the segments.
+    Response in N·m/rad, complex, at these ``frequencies`` in Hz; ``coherence``, the share of the torque's power that is
+    linearly related to the angle; and whether a frequency is ``excited``: the angle has at least a millionth of its
+    strongest frequency's power there; each of shape (time, frequency). ``segment``: samples of the segments.
     """
 
     frequency_response: ComplexArray
@@ -323,16 +286,8 @@ class SecondOrderModel(Model):
     r"""Stiffness, viscosity and inertia that are sums of known functions of time.
 
     Its prediction is :math:`k(t)\theta + b(t)\dot\theta + I(t)\ddot\theta`, with the derivatives of
-    :meth:`tvsysid.Ensemble.derivatives`.
-
-    Parameters
-    ----------
-    coefficients
-        Posterior mean of the coefficients, shape (coefficient,).
-    covariance
-        Their posterior covariance, shape (coefficient, coefficient).
-    labels
-        What each coefficient multiplies.
+    :meth:`tvsysid.Ensemble.derivatives`. It keeps the posterior mean of the ``coefficients``, their ``covariance``
+    (coefficient, coefficient), and what each multiplies (``labels``).
     """
 
     coefficients: Array

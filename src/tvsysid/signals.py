@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from types import MappingProxyType
 from typing import Any
 
@@ -104,20 +105,10 @@ class _Signals:
     def __reduce__(self) -> tuple[Any, ...]:
         # A read-only mapping, unlike a dict, cannot be pickled.
         values = {item.name: getattr(self, item.name) for item in fields(self)}  # type: ignore[arg-type]
-        return _made_anew, (type(self), values | {"channels": dict(self.channels)})
+        return partial(type(self), **values | {"channels": dict(self.channels)}), ()
 
     def signal(self, name: str) -> Array:
-        """Angle, torque or a channel by its name.
-
-        Parameters
-        ----------
-        name
-            ``"angle"``, ``"torque"`` or one of ``channels``.
-
-        Returns
-        -------
-        Array
-            Of the angle's shape: of an ensemble, with its context.
+        """``"angle"``, ``"torque"`` or a channel by its name, of the angle's shape: of an ensemble, with its context.
 
         Raises
         ------
@@ -131,20 +122,14 @@ class _Signals:
         return found[name]
 
 
-def _made_anew(kind: type[Recording | Ensemble], values: dict[str, Any]) -> Recording | Ensemble:
-    return kind(**values)
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Recording(_Signals):
     """Angle and torque of a joint against time: one continuous record, or several trials one after the other.
 
     Parameters
     ----------
-    angle
-        In rad, shape (time,).
-    torque
-        In N·m, shape (time,), positive where it resists a positive angle.
+    angle, torque
+        In rad and N·m, shape (time,); the torque is positive where it resists a positive angle.
     sampling_rate
         In Hz.
     start
@@ -218,10 +203,8 @@ class Ensemble(_Signals):
 
     Parameters
     ----------
-    angle
-        In rad, shape (realization, context + time + context).
-    torque
-        In N·m, same shape.
+    angle, torque
+        In rad and N·m, shape (realization, context + time + context).
     sampling_rate
         In Hz.
     context
@@ -303,18 +286,10 @@ class Ensemble(_Signals):
         )
 
     def derivatives(self, order: int = 2) -> Array:
-        """Angle and its band-limited derivatives over the realization, context not counted.
+        """Angle and its band-limited derivatives up to the order 0, 1 or 2, in rad, rad/s and rad/s².
 
-        Parameters
-        ----------
-        order
-            Of the highest derivative: 0, 1 or 2.
-
-        Returns
-        -------
-        Array
-            In rad, rad/s and rad/s², shape (order + 1, realization, time); NaN where the filters of
-            :mod:`tvsysid.numerics.differentiation` reach beyond the context.
+        Of shape (order + 1, realization, time), context not counted; NaN where the filters of
+        :mod:`tvsysid.numerics.differentiation` reach beyond the context.
         """
         if order not in (0, 1, 2):
             raise InputError(f"derivatives: order must be 0, 1 or 2, got {order!r}")
@@ -360,15 +335,7 @@ class Ensemble(_Signals):
         return tuple(np.split(order, np.flatnonzero(broken) + 1))
 
     def select(self, realizations: ArrayLike) -> Ensemble:
-        """Ensemble of the realizations with these indices, in this order.
-
-        Parameters
-        ----------
-        realizations
-            Indices or a boolean mask, shape (realization,).
-        """
-        assert self.onsets is not None
-        assert self.trials is not None
+        """Ensemble of the realizations with these indices, in this order, or of those that a boolean mask marks."""
         index = np.asarray(realizations)
         if index.ndim != 1 or not index.size:
             raise InputError(f"select: expected the indices of some realizations, got shape {index.shape}")

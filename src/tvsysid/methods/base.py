@@ -29,18 +29,11 @@ Chosen = TypeVar("Chosen", bound="Method")
 
 @dataclass(frozen=True)
 class Input:
-    """A signal that a method needs beside angle and torque.
+    """A signal that a method needs beside angle and torque: a channel, and the unit in which the method takes it.
 
-    Parameters
-    ----------
-    name
-        Of the channel.
-    kind
-        ``"input"``: acts on the joint, as EMG that drives a reflex; ``"reference"``: the disturbance that the
-        experimenter applied, in closed loop; both lose their mean with the angle. ``"scheduling"``: a measured variable
-        that the joint's properties depend on; it keeps its mean.
-    unit
-        In which the method takes it.
+    Of the kinds, ``"input"`` acts on the joint, as EMG that drives a reflex; ``"reference"`` is the disturbance that
+    the experimenter applied, in closed loop; both lose their mean with the angle. ``"scheduling"`` is a measured
+    variable that the joint's properties depend on; it keeps its mean.
     """
 
     name: str
@@ -72,17 +65,10 @@ class Method(ABC):
     """Whether it needs realizations that follow each other in the record."""
 
     def identify(self, ensemble: Ensemble) -> Model:
-        """Identify the impedance of the joint over one realization.
+        """Identify the impedance of the joint from realizations of one repeated behaviour, mean subtracted.
 
-        Parameters
-        ----------
-        ensemble
-            Realizations of one repeated behaviour, mean subtracted.
-
-        Returns
-        -------
-        Model
-            Immutable; ``time, stiffness, viscosity, inertia`` are of shape (time,), with NaN where not identified.
+        The model is immutable; its ``time, stiffness, viscosity, inertia`` are of shape (time,), with NaN where not
+        identified.
 
         Raises
         ------
@@ -110,20 +96,10 @@ class Method(ABC):
         return None
 
     def tuned(self, ensemble: Ensemble, seed: int = 0) -> Choice[Self]:
-        """Choose settings from the data.
+        """Choose settings by realizations to be identified from, or others alike; their mean subtracted.
 
-        Parameters
-        ----------
-        ensemble
-            Realizations to choose by, mean subtracted; those to be identified from, or others alike.
-        seed
-            For what is drawn at random: the same gives the same settings.
-
-        Returns
-        -------
-        Choice
-            The ``method``, of the same class, with the settings chosen; and the ``evidence``: what was tried, and how
-            each did.
+        Returns the ``method``, of the same class, with the settings chosen, and the ``evidence``: what was tried, and
+        how each did. The same seed gives the same settings.
 
         Raises
         ------
@@ -216,6 +192,11 @@ def check_choice(method: object, name: str, allowed: object) -> None:
         raise InputError(f"{type(method).__name__}: {name} must be one of {listed}; got {value!r}")
 
 
+AGREES = 95.0  # second-order agreement in per cent below which a joint is not of second order; simulated ones reach 99
+CERTAIN = 2.0  # standard errors by which it must lie lower
+EXCITED_ABOVE = 1.0  # Hz above which viscosity and inertia show beside a joint's stiffness at all
+
+
 def _common_warnings(ensemble: Ensemble, model: Model, low: float, high: float) -> Iterator[str]:
     known = model.stiffness[np.isfinite(model.stiffness)]
     if len(known) and np.mean(known < 0) > MOSTLY_NEGATIVE:
@@ -253,11 +234,3 @@ def _common_warnings(ensemble: Ensemble, model: Model, low: float, high: float) 
             f"only {100 * share:.2g} % of the angle's power lies {side} {limit:.3g} Hz, where the method needs it: "
             f"{fault} cannot be told from the noise; use a perturbation with power there"
         )
-
-
-AGREES = 95.0
-"""Second-order agreement in per cent below which a joint counts as not of second order; simulated ones reach 99."""
-CERTAIN = 2.0
-"""Standard errors by which it must lie lower."""
-EXCITED_ABOVE = 1.0
-"""Frequency in Hz above which viscosity and inertia show beside a joint's stiffness at all."""

@@ -29,8 +29,7 @@ from tvsysid.signals import Ensemble
 Array = NDArray[np.float64]
 Solving = Literal["mdl", "full", "lstsq"]
 
-LAGS = (0.03, 0.04, 0.06, 0.08, 0.10, 0.12, 0.16)
-"""Lags in s of which tuned ones are the best."""
+LAGS = (0.03, 0.04, 0.06, 0.08, 0.10, 0.12, 0.16)  # s, of which tuned ones are the best
 
 
 @dataclass(frozen=True)

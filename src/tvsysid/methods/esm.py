@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -28,11 +29,12 @@ from tvsysid.methods.shared import (
     Colour,
     StandardError,
     agreement_of,
+    angle_covariance,
     colour_products,
     convolve_lags,
     counted,
     derivative_filters,
-    derivative_moments,
+    differentiate,
     hann,
     impedance_estimates,
     independent_realizations,
@@ -48,19 +50,12 @@ from tvsysid.signals import Ensemble
 Array = NDArray[np.float64]
 Stiffness = Literal["dc", "fit"]
 
-FEWEST = 10
-"""Realizations below which averaged spectra say little."""
-FEWEST_AT_REST = 2
-"""Independent realizations below which those leave nothing of the noise at 0 Hz."""
-OVERSAMPLED = 1e-6
-"""Share of the angle's power in the upper half of the band below which it counts as sampled too fast."""
-EXCITED = 1e-6
-"""Share of the strongest frequency's input power from which on a frequency counts as excited."""
-
-WINDOWS = (0.12, 0.16, 0.20, 0.26, 0.30, 0.36, 0.44, 0.56, 0.70)
-"""Windows in s of which a tuned one is the best."""
-REFERENCE_LAG = 0.12
-"""Lags in s of the impulse response that tuning compares with."""
+FEWEST = 10  # realizations below which averaged spectra say little
+FEWEST_AT_REST = 2  # independent realizations below which those leave nothing of the noise at 0 Hz
+OVERSAMPLED = 1e-6  # share of the angle's power in the band's upper half below which it counts as sampled too fast
+EXCITED = 1e-6  # share of the strongest frequency's input power from which on a frequency counts as excited
+WINDOWS = (0.12, 0.16, 0.20, 0.26, 0.30, 0.36, 0.44, 0.56, 0.70)  # s, of which a tuned one is the best
+REFERENCE_LAG = 0.12  # s of the impulse response that tuning compares with
 
 
 @dataclass(frozen=True)
@@ -130,7 +125,9 @@ class EnsembleSpectral(Method):
         first = ensemble.context + missing[0] - before
         last = ensemble.context + ensemble.samples - missing[1] + after
         angle, torque = ensemble.angle[:, first:last], ensemble.torque[:, first:last]
-        spectra = short_time_spectra(angle, torque, length)
+        products = colour_products(ensemble)
+        mirrored = (len(products) - ensemble.angle.shape[1] + 1) // 2
+        spectra = short_time_spectra(angle, torque, length, products[first + mirrored : last + mirrored])
         excited = (spectra.uu > EXCITED * spectra.uu.max(axis=1, keepdims=True)).astype(np.float64)
         # A frequency without any input has no response; the smallest number keeps it finite.
         input_power = np.maximum(spectra.uu, np.finfo(float).tiny)
@@ -138,7 +135,7 @@ class EnsembleSpectral(Method):
         powers = input_power * np.maximum(spectra.yy, np.finfo(float).tiny)
         coherence = np.clip(np.abs(spectra.yu) ** 2 / powers, 0.0, 1.0)
         frequencies = np.asarray(np.fft.rfftfreq(length, 1 / ensemble.sampling_rate), dtype=np.float64)
-        segments, impedance, agreement = _segment_fit(ensemble, hann(length) ** 2, first, last)
+        segments, impedance, agreement = _segment_fit(ensemble, products, hann(length) ** 2, first, last)
         at_rest = None
         if self.stiffness == "dc":
             impedance[:, 0] = response[:, 0].real
@@ -219,30 +216,38 @@ class Segments(NamedTuple):
         return float(self.realizations * self.power.sum() ** 2 / np.sum(self.power**2) - 3)
 
 
-def _segment_fit(ensemble: Ensemble, power: Array, begin: int, end: int) -> tuple[Segments, Array, float]:
+def _segment_fit(
+    ensemble: Ensemble, products: Array, power: Array, begin: int, end: int
+) -> tuple[Segments, Array, float]:
     """Segments from one sample to another, context counted; their impedance (time, 3) and its agreement in per cent."""
     rate, centre, samples = ensemble.sampling_rate, len(power) // 2, ensemble.angle.shape[1]
-    products = colour_products(ensemble)
-    found = derivative_moments(products, ensemble.angle, ensemble.torque, rate)
-    moments = np.zeros((samples, 4, 4))
-    inner = moments[HALF_WIDTH : samples - HALF_WIDTH]
-    inner[:, :3, :3], inner[:, 3, 3] = found.regressors, found.square
-    inner[:, 3, :3] = inner[:, :3, 3] = found.cross
-    moments = moments[begin:end] * len(ensemble)
-    edges = max(0, HALF_WIDTH - begin), max(0, end - (samples - HALF_WIDTH))
+    first, last = max(HALF_WIDTH, begin), min(samples - HALF_WIDTH, end)  # where the derivatives are known
+    signals = (
+        *differentiate(ensemble.angle[:, first - HALF_WIDTH : last + HALF_WIDTH], rate),
+        ensemble.torque[:, first:last],
+    )
+    moments = np.zeros((end - begin, 4, 4))
+    for a, b in itertools.combinations_with_replacement(range(4), 2):
+        moments[first - begin : last - begin, a, b] = np.einsum("rt,rt->t", signals[a], signals[b])
+        moments[:, b, a] = moments[:, a, b]
     sums = window_sums(moments, power)
     impedance, _ = second_order_fit(sums[:, :3, :3], sums[:, :3, 3])
 
     # What the fit leaves at the segments' centres, as far as the derivatives are known there.
-    first, last = max(begin + centre, HALF_WIDTH), min(begin + centre + len(impedance), samples - HALF_WIDTH)
+    start, stop = max(first, begin + centre), min(last, begin + centre + len(impedance))
+    at_centre = impedance[start - begin - centre : stop - begin - centre].T
+    angle, *_, torque = known = [signal[:, start - first : stop - first] for signal in signals]
+    fit = known[0] * at_centre[0]
+    for signal, factor in zip(known[1:3], at_centre[1:], strict=True):
+        fit += signal * factor
+    left = torque - fit
     filters = derivative_filters(HALF_WIDTH, rate)
-    weights = impedance[first - begin - centre : last - begin - centre] @ filters
-    fit = convolve_lags(ensemble.angle[:, first - HALF_WIDTH : last + HALF_WIDTH], weights)
-    left = ensemble.torque[:, first:last] - fit
     longest = round(LONGEST_COLOUR * rate)
     colour = Colour.of(ensemble, left, _taken(power, len(ensemble), longest + 1), filters, products)
+    covariance = angle_covariance(ensemble, products, 2 * min(centre, longest))
     # The response itself would not do for a comparison, because leakage takes more from it than higher dynamics.
-    agreement = agreement_of(fit, left, ensemble.angle[:, first:last], ensemble.angle, min(centre, longest))
+    agreement = agreement_of(fit, left, angle, covariance)
+    edges = first - begin, end - last
     return Segments(moments, edges, power, independent_realizations(ensemble), colour), impedance, agreement
 
 
@@ -295,18 +300,10 @@ def _variance_at_rest(angle: Array, torque: Array, stiffness: Array, independent
 
 @dataclass(frozen=True, eq=False)
 class SegmentErrors:
-    """Standard errors of the second-order fit, and at 0 Hz.
+    """Standard errors of the second-order fit to segments, and at 0 Hz.
 
-    Parameters
-    ----------
-    segments
-        From which the fit was made.
-    at_rest
-        Variance of the response at 0 Hz (time,), if stiffness is read from it.
-    missing
-        Times at either end of a realization without segment.
-    counted
-        How many realizations there are, in words.
+    ``at_rest`` is the variance of the response at 0 Hz (time,), if stiffness is read from it; ``missing`` how many
+    times at either end have no segment; ``counted`` how many realizations there are, in words.
     """
 
     segments: Segments

@@ -27,10 +27,10 @@ from tvsysid.signals import Ensemble
 
 Array = NDArray[np.float64]
 
-LAGS = (0.03, 0.04, 0.06, 0.08, 0.12, 0.16)
-"""Lags in s of which tuned ones are the best."""
-WINDOWS = (0.02, 0.04, 0.06, 0.08, 0.10, 0.14, 0.20, 0.30, 0.40)
-"""Windows in s of which a tuned one is the best."""
+LAGS = (0.03, 0.04, 0.06, 0.08, 0.12, 0.16)  # s, of which tuned ones are the best
+WINDOWS = (0.02, 0.04, 0.06, 0.08, 0.10, 0.14, 0.20, 0.30, 0.40)  # s, of which a tuned one is the best
+FEWEST = 3  # samples for each lag below which a window has no band: with fewer, 95 % bands held the truth in 78 to 90 %
+FEWEST_REALIZATIONS = 2  # independent ones below which there is none: in one, the noise is hardly known (80 to 86 %)
 
 
 @dataclass(frozen=True)
@@ -110,18 +110,8 @@ class ShortDataSegments(Method):
 class SegmentErrors:
     """Standard errors at the times whose windows hold samples enough to tell them.
 
-    Parameters
-    ----------
-    windows
-        Solution at each time.
-    products
-        Moments of the angle along the diagonals (sample, distance).
-    noise
-        Autocorrelation of the noise (distance,).
-    times
-        Samples of a realization.
-    counted
-        How many realizations there are, in words.
+    From the angle's ``products`` along the diagonals (sample, distance) and the autocorrelation of the ``noise``
+    (distance,). A realization has so many ``times``; ``counted`` says in words how many realizations there are.
     """
 
     windows: Windows
@@ -144,9 +134,3 @@ class SegmentErrors:
         variances = coloured_variances(windows, self.products, self.noise)
         variances[~enough] = np.nan
         return errors_of_variances(windows, variances, (self.times - len(variances)) // 2)
-
-
-FEWEST = 3
-"""Samples for each lag below which a window has no band: with fewer, bands of 95 % held the truth in 78 to 90 %."""
-FEWEST_REALIZATIONS = 2
-"""Independent realizations below which there is none either: in one, the noise is hardly known (80 to 86 %)."""

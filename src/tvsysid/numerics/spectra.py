@@ -28,7 +28,7 @@ class ShortTimeSpectra(NamedTuple):
     yy: Array
 
 
-def short_time_spectra(u: Array, y: Array, length: int) -> ShortTimeSpectra:
+def short_time_spectra(u: Array, y: Array, length: int, products: Array | None = None) -> ShortTimeSpectra:
     r"""Spectral densities of Hann-windowed segments about each time, averaged over realizations.
 
     .. math:: S_{yu}(f, t) = \frac{1}{N R} \sum_r Y_r(f, t)\, U_r^*(f, t)
@@ -38,25 +38,28 @@ def short_time_spectra(u: Array, y: Array, length: int) -> ShortTimeSpectra:
     is t - N/2 ... t + N/2 - 1. For short segments of many realizations they are the Fourier transforms of the segments'
     correlations at each distance, which follow from the second moments at a cost as :math:`N^2`. Otherwise every
     segment is transformed, which costs as :math:`R N \log N`. Both give the same to rounding; the quicker is taken.
+    ``products`` are the input's moments along the diagonals, if they are known.
     """
     quicker_apart = length**2 > TRANSFORMS * len(u) * math.log2(max(length, 2))
-    return _from_segments(u, y, length) if quicker_apart else _from_moments(u, y, length)
+    return _from_segments(u, y, length) if quicker_apart else _from_moments(u, y, length, products)
 
 
-def _from_moments(u: Array, y: Array, length: int) -> ShortTimeSpectra:
+def _from_moments(u: Array, y: Array, length: int, products: Array | None = None) -> ShortTimeSpectra:
     window = hann(length)
     taper = window * hankel(window)  # of a sample and the one that comes d later, shape (d, sample)
     turns = 2 * np.pi / length * np.outer(np.arange(length), np.arange(length // 2 + 1))
     twice = np.where(np.arange(length) == 0, 1.0, 2.0)[:, None]
 
-    def correlation(a: Array, b: Array) -> Array:
+    def correlation(moments: Array) -> Array:
         """Products of samples of a windowed segment and later ones, summed over it, shape (time, lag)."""
-        moments = sliding_window_view(diagonal_moments(a, b, length - 1), length, axis=0)
-        return np.asarray(np.einsum("tdj,dj->td", moments, taper)) / length
+        windows = sliding_window_view(moments, length, axis=0)
+        return np.asarray(np.einsum("tdj,dj->td", windows, taper)) / length
 
-    later, earlier = correlation(u, y), correlation(y, u)
+    if products is None or products.shape[1] < length:
+        products = diagonal_moments(u, u, length - 1)
+    later, earlier, yy = (correlation(diagonal_moments(a, b, length - 1)) for a, b in ((u, y), (y, u), (y, y)))
     yu = (later + earlier) @ (0.5 * twice * np.cos(turns)) - 1j * ((later - earlier) @ np.sin(turns))
-    uu, yy = (correlation(x, x) @ (twice * np.cos(turns)) for x in (u, y))
+    uu, yy = (each @ (twice * np.cos(turns)) for each in (correlation(products[:, :length]), yy))
     return ShortTimeSpectra(uu, yu, yy)
 
 

@@ -1,14 +1,11 @@
 """Systems that can be simulated, and carry the truth; perturbations and profiles for them."""
 
 from tvsysid.simulate.compliant import CompliantActuator
-from tvsysid.simulate.joint import Joint
-from tvsysid.simulate.participant import Participant
+from tvsysid.simulate.joint import Joint, ReflexJoint, ScheduledJoint, StretchReflex
+from tvsysid.simulate.participant import Participant, Traits
 from tvsysid.simulate.perturbations import PERTURBATIONS, PRBS, FilteredNoise, Perturbation
 from tvsysid.simulate.profiles import PROFILES, Constant, CovaryingViscosity, Profile, SineWave, SquareWave
-from tvsysid.simulate.reflex import ReflexJoint, StretchReflex
-from tvsysid.simulate.scheduled import ScheduledJoint
 from tvsysid.simulate.simulation import Seed, Simulation, System
-from tvsysid.simulate.traits import Traits
 
 SYSTEMS: dict[str, Joint] = {
     "joint": Joint(),

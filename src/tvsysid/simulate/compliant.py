@@ -37,8 +37,6 @@ class CompliantActuator(Joint):
 
     Parameters
     ----------
-    stiffness, viscosity, inertia
-        Those of the joint, as for :class:`Joint`.
     actuator_stiffness
         A in N·m/rad.
     actuator_viscosity
@@ -130,21 +128,8 @@ class CompliantActuator(Joint):
 def driven_motion(stiffness: Array, damping: Array, forces: Array, rate: float) -> Array:
     r"""Motion of :math:`\ddot x + d(t)\,\dot x + w(t)\,x = f(t)` from rest.
 
-    Exact for a stiffness w and damping d held over each step at their mean, and a force that is linear between samples.
-
-    Parameters
-    ----------
-    stiffness, damping
-        w in 1/s² and d in 1/s, shape (time,).
-    forces
-        f in rad/s², shape (force, time).
-    rate
-        In Hz.
-
-    Returns
-    -------
-    Array
-        Position, velocity and acceleration for each force, shape (3, force, time).
+    Exact for a stiffness w in 1/s² and damping d in 1/s (time,) held over each step at their mean, and ``forces`` f in
+    rad/s² (force, time) that are linear between samples. Position, velocity and acceleration are (3, force, time).
     """
     transition, early, late = _steps((stiffness[1:] + stiffness[:-1]) / 2, (damping[1:] + damping[:-1]) / 2, rate)
     forced, samples = forces.shape

@@ -1,16 +1,20 @@
-"""A joint with time-varying impedance whose angle is imposed."""
+"""Joints with time-varying impedance whose angle is imposed: with a stretch reflex, or scheduled by a variable."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
+from scipy.signal import bilinear, lfilter
 
+from tvsysid.errors import InputError
 from tvsysid.simulate.actuator import answer
 from tvsysid.simulate.perturbations import Perturbation
-from tvsysid.simulate.profiles import Profile, SquareWave, checked_profile, over_time
-from tvsysid.simulate.settings import positive
+from tvsysid.simulate.profiles import Profile, SineWave, SquareWave, checked_profile, over_time
+from tvsysid.simulate.settings import not_negative, positive
 from tvsysid.simulate.setup import Setup
 from tvsysid.simulate.simulation import Seed, Simulation
 
@@ -85,11 +89,6 @@ class Joint:
         rate
             Sampling rate in Hz, above twice the 40 Hz of the filters.
 
-        Returns
-        -------
-        Simulation
-            The recording and the truth.
-
         Raises
         ------
         InputError
@@ -107,3 +106,186 @@ class Joint:
         """Stiffness, viscosity and inertia over time."""
         values = {"stiffness": self.stiffness, "viscosity": self.viscosity, "inertia": self.inertia}
         return {name: over_time(f"{setup.system}: {name}", value, index, setup.rate) for name, value in values.items()}
+
+
+@dataclass(frozen=True)
+class StretchReflex:
+    r"""Torque of a muscle that answers the velocity of stretch some time later.
+
+    .. math:: \ddot r(t) + 2 \zeta \omega\, \dot r(t) + \omega^2\, r(t) = \omega^2\, g(t)\, f(t - d), \qquad
+              f = s \max(s\, \dot\theta - c, 0)
+
+    Parameters
+    ----------
+    delay
+        d in s, rounded to a sample.
+    frequency, damping
+        Natural frequency ω of the muscle in rad/s, and its damping ratio ζ.
+    threshold
+        Velocity c in rad/s below which nothing is answered.
+    direction
+        s: 1 where a positive velocity stretches the muscle, -1 where a negative one does.
+    """
+
+    delay: float = 0.040
+    frequency: float = 15.6
+    damping: float = 0.62
+    threshold: float = 0.0
+    direction: int = 1
+
+    def __post_init__(self) -> None:
+        positive("StretchReflex", frequency=self.frequency, damping=self.damping)
+        not_negative("StretchReflex", delay=self.delay, threshold=self.threshold)
+        if self.direction not in (-1, 1):
+            raise InputError(f"StretchReflex: direction must be 1 or -1, got {self.direction!r}")
+
+    def torque(self, velocity: Array, gain: float | Array, rate: float) -> Array:
+        """Torque r in N·m that answers a velocity in rad/s, shape (time,); the gain g is in N·m·s/rad."""
+        late, square = round(self.delay * rate), self.frequency**2
+        stretch = np.zeros_like(velocity)
+        stretch[late:] = self.direction * velocity[: len(velocity) - late] - self.threshold
+        np.maximum(stretch, 0.0, out=stretch)
+        muscle = bilinear([square], [1.0, 2 * self.damping * self.frequency, square], fs=rate)
+        return np.asarray(lfilter(*muscle, self.direction * gain * stretch))
+
+
+@dataclass(frozen=True)
+class ReflexJoint(Joint):
+    r"""A joint with a stretch reflex, whose angle is imposed.
+
+    .. math:: y(t) = I\,\ddot\theta(t) + b(t)\,\dot\theta(t) + k(t)\,\theta(t) + r(t) + n(t)
+
+    with the torque r of :class:`StretchReflex`; the gain at a time scales what arrives at the muscle at that time. The
+    noise is sized by the whole noiseless torque; all else is as for :class:`Joint`.
+
+    Truth: ``stiffness``, ``viscosity``, ``inertia``, ``reflex_gain``. Pathways: ``intrinsic``, ``reflex``.
+
+    Parameters
+    ----------
+    reflex_gain
+        g in N·m·s/rad, or a callable of time in s.
+    reflex
+        Delay, muscle and threshold.
+
+    Raises
+    ------
+    InputError
+        As for :class:`Joint`, and for a gain that is neither number nor callable.
+
+    References
+    ----------
+    Parallel pathways: Kearney, Stein & Parameswaran 1997, IEEE Trans. Biomed. Eng. 44, 493-504.
+
+    Examples
+    --------
+    >>> import tvsysid as tv
+    >>> joint = tv.simulate.ReflexJoint(stiffness=tv.simulate.SineWave(), reflex_gain=tv.simulate.SineWave(8, 4))
+    >>> joint.simulate(40, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1)
+    Simulation(Recording(42 s at 1000 Hz; ...); ... reflex_gain 4 to 12; pathways intrinsic, reflex)
+    """
+
+    reflex_gain: float | Profile = 8.0
+    reflex: StretchReflex = field(default_factory=StretchReflex)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        checked_profile("ReflexJoint", "reflex_gain", self.reflex_gain, number=True)
+        if not isinstance(self.reflex, StretchReflex):
+            raise InputError(f"ReflexJoint: reflex must be a StretchReflex, got {self.reflex!r}")
+
+    def _simulated(self, setup: Setup) -> Simulation:
+        impedance = self._impedance(setup, setup.index)
+        found = answer(setup, impedance, setup.streams())
+        gain = over_time("ReflexJoint: reflex_gain", self.reflex_gain, setup.whole_index, setup.rate)
+        reflex = self.reflex.torque(found.velocity, gain, setup.rate)[setup.run_in :]
+        pathways = {"intrinsic": found.torque, "reflex": reflex}
+        return setup.simulation(found.angle, found.noise, pathways, impedance | {"reflex_gain": gain[setup.run_in :]})
+
+
+@dataclass(frozen=True)
+class ScheduledJoint(Joint):
+    r"""A joint whose stiffness follows a measured variable, such as EMG, that differs from realization to realization.
+
+    .. math:: y(t) = I\,\ddot\theta(t) + b(t)\,\dot\theta(t) + k(\rho(t))\,\theta(t) + n(t), \qquad
+              \rho(t) = (1 + \sigma\, g(t))\, k^{-1}(k_0(t))
+
+    The variable ρ would give the profile k₀ of the stiffness, were it not stronger or weaker each time: g is drawn anew
+    every so many seconds, Gaussian with unit variance, and changes linearly in between; ρ is never negative. All else
+    is as for :class:`Joint`.
+
+    Truth: ``stiffness``, ``viscosity``, ``inertia``. Pathway: ``intrinsic``. Channel: the variable, by its name.
+
+    Parameters
+    ----------
+    stiffness
+        k₀; the others as for :class:`Joint`.
+    relation
+        k, callable of the variable, to N·m/rad; rises from 0 to 1 and covers the profile there.
+    variation
+        σ: standard deviation of the variable's strength, relative to its mean.
+    interval
+        Seconds after which the strength is drawn anew.
+    variable
+        Name of the channel.
+
+    Raises
+    ------
+    InputError
+        As for :class:`Joint`, and for a relation that does not rise, or does not cover the profile.
+
+    References
+    ----------
+    Stiffness that rises with muscle activity: Hunter & Kearney 1982, J. Biomech. 15, 747-752.
+
+    Examples
+    --------
+    >>> import tvsysid as tv
+    >>> simulation = tv.simulate.ScheduledJoint().simulate(
+    ...     40, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1)
+    >>> list(simulation.recording.channels)
+    ['emg']
+    """
+
+    stiffness: Profile = field(default_factory=SineWave)
+    relation: Callable[[Array], Array] = field(default_factory=lambda: Polynomial([20.0, 200.0]))
+    variation: float = 0.3
+    interval: float = 2.0
+    variable: str = "emg"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not callable(self.relation):
+            raise InputError(f"ScheduledJoint: relation must be a callable of the variable, got {self.relation!r}")
+        not_negative("ScheduledJoint", variation=self.variation)
+        positive("ScheduledJoint", interval=self.interval)
+
+    def _simulated(self, setup: Setup) -> Simulation:
+        streams = setup.streams(3)
+        impedance = self._impedance(setup, setup.index)
+        variable = self._usual(impedance["stiffness"]) * self._strength(setup.index / setup.rate, streams[2])
+        impedance["stiffness"] = np.asarray(self.relation(variable), dtype=np.float64)
+        found = answer(setup, impedance, streams)
+        return setup.simulation(
+            found.angle, found.noise, {"intrinsic": found.torque}, impedance, {self.variable: variable}
+        )
+
+    def _usual(self, stiffness: Array) -> Array:
+        """Variable that gives a stiffness."""
+        grid = np.linspace(0.0, 1.0, 10_001)
+        values = np.asarray(self.relation(grid), dtype=np.float64)
+        if values.shape != grid.shape or not np.all(np.diff(values) > 0):
+            raise InputError(
+                f"ScheduledJoint: relation must rise from 0 to 1, one number for each, got {self.relation!r}"
+            )
+        if not (values[0] <= stiffness.min() and stiffness.max() <= values[-1]):
+            raise InputError(
+                f"ScheduledJoint: stiffness goes from {stiffness.min():g} to {stiffness.max():g} N·m/rad, but relation "
+                f"gives {values[0]:g} to {values[-1]:g} N·m/rad from 0 to 1; change one of them"
+            )
+        return np.interp(stiffness, values, grid)
+
+    def _strength(self, time: Array, random: np.random.Generator) -> Array:
+        """Factor on the variable over time; it is 1 on average."""
+        knots = np.arange(time[0], time[-1] + self.interval, self.interval)
+        factor = np.interp(time, knots, 1 + self.variation * random.standard_normal(len(knots)))
+        return np.maximum(factor, 0.0)

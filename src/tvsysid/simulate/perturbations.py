@@ -26,13 +26,7 @@ class Perturbation(Protocol):
 
 @dataclass(frozen=True)
 class FilteredNoise:
-    """White noise through a second-order low-pass Butterworth filter.
-
-    Parameters
-    ----------
-    cutoff
-        -3 dB frequency in Hz.
-    """
+    """White noise through a second-order low-pass Butterworth filter, with its -3 dB frequency ``cutoff`` in Hz."""
 
     cutoff: float = 5.0
 

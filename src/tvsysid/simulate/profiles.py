@@ -18,13 +18,7 @@ Profile = Callable[[Array], Array]
 
 @dataclass(frozen=True)
 class Constant:
-    """The same value at all times.
-
-    Parameters
-    ----------
-    value
-        In N·m/rad for stiffness, N·m·s/rad for viscosity.
-    """
+    """The same value at all times, in N·m/rad for stiffness, N·m·s/rad for viscosity."""
 
     value: float = 100.0
 
@@ -45,14 +39,7 @@ class Constant:
 class SquareWave:
     """Low, then high for half a period, then low: the most sudden change.
 
-    Parameters
-    ----------
-    low, high
-        Levels, in N·m/rad.
-    period
-        In s.
-    offset
-        Time of the first upward switch in s.
+    The levels are in N·m/rad, the period and the ``offset`` of the first upward switch in s.
 
     Examples
     --------
@@ -78,15 +65,7 @@ class SquareWave:
 
 @dataclass(frozen=True)
 class SineWave:
-    """Sinusoid about a mean: the usual voluntary modulation.
-
-    Parameters
-    ----------
-    mean, amplitude
-        In N·m/rad.
-    period
-        In s.
-    """
+    """Sinusoid about a mean, both in N·m/rad, of a period in s: the usual voluntary modulation."""
 
     mean: float = 100.0
     amplitude: float = 50.0

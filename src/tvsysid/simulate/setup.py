@@ -20,12 +20,9 @@ from tvsysid.simulate.simulation import Seed, Simulation
 Array = NDArray[np.float64]
 
 RMS_ANGLE = math.radians(0.5)
-BANDWIDTH = 40.0
-"""Cut-off in Hz of the actuator's (Bessel) filter and of the measurement noise's (Butterworth)."""
-MARGIN = 1.0
-"""Seconds recorded before time 0 and after the duration, so that every realization has context."""
-RUN_IN = 1.0
-"""Seconds simulated before that and thrown away, so that the filters' start from rest is forgotten."""
+BANDWIDTH = 40.0  # cut-off in Hz of the actuator's (Bessel) filter and of the measurement noise's (Butterworth)
+MARGIN = 1.0  # seconds recorded before time 0 and after the duration, so that every realization has context
+RUN_IN = 1.0  # seconds simulated before that and thrown away, so that the filters' start from rest is forgotten
 
 
 @dataclass(frozen=True, eq=False)

@@ -83,19 +83,10 @@ class Simulation:
         return replace(self.recording, torque=reduce(np.add, self.pathways.values()))
 
     def truth_of(self, ensemble: Ensemble) -> dict[str, Array]:
-        """Truth at each sample of an ensemble that was cut from the recording.
+        """Truth at each sample of an ensemble that was cut from the recording: (realization, samples), by quantity.
 
-        Samples are found by trial and time, so that the ensemble may be decimated, trimmed, aligned and selected.
-
-        Parameters
-        ----------
-        ensemble
-            Realizations of the recording.
-
-        Returns
-        -------
-        dict
-            Each quantity, of shape (realization, samples); the context is not counted.
+        Samples are found by trial and time, so that the ensemble may be decimated, trimmed, aligned and selected; its
+        context is not counted.
 
         Raises
         ------

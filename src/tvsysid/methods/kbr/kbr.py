@@ -38,6 +38,7 @@ from tvsysid.methods.shared import (
     Colour,
     PosteriorErrors,
     agreement_of,
+    autocovariance,
     colour_products,
     derivative_filters,
     impedance_estimates,
@@ -317,7 +318,7 @@ def _agreement(model: KernelModel, ensemble: Ensemble, left: Array) -> float:
     angle, torque = ensemble.angle[:, known], ensemble.torque[:, known]
     if not model.same_for_all(ensemble):
         left = torque - model.torque(ensemble)[:, edge : ensemble.samples - edge]
-    return agreement_of(torque - left, left, angle, angle, HALF_WIDTH)
+    return agreement_of(torque - left, left, angle, autocovariance(angle, 2 * HALF_WIDTH))
 
 
 def _in_band(filters: Array, band: tuple[float, float], rate: float) -> Array:

@@ -122,14 +122,22 @@ def colour_products(ensemble: Ensemble, width: int = 2 * HALF_WIDTH + 1) -> Arra
     return angle_products(ensemble.angle, width, round(LONGEST_COLOUR * ensemble.sampling_rate))
 
 
-def agreement_of(fit: Array, left: Array, angle: Array, around: Array, lags: int) -> float:
+def angle_covariance(ensemble: Ensemble, products: Array, lags: int) -> Array:
+    """Autocovariance of the angle (lag,), from its :func:`colour_products` where they reach."""
+    samples = ensemble.angle.shape[1]
+    if lags < products.shape[1] and len(products) == samples:
+        return np.asarray(products[:, : lags + 1].sum(axis=0) / samples)
+    return autocovariance(ensemble.angle, lags)
+
+
+def agreement_of(fit: Array, left: Array, angle: Array, covariance: Array) -> float:
     """Agreement of a fit that ``left`` something of the torque, both (realization, time).
 
-    ``angle`` is that at the same times, ``around`` the same or more of it, from which its own correlation is taken; see
+    ``angle`` is that at the same times, ``covariance`` (2 lags + 1,) its autocovariance; see
     :func:`tvsysid.impedance.agreement_of_moments`.
     """
-    cross, moments = cross_covariance(angle, left, lags), toeplitz(autocovariance(around, 2 * lags))
-    return agreement_of_moments(_mean_square(fit), cross, moments, _mean_square(left), left.size)
+    cross = cross_covariance(angle, left, len(covariance) // 2)
+    return agreement_of_moments(_mean_square(fit), cross, toeplitz(covariance), _mean_square(left), left.size)
 
 
 def _mean_square(x: Array) -> float:

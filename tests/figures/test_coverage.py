@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from tests.synthetic import SINE, SQUARE, TIME, fail, results_of, summary_of
 
-from tvsysid.figures.coverage import coverage_over_time
+from tvsysid.figures import coverage_over_time
 from tvsysid.figures.saving import drawn
 from tvsysid.figures.style import lines
 from tvsysid.studies.van_de_ruit_2021 import study_figures

@@ -1,19 +1,18 @@
-"""Figures: each function takes what it draws and returns a figure; none computes more than means and spreads."""
+"""Figures: each function takes what it draws and returns a figure; none computes more than means and spreads.
 
-from tvsysid.figures.amount import error_against_amount
-from tvsysid.figures.channels import recorded_channels
+A ``title`` stands above all of a figure.
+"""
+
 from tvsysid.figures.comparison import method_comparison
-from tvsysid.figures.coverage import coverage_over_time
 from tvsysid.figures.diagnosis import diagnosis_illustration, diagnosis_panels
-from tvsysid.figures.excerpts import recorded_signals
-from tvsysid.figures.identification import identified_impedance
+from tvsysid.figures.identification import identified_impedance, tuning_curves
 from tvsysid.figures.participants import participant_in_detail, stiffness_of_participants, stiffness_with_bands
 from tvsysid.figures.preparation import preparation_steps
-from tvsysid.figures.responses import impulse_responses
+from tvsysid.figures.recorded import recorded_channels, recorded_signals
 from tvsysid.figures.saving import Illustration, Picture, draw_all, drawn, helpers, save, share_out
+from tvsysid.figures.simulations import coverage_over_time, error_against_amount, impulse_responses
 from tvsysid.figures.spread import error_against_truth, variance_and_spread
 from tvsysid.figures.style import lines
-from tvsysid.figures.tuning import tuning_curves
 
 __all__ = [
     "Illustration",

@@ -8,18 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tvsysid.figures import style
 from tvsysid.figures.results import estimates, truth, unique
-from tvsysid.figures.style import (
-    TRUE_LINE,
-    Array,
-    band_keys,
-    blank,
-    curve_with_band,
-    hues,
-    legend_below,
-    line_key,
-    styled,
-)
+from tvsysid.figures.style import Array
 from tvsysid.figures.words import TRAITS, differing, wrapped
 
 if TYPE_CHECKING:
@@ -35,44 +26,35 @@ BARS = {
     "rise_time": "rise time\n(s)",
     "vaf": "VAF\n(%)",
 }
-OUTLYING = 5.0
-"""Bars are cut off at this multiple of what is usual among the methods, so that one does not hide the others."""
-GAP = 0.1
-"""Between the bars of two methods, beside the room on either side, as a share of a method's width."""
+OUTLYING = 5.0  # bars are cut off at this multiple of what is usual among the methods: one would hide the others
+GAP = 0.1  # between the bars of two methods, beside the room on either side, as a share of a method's width
 
 
-@styled
+@style.styled
 def method_comparison(
     results: xr.Dataset, summary: pd.DataFrame, shown: Sequence[str], bars: Sequence[str], title: str = ""
 ) -> Figure:
     """Stiffness and time-varying VAF over time, and bars of every metric; a column for each method.
 
+    Two rows of axes for each scenario shown, one for each method, and an axes for each metric that is known.
+
     Parameters
     ----------
-    results
+    results, summary
         Of a simulation study.
-    summary
-        Of these results.
     shown
         Labels of the scenarios whose stiffness and time-varying VAF are drawn over time: mean ± 2 standard deviations
         over trials.
     bars
         Labels of the scenarios that have a bar in each of the lower axes: value ± its standard error. A bar that is
         far longer than is usual among the methods is cut off, and its value printed.
-    title
-        Above all.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Two rows of axes for each scenario shown, one for each method, and an axes for each metric that is known.
     """
     methods = unique(results.method_key.values)
     table = _table(summary, methods, bars)
     names = [name for name in BARS if np.isfinite(table[name][0]).any()]
     over_time, crowd = 2 * len(shown), len(methods) > 5
     width = max((1.4 if crowd else 1.6) * len(methods), 3.2) + 0.8
-    figure = blank(width, 1.25 * over_time + 1.0 * len(names) + 1.4, title)
+    figure = style.blank(width, 1.25 * over_time + 1.0 * len(names) + 1.4, title)
     spec = figure.add_gridspec(
         over_time + len(names), len(methods), height_ratios=[1.25] * over_time + [1.0] * len(names)
     )
@@ -93,9 +75,11 @@ def method_comparison(
     if below:
         _label_bars(below[0], len(methods), differing(_traits(results, bars)))
     figure.align_ylabels([*grid[:, 0], *below])
-    several = results.sizes["trial"] > 1
-    error = [line_key("± 1 standard error", color="black", marker="|", linewidth=0.9)] if names and several else []
-    legend_below(figure, [line_key(**TRUE_LINE), *band_keys(results.sizes["trial"], "trial"), *error])
+    trials = results.sizes["trial"]
+    keys = [style.line_key(**style.TRUE_LINE), *style.band_keys(trials, "trial")]
+    if names and trials > 1:
+        keys.append(style.line_key("± 1 standard error", color="black", marker="|", linewidth=0.9))
+    style.legend_below(figure, keys)
     return figure
 
 
@@ -130,7 +114,7 @@ def _table(summary: pd.DataFrame, methods: Sequence[str], scenarios: Sequence[st
 def _stiffness(row: Sequence[Axes], cell: xr.Dataset, which: str) -> None:
     true = truth(cell).values
     for axes in row:
-        axes.plot(cell.time.values, true, zorder=3, **TRUE_LINE)
+        axes.plot(cell.time.values, true, zorder=3, **style.TRUE_LINE)
     _means(row, cell, estimates(cell))
     span = max(float(np.ptp(true)), 0.5 * float(np.abs(true).max()))
     row[0].set_ylim(min(0.0, float(true.min()) - 0.5 * span), float(true.max()) + 0.6 * span)
@@ -150,10 +134,10 @@ def _means(row: Sequence[Axes], cell: xr.Dataset, values: xr.DataArray, most: fl
     mean = values.mean("trial")
     spread = 2 * ((values - mean) ** 2).mean("trial") ** 0.5  # .std warns where there is no trial
     several = values.notnull().sum("trial").max("time") > 1
-    for axes, (method, hue) in zip(row, hues(unique(cell.method_key.values)).items(), strict=True):
+    for axes, (method, hue) in zip(row, style.hues(unique(cell.method_key.values)).items(), strict=True):
         middle, reach = mean.sel(method_key=method).values, spread.sel(method_key=method).values
         band = (middle - reach, np.minimum(middle + reach, most)) if several.sel(method_key=method) else None
-        curve_with_band(axes, cell.time.values, middle, band, hue)
+        style.curve_with_band(axes, cell.time.values, middle, band, hue)
 
 
 def _floor(lowest: float) -> float:
@@ -196,7 +180,7 @@ def _bars(axes: Axes, name: str, values: Array, errors: Array, methods: Sequence
         reach = np.nanmax(np.where(values <= top, values + np.nan_to_num(errors), np.nan))
         highest = 1.22 * top if bool(np.nanmax(values) > top) else 1.06 * float(reach)
     places = _places(*values.shape)
-    colours = np.repeat(list(hues(methods).values()), values.shape[1])
+    colours = np.repeat(list(style.hues(methods).values()), values.shape[1])
     axes.bar(places.ravel(), np.minimum(values, top).ravel() - base, bottom=base, width=0.72, color=colours)
     sure = (values <= top) & np.isfinite(errors)
     axes.errorbar(places[sure], values[sure], errors[sure], fmt="none", ecolor="black", elinewidth=0.9, capsize=1.8)

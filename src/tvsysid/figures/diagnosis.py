@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,33 +15,19 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-LOWEST = 2.0
-"""Frequency in Hz below which stiffness shows by itself."""
-SHOWN = 40.0
-"""Highest frequency in Hz that is drawn."""
-DYNAMIC_RANGE = 1e-7
-"""Power below the highest by more than this is not drawn: that of filters' stop bands."""
-FARTHEST = 3.0
-"""Multiple of what is usual at which a realization is drawn at the edge."""
+LOWEST = 2.0  # Hz below which stiffness shows by itself
+SHOWN = 40.0  # highest frequency in Hz that is drawn
+DYNAMIC_RANGE = 1e-7  # power below the highest by more than this is not drawn: that of filters' stop bands
+FARTHEST = 3.0  # multiple of what is usual at which a realization is drawn at the edge
 
 
 @styled
 def diagnosis_panels(diagnosis: Diagnosis, title: str = "") -> Figure:
-    """Six pictures of an ensemble.
+    """Six pictures of what :func:`tvsysid.diagnose` saw in an ensemble.
 
-    Parameters
-    ----------
-    diagnosis
-        Of :func:`tvsysid.diagnose`.
-    title
-        Above all.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Power of the angle with the band that is needed, power of the torque and of what the joint's model leaves,
-        coherence over time and frequency, stiffness in both halves of the experiment, stiffness and noise of each
-        realization, and correlation of the torque left over with angle and speed over lags.
+    Power of the angle with the band that is needed, power of the torque and of what the joint's model leaves, coherence
+    over time and frequency, stiffness in both halves of the experiment, stiffness and noise of each realization, and
+    correlation of the torque left over with angle and speed over lags.
     """
     figure, grid = panels(2, 3, 10.0, 6.2, title)
     curves = diagnosis.curves
@@ -55,15 +41,7 @@ def diagnosis_panels(diagnosis: Diagnosis, title: str = "") -> Figure:
 
 
 def diagnosis_illustration(diagnosis: Diagnosis, name: str) -> Illustration:
-    """The six pictures with a title, and in words what they show.
-
-    Parameters
-    ----------
-    diagnosis
-        Of :func:`tvsysid.diagnose`.
-    name
-        What the ensemble is called.
-    """
+    """The six pictures of an ensemble of this name with a title, and in words what they show."""
     curves = diagnosis.curves
     measures = {key: f"{value:.3g} {unit}".removesuffix(" 1") for key, (value, unit) in diagnosis.measures.items()}
     halves = [float(values.mean()) for values in curves.stiffness_halves]
@@ -94,17 +72,21 @@ def _angle(axes: Axes, curves: Curves, natural: float) -> None:
     if np.isfinite(natural) and natural > LOWEST:
         axes.axvspan(LOWEST, natural, color=PALETTE[5], alpha=0.2, linewidth=0, label="band needed")
     _spectrum(axes, curves.frequency, curves.angle_power, PALETTE[0], "angle")
-    axes.set_title("input: power of the angle")
-    axes.set_ylabel("rad²/Hz")
-    axes.legend(fontsize=7, loc="lower left")
+    _name(axes, "input: power of the angle", "frequency (Hz)", "rad²/Hz", loc="lower left")
 
 
 def _torque(axes: Axes, curves: Curves) -> None:
     _spectrum(axes, curves.frequency, curves.torque_power, PALETTE[0], "torque")
     _spectrum(axes, curves.frequency, curves.residual_power, PALETTE[1], "left by the model")
-    axes.set_title("output: power of the torque")
-    axes.set_ylabel("(N·m)²/Hz")
-    axes.legend(fontsize=7, loc="lower left")
+    _name(axes, "output: power of the torque", "frequency (Hz)", "(N·m)²/Hz", loc="lower left")
+
+
+def _name(axes: Axes, title: str, below: str, beside: str = "", **legend: Any) -> None:
+    axes.set_title(title)
+    axes.set_xlabel(below)
+    axes.set_ylabel(beside)
+    if legend:
+        axes.legend(fontsize=7, **legend)
 
 
 def _spectrum(axes: Axes, frequency: Array, power: Array, colour: str, label: str) -> None:
@@ -113,7 +95,6 @@ def _spectrum(axes: Axes, frequency: Array, power: Array, colour: str, label: st
     shown &= power > DYNAMIC_RANGE * power.max()
     axes.loglog(frequency[shown], power[shown], color=colour, linewidth=1.2, label=label)
     axes.set_xlim(frequency[1], SHOWN)
-    axes.set_xlabel("frequency (Hz)")
     ticks = [tick for tick in (0.5, 1, 2, 5, 10, 20, 40) if frequency[1] <= tick <= SHOWN]
     axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     axes.tick_params(axis="x", which="minor", bottom=False, labelbottom=False)
@@ -122,9 +103,7 @@ def _spectrum(axes: Axes, frequency: Array, power: Array, colour: str, label: st
 
 def _coherence(figure: Figure, axes: Axes, curves: Curves) -> None:
     axes.grid(visible=False)
-    axes.set_title("coherence of torque and angle")
-    axes.set_xlabel(REALIZATION_TIME)
-    axes.set_ylabel("frequency (Hz)")
+    _name(axes, "coherence of torque and angle", REALIZATION_TIME, "frequency (Hz)")
     shown = (curves.coherence_frequency > 0) & (curves.coherence_frequency <= SHOWN)
     if not len(curves.coherence) or not shown.any():
         axes.text(0.5, 0.5, "realizations too short", transform=axes.transAxes, ha="center", va="center")
@@ -154,10 +133,8 @@ def _halves(axes: Axes, curves: Curves) -> None:
     room = 0.25 * max(high - low, 0.2 * max(abs(low), abs(high))) or 1.0
     axes.set_ylim(min(0.0, low - room), max(0.0, high + 2 * room))
     axes.margins(x=0)
-    axes.set_title("stiffness in both halves of the experiment")
-    axes.set_xlabel(REALIZATION_TIME)
-    axes.set_ylabel("N·m/rad")
-    axes.legend(fontsize=7, loc="upper right", ncols=2)
+    title = "stiffness in both halves of the experiment"
+    _name(axes, title, REALIZATION_TIME, "N·m/rad", loc="upper right", ncols=2)
 
 
 def _realizations(axes: Axes, curves: Curves) -> None:
@@ -171,9 +148,8 @@ def _realizations(axes: Axes, curves: Curves) -> None:
         axes.plot(numbers, shown, marker, color=colour, markersize=2.5, linestyle="none", label=label)
     low = min(0.0, float(np.clip(curves.stiffness.min(), 1 - FARTHEST, 0)) - 0.1)
     axes.set_ylim(low, max(2.0, min(FARTHEST, float(max(curves.stiffness.max(), curves.noise.max()))) + 0.6))
-    axes.set_title("each realization over what is usual")
-    axes.set_xlabel("realization, as recorded")
-    axes.legend(fontsize=7, loc="upper right", ncols=2, handletextpad=0.1, columnspacing=1)
+    look: dict[str, Any] = {"loc": "upper right", "ncols": 2, "handletextpad": 0.1, "columnspacing": 1}
+    _name(axes, "each realization over what is usual", "realization, as recorded", **look)
 
 
 def _lags(axes: Axes, curves: Curves) -> None:
@@ -188,7 +164,5 @@ def _lags(axes: Axes, curves: Curves) -> None:
         axes.vlines(1000 * curves.lag + side * step, 0, values, color=colour, linewidth=1.2, label=label)
     highest = max(float(np.abs(curves.correlation).max()), 3 * limit)
     axes.set_ylim(-1.1 * highest, 1.5 * highest)
-    axes.set_title("correlation of the torque left over")
-    axes.set_xlabel("lag of the torque (ms)")
-    axes.legend(fontsize=7, loc="upper right", ncols=2)
+    _name(axes, "correlation of the torque left over", "lag of the torque (ms)", loc="upper right", ncols=2)
     axes.margins(x=0.01)

@@ -1,4 +1,4 @@
-"""What was identified from one recording."""
+"""What was identified from one recording, and how settings were chosen."""
 
 from __future__ import annotations
 
@@ -10,18 +10,10 @@ import numpy as np
 
 from tvsysid.errors import DataQualityWarning
 from tvsysid.estimates import IMPEDANCE, UNITS
-from tvsysid.figures.style import (
-    REALIZATION_TIME,
-    Array,
-    blank,
-    curve_with_band,
-    legend_below,
-    line_key,
-    lines,
-    remark,
-    styled,
-)
+from tvsysid.figures import style
+from tvsysid.figures.style import Array
 from tvsysid.figures.words import unit_name
+from tvsysid.methods import Evidence
 from tvsysid.models import Model
 
 if TYPE_CHECKING:
@@ -31,57 +23,52 @@ if TYPE_CHECKING:
 OVER_TIME = (("time",), ("realization", "time"))
 
 
-@styled
+@style.styled
 def identified_impedance(models: Mapping[str, Model], vaf: Mapping[str, Array], title: str = "") -> Figure:
     """Every quantity that the models estimate, with 95 % bands: stiffness above the time-varying VAF, others beside it.
 
+    Axes for stiffness, VAF, viscosity, inertia, and each further quantity, which is drawn over its own axis. A quantity
+    of the impedance says so where no method identified it. Estimates of single realizations are averaged.
+
     Parameters
     ----------
-    models
-        By label.
-    vaf
-        Time-varying VAF in per cent, shape (time,), by label.
-    title
-        Above all.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Axes for stiffness, VAF, viscosity, inertia, and each further quantity, which is drawn over its own axis. A
-        quantity of the impedance says so where no method identified it. Estimates of single realizations are averaged.
+    models, vaf
+        By label: the models, and their time-varying VAF in per cent, shape (time,).
     """
     further = [name for model in models.values() for name in model.estimates if name not in IMPEDANCE]
     beside = [*IMPEDANCE[1:], *dict.fromkeys(further)]
-    figure = blank(11.0, max(6.0, 2.2 * len(beside) + 0.8), title)
+    figure = style.blank(11.0, max(6.0, 2.2 * len(beside) + 0.8), title)
     grid = figure.add_gridspec(3 * len(beside), 2, width_ratios=[1.6, 1])
     largest = figure.add_subplot(grid[: 2 * len(beside), 0])
     below = figure.add_subplot(grid[2 * len(beside) :, 0], sharex=largest)
-    looks = lines(list(models))
+    looks = style.lines(list(models))
     _quantity(largest, "stiffness", models)
     largest.tick_params(labelbottom=False)
     for label, model in models.items():
-        hue, style = looks[label]
-        below.plot(model.time, vaf[label], color=hue, linestyle=style, linewidth=1.4)
+        hue, dash = looks[label]
+        below.plot(model.time, vaf[label], color=hue, linestyle=dash, linewidth=1.4)
     below.set_ylabel("time-varying VAF (%)")
     below.set_ylim(0, 102)
-    below.set_xlabel(REALIZATION_TIME)
+    below.set_xlabel(style.REALIZATION_TIME)
     for place, name in enumerate(beside):
         axes = figure.add_subplot(grid[3 * place : 3 * place + 3, 1])
         over = _quantity(axes, name, models)
-        axes.set_xlabel(REALIZATION_TIME if over == "time" else over)
+        axes.set_xlabel(style.REALIZATION_TIME if over == "time" else over)
         if over == "time":
             axes.sharex(largest)
             if place < len(beside) - 1:
                 axes.set_xlabel("")
                 axes.tick_params(labelbottom=False)
-    legend_below(figure, [line_key(label, color=hue, linestyle=style) for label, (hue, style) in looks.items()])
+    style.legend_below(
+        figure, [style.line_key(label, color=hue, linestyle=dash) for label, (hue, dash) in looks.items()]
+    )
     return figure
 
 
 def _quantity(axes: Axes, name: str, models: Mapping[str, Model]) -> str:
     """Draw what every model says of a quantity; return the axis that it is over."""
     shown, unit, over = [np.array([np.nan])], UNITS.get(name, ""), "time"
-    for (label, model), (hue, style) in zip(models.items(), lines(list(models)).values(), strict=True):
+    for (label, model), (hue, dash) in zip(models.items(), style.lines(list(models)).values(), strict=True):
         estimate = model.estimates.get(name)
         if estimate is None or not np.isfinite(estimate.values).any():
             continue
@@ -95,7 +82,7 @@ def _quantity(axes: Axes, name: str, models: Mapping[str, Model]) -> str:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", DataQualityWarning)  # that there is none
                 band = estimate.band()
-        curve_with_band(axes, where, values, band, hue, linestyle=style, label=label)
+        style.curve_with_band(axes, where, values, band, hue, linestyle=dash, label=label)
         shown.append(values)
     axes.set_ylabel(f"{name.replace('_', ' ')} ({unit_name(unit)})")
     _limit(axes, np.concatenate(shown))
@@ -105,8 +92,58 @@ def _quantity(axes: Axes, name: str, models: Mapping[str, Model]) -> str:
 def _limit(axes: Axes, shown: Array) -> None:
     """Limits by what is usual: a method that is out of its depth has spikes, which shall not hide the others."""
     if not np.isfinite(shown).any():
-        remark(axes, "not identified")
+        style.remark(axes, "not identified")
         return
     low, high = np.nanpercentile(shown, [3, 97])
     room = 0.35 * max(high - low, 0.2 * max(abs(low), abs(high))) or 1.0  # all zero, as where a method prunes
     axes.set_ylim(low - room, high + room)
+
+
+@style.styled
+def tuning_curves(evidence: Mapping[str, Evidence], title: str = "") -> Figure:
+    """By how much all settings that were tried are worse than the best; axes for each method, three side by side."""
+    columns = min(len(evidence), 3)
+    rows = -(-len(evidence) // columns)
+    figure, grid = style.panels(rows, columns, 0.6 + 3.6 * columns, 0.4 + 3.6 * rows, title)
+    for axes, (label, item) in zip(grid.flat, evidence.items(), strict=False):
+        _tried(axes, item)
+        axes.set_title(label)
+    for axes in grid.flat[len(evidence) :]:
+        axes.remove()
+    return figure
+
+
+def _tried(axes: Axes, evidence: Evidence) -> None:
+    values = evidence.values
+    worse = np.nanmax(values) - values if evidence.better == "higher" else values - np.nanmin(values)
+    for number, name in enumerate(dict.fromkeys(evidence.lines[1:])):
+        on_line = np.array([place for place, line in enumerate(evidence.lines) if line == name])
+        on_line = on_line[np.argsort(evidence.positions[on_line], kind="stable")]
+        axes.plot(
+            evidence.positions[on_line],
+            worse[on_line],
+            color=style.PALETTE[number % len(style.PALETTE)],
+            linestyle=style.STYLES[number // 4 % len(style.STYLES)],
+            linewidth=1.2,
+            marker=".",
+            label=name or "tried",
+        )
+    kept = "kept: nothing is clearly better" if evidence.chosen == 0 else "chosen"
+    for name, place, marker, size in (("as given", 0, "o", 9), (kept, evidence.chosen, "*", 11)):
+        axes.plot(
+            evidence.positions[place],
+            worse[place],
+            color=style.TRUTH,
+            marker=marker,
+            markersize=size,
+            markerfacecolor="none" if marker == "o" else style.TRUTH,
+            linestyle="none",
+            label=name,
+        )
+    if evidence.positions.min() > 0 and evidence.positions.max() > 20 * evidence.positions.min():
+        axes.set_xscale("log")
+    axes.set_yscale("symlog", linthresh=1.0)
+    axes.set_ylim(-0.3, 3 * max(float(np.nanmax(worse)), 1.0))
+    axes.set_xlabel(evidence.axis)
+    axes.set_ylabel(f"worse than the best by ({evidence.unit})")
+    axes.legend(fontsize=7)

@@ -9,30 +9,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tvsysid.errors import InputError
-from tvsysid.figures.analyses import (
+from tvsysid.figures import style
+from tvsysid.figures.results import (
+    estimates,
     headings,
+    knows_truth,
     label_time,
     least_data,
     mean_stiffness,
     recording_of,
+    truth,
+    unique,
     usual_range,
 )
-from tvsysid.figures.results import estimates, knows_truth, truth, unique
-from tvsysid.figures.style import (
-    TARGET,
-    TRUE_LINE,
-    Array,
-    Style,
-    band_keys,
-    curve_with_band,
-    hues,
-    legend_below,
-    line_key,
-    lines,
-    panels,
-    remark,
-    styled,
-)
+from tvsysid.figures.style import Array
 from tvsysid.figures.words import perturbation_name, wrapped
 from tvsysid.numerics.bands import mean_and_spread
 
@@ -41,12 +31,11 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-ABREAST = 6
-"""Participants side by side; further ones begin a new line."""
+ABREAST = 6  # participants side by side; further ones begin a new line
 WIDE_TRUTH: dict[str, Any] = {"color": "#BBBBBB", "linewidth": 3.5, "label": "truth"}
 BEHIND: dict[str, Any] = {"color": "#C0C0C0", "linewidth": 1.3}
-TARGET_LINE: dict[str, Any] = {"color": TARGET, "linewidth": 0.8}
-TORQUES: tuple[tuple[str, float, Style], ...] = (
+TARGET_LINE: dict[str, Any] = {"color": style.TARGET, "linewidth": 0.8}
+TORQUES: tuple[tuple[str, float, style.Style], ...] = (
     ("#C4C4C4", 2.8, "-"),
     ("#707070", 1.3, "--"),
     ("#909090", 1.6, ":"),
@@ -55,23 +44,18 @@ TORQUES: tuple[tuple[str, float, Style], ...] = (
 """Colour, width and style of the mean torque under each perturbation, such that lines on top of each other show."""
 
 
-@styled
+@style.styled
 def stiffness_of_participants(results: xr.Dataset, title: str = "") -> Figure:
     """Mean stiffness over bootstraps of every participant, a line for each method, above the torque.
+
+    A column for each participant, six of them abreast; a row for each perturbation, and one for the torque if it is
+    known. Vertical scales are common.
 
     Parameters
     ----------
     results
         Of an experiment: the estimates, the truth, ``target_torque`` and ``mean_torque``, the last three NaN where not
         known. Each method is shown with the fewest realizations that it was given.
-    title
-        Above all.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A column for each participant, six of them abreast; a row for each perturbation, and one for the torque if it
-        is known. Vertical scales are common.
     """
     participants, perturbations = unique(results.participant.values), unique(results.perturbation.values)
     blocks = [participants[first : first + ABREAST] for first in range(0, len(participants), ABREAST)]
@@ -79,7 +63,7 @@ def stiffness_of_participants(results: xr.Dataset, title: str = "") -> Figure:
     torques = np.stack([results.target_torque.values, results.mean_torque.values])
     heights = [1.0] * len(perturbations) + [0.55] * bool(np.isfinite(torques).any())
     rows, wide = len(heights), len(blocks[0])
-    figure, grid = panels(
+    figure, grid = style.panels(
         rows * len(blocks),
         wide,
         max(1.5 * wide, 3.6) + 0.9,
@@ -111,33 +95,23 @@ def stiffness_of_participants(results: xr.Dataset, title: str = "") -> Figure:
         if rows > len(perturbations):
             part[-1, 0].set_ylabel("torque\n(N·m)")
     figure.align_ylabels(grid[:, 0])
-    legend_below(figure, _keys(results, perturbations, torques))
+    style.legend_below(figure, _keys(results, perturbations, torques))
     return figure
 
 
-@styled
+@style.styled
 def participant_in_detail(results: xr.Dataset, participant: str, title: str = "") -> Figure:
     """Stiffness and time-varying VAF of one participant: mean ± 2 standard deviations over bootstraps.
+
+    A column for each method, with the fewest realizations that it was given; a row for each perturbation with the
+    stiffness, and one with the VAF. A grey line is the torque to be followed, with its scale on the right.
 
     Parameters
     ----------
     results
         As of :func:`stiffness_of_participants`, with ``time_varying_vaf``.
     participant
-        Whose recordings are shown.
-    title
-        Above all.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A column for each method, with the fewest realizations that it was given; a row for each perturbation with the
-        stiffness, and one with the VAF. A grey line is the torque to be followed, with its scale on the right.
-
-    Raises
-    ------
-    InputError
-        If there is no such participant.
+        Whose recordings are shown; ``InputError`` if there is none of that name.
     """
     chosen = results.isel(recording=results.participant.values == participant)
     perturbations = unique(chosen.perturbation.values)
@@ -153,28 +127,12 @@ def participant_in_detail(results: xr.Dataset, participant: str, title: str = ""
     return _bands(chosen, labels, ("stiffness", "time_varying_vaf"), title)
 
 
-@styled
+@style.styled
 def stiffness_with_bands(results: xr.Dataset, recording: str, title: str = "") -> Figure:
     """Stiffness of one recording by every method, in one row: mean ± 2 standard deviations over bootstraps.
 
-    Parameters
-    ----------
-    results
-        As of :func:`stiffness_of_participants`.
-    recording
-        Its label.
-    title
-        Above all.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A column for each method, as in :func:`participant_in_detail`, 180 mm wide for five of them.
-
-    Raises
-    ------
-    InputError
-        If there is no such recording.
+    A column for each method, as in :func:`participant_in_detail`, 180 mm wide for five of them. ``InputError`` if there
+    is no recording of this label.
     """
     there = unique(results.recording.values)
     if recording not in there:
@@ -190,7 +148,7 @@ def _bands(results: xr.Dataset, recordings: Mapping[str, str], names: Sequence[s
     least, titles = least_data(results), headings(results, 15)
     here = results.sel(recording=list(recordings.values()), analysis=list(least.values()))
     rows, columns = len(names) * len(recordings), len(least)
-    figure, grid = panels(
+    figure, grid = style.panels(
         rows, columns, max(1.25 * columns, 2.6) + 0.84, 1.35 * rows + 1.1, title, sharex=True, sharey="row"
     )
     values = {"stiffness": estimates(here), "time_varying_vaf": here.time_varying_vaf}
@@ -209,23 +167,23 @@ def _bands(results: xr.Dataset, recordings: Mapping[str, str], names: Sequence[s
             row, true = grid[block * len(recordings) + place], truth(here).values[place]
             row[0].set_ylabel(f"{words}\n{LABELS[name]}".strip())
             row[0].set_ylim(limits)
-            for column, (axes, hue) in enumerate(zip(row, hues(list(least)).values(), strict=True)):
+            for column, (axes, hue) in enumerate(zip(row, style.hues(list(least)).values(), strict=True)):
                 if name == "stiffness" and np.isfinite(true).any():
-                    axes.plot(time, true, zorder=3, **TRUE_LINE)
+                    axes.plot(time, true, zorder=3, **style.TRUE_LINE)
                 reached = spread[place, column]
                 shade = list(band[:, place, column]) if np.isfinite(reached).any() and np.nanmax(reached) > 0 else None
                 width = 1.4 if name == "stiffness" else 0.9
-                curve_with_band(axes, time, mean[place, column], shade, hue, linewidth=width, label="mean")
+                style.curve_with_band(axes, time, mean[place, column], shade, hue, linewidth=width, label="mean")
             if np.isfinite(torques[place]).any():
                 _behind(row, time, torques[place], torque_limits)
     for axes, label in zip(grid[0], least.values(), strict=True):
         axes.set_title(titles[label], fontsize=8.5)
     label_time(grid[-1], here)
     figure.align_ylabels(grid[:, 0])
-    keys = band_keys(here.sizes["bootstrap"], "bootstrap")
-    keys += [line_key(**TRUE_LINE)] * knows_truth(here)
-    keys += [line_key("torque to be followed", **BEHIND)] * bool(np.isfinite(torques).any())
-    legend_below(figure, keys)
+    keys = style.band_keys(here.sizes["bootstrap"], "bootstrap")
+    keys += [style.line_key(**style.TRUE_LINE)] * knows_truth(here)
+    keys += [style.line_key("torque to be followed", **BEHIND)] * bool(np.isfinite(torques).any())
+    style.legend_below(figure, keys)
     return figure
 
 
@@ -249,29 +207,29 @@ def _behind(row: Sequence[Axes], time: Array, torque: Array, limits: tuple[float
 def _all_methods(axes: Axes, results: xr.Dataset, mean: xr.DataArray, label: str | None) -> None:
     """Truth and every method's mean in one axes, or that there is nothing."""
     if label is None:
-        remark(axes, "not recorded")
+        style.remark(axes, "not recorded")
         return
     here, true = mean.sel(recording=label), truth(results).sel(recording=label).values
     if np.isfinite(true).any():
         axes.plot(results.time.values, true, **WIDE_TRUTH)
     if not np.isfinite(here.values).any():
-        remark(axes, "no estimate")
+        style.remark(axes, "no estimate")
         return
     least = least_data(results)
-    for values, (method, (hue, style)) in zip(here.values, lines(list(least)).items(), strict=True):
+    for values, (method, (hue, dash)) in zip(here.values, style.lines(list(least)).items(), strict=True):
         if np.isfinite(values).any():
-            axes.plot(results.time.values, values, color=hue, linestyle=style, linewidth=1.1, label=method)
+            axes.plot(results.time.values, values, color=hue, linestyle=dash, linewidth=1.1, label=method)
 
 
 def _torques(axes: Axes, results: xr.Dataset, participant: str, perturbations: Sequence[str]) -> None:
     """Torque to be followed, and what came under each perturbation."""
-    for (hue, width, style), perturbation in zip(cycle(TORQUES), perturbations, strict=False):
+    for (hue, width, dash), perturbation in zip(cycle(TORQUES), perturbations, strict=False):
         label = recording_of(results, participant, perturbation)
         if label is None:
             continue
         target, mean = (results[name].sel(recording=label).values for name in ("target_torque", "mean_torque"))
         if np.isfinite(mean).any():
-            axes.plot(results.time.values, mean, color=hue, linewidth=width, linestyle=style, label=label)
+            axes.plot(results.time.values, mean, color=hue, linewidth=width, linestyle=dash, label=label)
         if np.isfinite(target).any():
             axes.plot(results.time.values, target, zorder=2.5, label="target", **TARGET_LINE)
 
@@ -283,14 +241,14 @@ def _words(perturbation: str) -> str:
 def _keys(results: xr.Dataset, perturbations: Sequence[str], torques: Array) -> list[Any]:
     least, labels = least_data(results), headings(results, 60)
     keys = [
-        line_key(labels[least[method]], color=hue, linestyle=style, linewidth=1.6)
-        for method, (hue, style) in lines(list(least)).items()
+        style.line_key(labels[least[method]], color=hue, linestyle=dash, linewidth=1.6)
+        for method, (hue, dash) in style.lines(list(least)).items()
     ]
     if knows_truth(results):
-        keys.append(line_key(**WIDE_TRUTH))
+        keys.append(style.line_key(**WIDE_TRUTH))
     if np.isfinite(torques[0]).any():
-        keys.append(line_key("torque to be followed", **TARGET_LINE))
+        keys.append(style.line_key("torque to be followed", **TARGET_LINE))
     if np.isfinite(torques[1]).any():
-        for (hue, width, style), each in zip(cycle(TORQUES), perturbations, strict=False):
-            keys.append(line_key(f"mean torque, {_words(each)}", color=hue, linewidth=width, linestyle=style))
+        for (hue, width, dash), each in zip(cycle(TORQUES), perturbations, strict=False):
+            keys.append(style.line_key(f"mean torque, {_words(each)}", color=hue, linewidth=width, linestyle=dash))
     return keys

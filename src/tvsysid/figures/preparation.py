@@ -7,16 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.figures.style import (
-    PALETTE,
-    REALIZATION_TIME,
-    TRUTH,
-    Array,
-    blank,
-    legend_below,
-    line_key,
-    styled,
-)
+from tvsysid.figures.style import PALETTE, REALIZATION_TIME, TRUTH, Array, blank, legend_below, line_key, styled
 from tvsysid.preprocess import Preparation, Step
 
 if TYPE_CHECKING:
@@ -37,20 +28,7 @@ REASONS = {"alignment": "shifted too far", "task component": "unlike in the task
 
 @styled
 def preparation_steps(preparation: Preparation, title: str = "") -> Figure:
-    """Torque before and after, and what each step judged and excluded.
-
-    Parameters
-    ----------
-    preparation
-        Of :func:`tvsysid.preprocess.prepare`.
-    title
-        Above all.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Above the recorded and the prepared torque, below one axes for each step that was taken.
-    """
+    """Torque before and after :func:`tvsysid.preprocess.prepare`, and below what each step judged and excluded."""
     taken = (preparation.alignment, preparation.task, preparation.residual)
     steps = {name: step for name, step in zip(TITLES, taken, strict=True) if step is not None}
     figure = blank(10.0, 6.4 if steps else 3.6, title)

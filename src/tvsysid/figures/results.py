@@ -1,4 +1,4 @@
-"""Where the figures find estimates and truth in the results of a study or an experiment: the one place that knows."""
+"""Where the figures find what they draw in the results of a study or an experiment: the one place that knows."""
 
 from __future__ import annotations
 
@@ -6,15 +6,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from tvsysid.figures.style import Array
+from tvsysid.figures.words import wrapped
+from tvsysid.numerics.bands import mean_and_spread
+
 if TYPE_CHECKING:
     import xarray as xr
-
 
 OVER_TIME = ["estimate", "truth", "time_varying_vaf"]
 """Variables of a study that are drawn over time; of an experiment, also those of :data:`TORQUES`."""
 TORQUES = ["target_torque", "mean_torque"]
 BANDS = ["covered", "truth"]
 """Variables that :func:`tvsysid.figures.coverage_over_time` takes."""
+SPIKE = 0.3  # how far beyond 98 % of a method's values an axis reaches, as a share of their range
+FAR = 0.75  # how far beyond the middle one of the methods' ranges an axis reaches, as a share of it
 
 
 def estimates(results: xr.Dataset, quantity: str = "stiffness") -> xr.DataArray:
@@ -45,3 +50,86 @@ def knows_truth(results: xr.Dataset) -> bool:
 def unique(values: Any) -> list[str]:
     """Values as text, each once, in the order of their first appearance."""
     return list(dict.fromkeys(map(str, values)))
+
+
+def least_data(results: xr.Dataset) -> dict[str, str]:
+    """Label of an experiment's analysis with the fewest realizations, by method."""
+    counts = dict(zip(map(str, results.analysis.values), results.realizations.values.tolist(), strict=True))
+    labels: dict[str, list[str]] = {}
+    for label, method in zip(counts, results.method_key.values, strict=True):
+        labels.setdefault(str(method), []).append(label)
+    return {method: min(mine, key=lambda label: counts[label]) for method, mine in labels.items()}
+
+
+def seconds_of_data(results: xr.Dataset, analysis: str) -> str:
+    """How much data was drawn for an analysis, as text: realizations times their duration."""
+    return f"{int(results.realizations.sel(analysis=analysis))} x {_period(results):.4g} s"
+
+
+def _period(results: xr.Dataset) -> float:
+    """Duration of a realization in s: of all its samples."""
+    time = results.time.values
+    return len(time) * float(time[-1] - time[0]) / max(len(time) - 1, 1)
+
+
+def headings(results: xr.Dataset, width: int) -> dict[str, str]:
+    """Method and seconds of data in lines of some characters, by the label of its smallest analysis."""
+    shown = {}
+    for method, label in least_data(results).items():
+        name, amount = wrapped(method, width), seconds_of_data(results, label)
+        fits = len(f"{name}, {amount}".rpartition("\n")[2]) <= width
+        shown[label] = f"{name}, {amount}" if fits else f"{name},\n{amount}"
+    return shown
+
+
+def label_time(axes: Any, results: xr.Dataset) -> None:
+    """Name the time axis of the last row of axes, and let it show one realization, with few and short numbers."""
+    start = float(results.time.values[0])
+    for each in np.ravel(axes):
+        each.set_xlabel("time (s)")
+        each.set_xlim(start, start + (_period(results) or 1.0))
+        each.locator_params(axis="x", nbins=4)
+        each.xaxis.set_major_formatter("{x:g}")
+
+
+def mean_stiffness(results: xr.Dataset) -> xr.DataArray:
+    """Mean stiffness over bootstraps of each method's smallest analysis, over (recording, analysis, time)."""
+    here = estimates(results).sel(analysis=list(least_data(results).values()))
+    here = here.transpose("bootstrap", "recording", "analysis", "time")
+    return here.isel(bootstrap=0, drop=True).copy(data=mean_and_spread(here.values)[0])
+
+
+def recording_of(results: xr.Dataset, participant: str, perturbation: str) -> str | None:
+    """Label of the recording of a participant under a perturbation; None if there is none."""
+    there = (results.participant == participant) & (results.perturbation == perturbation)
+    labels = results.recording.values[there.values]
+    return str(labels[0]) if len(labels) else None
+
+
+def usual_range(values: Array, always: Array) -> tuple[float, float]:
+    """Limits of an axis that shows what methods have in common, and all of other values, with room; from zero if near.
+
+    A method that is out of its depth has spikes, or is far off; that shall not hide the rest. Values have shape
+    (method, ...), those that are always shown any.
+    """
+    extents = [_without_spikes(known) for each in values if (known := each[np.isfinite(each)]).size]
+    ends = [float(each) for each in always[np.isfinite(always)]]
+    if extents:
+        low, high = np.median(extents, axis=0)
+        beyond = FAR * (high - low)
+        ends += [
+            max(min(each for each, _ in extents), float(low - beyond)),
+            min(max(each for _, each in extents), float(high + beyond)),
+        ]
+    if not ends:
+        return 0.0, 1.0
+    least, most = min(ends), max(ends)
+    room = 0.08 * max(most - least, 0.2 * abs(most), 1e-9)
+    return (0.0 if 0 <= least < 0.6 * most else least - room), most + room
+
+
+def _without_spikes(values: Array) -> tuple[float, float]:
+    """Lowest and highest value, or not far beyond 98 % of them."""
+    low, high = np.percentile(values, [1, 99])
+    beyond = SPIKE * (high - low)
+    return max(float(values.min()), float(low - beyond)), min(float(values.max()), float(high + beyond))

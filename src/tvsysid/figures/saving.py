@@ -25,17 +25,9 @@ T = TypeVar("T")
 class Illustration:
     """A figure that is still to be drawn, and what it shows in words.
 
-    Parameters
-    ----------
-    draw
-        Gives the figure. A :func:`functools.partial` of a function of this package with what it draws, so that it can
-        be sent to another process.
-    title
-        A heading.
-    description
-        Full sentences that stand for the picture where it cannot be seen.
-    endings
-        Forms in which :func:`draw_all` saves it.
+    ``draw`` gives the figure: a :func:`functools.partial` of a function of this package with what it draws, so that it
+    can be sent to another process. The description, in full sentences, stands for the picture where it cannot be seen;
+    :func:`draw_all` saves the picture with all of these endings.
     """
 
     draw: Callable[[], Figure]
@@ -46,17 +38,7 @@ class Illustration:
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure that was drawn, as a page embeds it.
-
-    Parameters
-    ----------
-    title, description
-        Of the illustration.
-    svg
-        The figure as SVG; empty if that form was not asked for.
-    width, height
-        In pixels, 96 to the inch.
-    """
+    """A figure that was drawn, as a page embeds it: SVG, if that was asked for, of a size in pixels, 96 to the inch."""
 
     title: str
     description: str
@@ -93,32 +75,16 @@ def draw_all(
         Where the files go; each appears whole or not at all. None saves nothing.
     pool
         Of :func:`helpers`; this process draws too.
-
-    Returns
-    -------
-    dict
-        A picture for each illustration.
     """
     jobs = {stem: (each, None if folder is None else Path(folder) / stem) for stem, each in illustrations.items()}
     return share_out(_picture, jobs, pool)
 
 
 def share_out(work: Callable[..., T], jobs: Mapping[str, tuple[Any, ...]], pool: Executor | None) -> dict[str, T]:
-    """Results of a function for several arguments; helpers begin with the first ones, this process with the last.
+    """Results of a function that can be pickled for several arguments by name, in their order.
 
-    Parameters
-    ----------
-    work
-        What is done, a function that can be pickled.
-    jobs
-        Its arguments, by name.
-    pool
-        Of :func:`helpers`. What a helper that dies leaves undone is done here.
-
-    Returns
-    -------
-    dict
-        In the order of the jobs.
+    Processes of :func:`helpers` begin with the first ones, this process with the last. What a helper that dies leaves
+    undone is done here.
     """
     futures: dict[str, Future[T]] = {}
     if pool is not None and len(jobs) > 1:
@@ -152,15 +118,7 @@ def save(figure: Figure, path: str | Path) -> None:
 
 
 def drawn(figure: Figure, format: str) -> bytes:
-    """Figure as the content of a file; the same figure gives the same bytes.
-
-    Parameters
-    ----------
-    figure
-        To draw.
-    format
-        ``"svg"`` (its text stays text), ``"pdf"`` or ``"png"``.
-    """
+    """Figure as the content of a file: "svg" (its text stays text), "pdf" or "png"; the same figure, the same bytes."""
     from matplotlib import rc_context  # noqa: PLC0415  # heavy
 
     # Journals refuse the Type 3 fonts that are Matplotlib's default; a file's date would make each one new.

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.figures.analyses import headings, label_time, least_data, mean_stiffness, usual_range
-from tvsysid.figures.results import truth, unique
+from tvsysid.figures.results import headings, label_time, least_data, mean_stiffness, truth, unique, usual_range
 from tvsysid.figures.style import TRUTH, blank, hues, legend_below, line_key, panels, patch_key, remark, styled
 from tvsysid.figures.words import perturbation_name, wrapped
 from tvsysid.numerics.bands import mean_and_spread
@@ -28,29 +27,22 @@ SPREAD = {
 POSSIBLE = {"vaf": (0.0, 100.0), "bandpassed_vaf": (0.0, 100.0), "mean_bias": (-np.inf, np.inf)}
 """Lowest and highest value that a metric can have; from 0 upwards where nothing is said."""
 AGAINST_TRUTH = {"bias_error": "bias error (N·m/rad)", "mean_bias": "mean bias (N·m/rad)"}
-OUTLYING = 5.0
-"""An axis ends at this multiple of the upper quartile, so that one participant does not hide the others."""
-FAINT, FULL = 0.35, 0.85
-"""Opacity of the bars for the least and the most data."""
+OUTLYING = 5.0  # an axis ends at this multiple of the upper quartile, so that one participant does not hide the others
+FAINT, FULL = 0.35, 0.85  # opacity of the bars for the least and the most data
 
 
 @styled
 def variance_and_spread(summary: pd.DataFrame, title: str = "") -> Figure:
     """VAF of the whole and of the band-passed torque, and the random error, at every amount of data.
 
+    A row for each perturbation, a column for each metric. A bar is the mean over participants, with twice their
+    standard deviation on either side (within what is possible), and a dot is one participant; below a method stand the
+    realizations drawn for its bars.
+
     Parameters
     ----------
     summary
         Of an experiment: columns participant, perturbation, method, realizations, metric, value.
-    title
-        Above all.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A row for each perturbation, a column for each metric. A bar is the mean over participants, with twice their
-        standard deviation on either side (within what is possible), and a dot is one participant; below a method stand
-        the realizations drawn for its bars.
     """
     perturbations, methods = unique(summary.perturbation), unique(summary.method)
     rows, width = len(perturbations), _width(summary, len(SPREAD))
@@ -67,21 +59,14 @@ def variance_and_spread(summary: pd.DataFrame, title: str = "") -> Figure:
 def error_against_truth(results: xr.Dataset, summary: pd.DataFrame, title: str = "") -> Figure:
     """How far the mean stiffness over bootstraps is from the truth, where the truth is known.
 
+    Above, the error over time: a column for each method with the fewest realizations that it was given, a row for each
+    perturbation, a thin line for each participant and a thick one for their mean. Below, bars of the bias error and of
+    the mean bias as in :func:`variance_and_spread`.
+
     Parameters
     ----------
-    results
-        Of an experiment, as :func:`tvsysid.figures.stiffness_of_participants` takes them.
-    summary
-        Of these results, with the metrics ``bias_error`` and ``mean_bias``.
-    title
-        Above all.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Above, the error over time: a column for each method with the fewest realizations that it was given, a row for
-        each perturbation, a thin line for each participant and a thick one for their mean. Below, bars of the bias
-        error and of the mean bias as in :func:`variance_and_spread`.
+    results, summary
+        Of an experiment, as of :func:`stiffness_of_participants` and :func:`variance_and_spread`.
     """
     here = results.isel(recording=np.isfinite(truth(results).values).any(axis=1))
     perturbations, methods = unique(here.perturbation.values), list(least_data(here))

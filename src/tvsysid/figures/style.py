@@ -22,10 +22,8 @@ P = ParamSpec("P")
 # Okabe and Ito's palette and two of Tol's: told apart by people who are colour-blind.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#882255", "#999933")
 TRUTH = "#444444"
-TARGET = "#111111"
-"""Colour of the torque to be followed."""
-GREY = "#777777"
-"""Colour of what a legend says of all methods."""
+TARGET = "#111111"  # the torque to be followed
+GREY = "#777777"  # what a legend says of all methods
 TRUE_LINE: dict[str, Any] = {"color": TRUTH, "linewidth": 1.0, "linestyle": "--", "label": "truth"}
 REALIZATION_TIME = "time within a realization (s)"
 
@@ -104,21 +102,7 @@ def hues(methods: Sequence[str]) -> dict[str, str]:
 def curve_with_band(
     axes: Axes, time: Array, values: Array, band: Sequence[Array] | None, hue: str, **look: Any
 ) -> None:
-    """Curve over time above its band, which has a lighter shade; a word where there is no value.
-
-    Parameters
-    ----------
-    axes
-        To draw in.
-    time, values
-        Shape (time,).
-    band
-        Lower and upper end, shape (time,) each; None where there is none.
-    hue
-        Colour.
-    look
-        Of the line, as Matplotlib takes it.
-    """
+    """Curve over time above its band (lower and upper end) of a lighter shade; a word where there is no value."""
     if not np.isfinite(values).any():
         remark(axes, "no estimate")
         return

@@ -4,8 +4,7 @@ from tvsysid.studies.van_de_ruit_2021.example import example_responses
 from tvsysid.studies.van_de_ruit_2021.experiment import COUNTS
 from tvsysid.studies.van_de_ruit_2021.experiment_figures import experiment_figures, participant_figures, representative
 from tvsysid.studies.van_de_ruit_2021.figures import study_figures
-from tvsysid.studies.van_de_ruit_2021.folder import Written, write_experiment, write_study
-from tvsysid.studies.van_de_ruit_2021.judge import judge
+from tvsysid.studies.van_de_ruit_2021.folder import Written, judge, write_experiment, write_study
 from tvsysid.studies.van_de_ruit_2021.presets import PRESETS, preset
 
 __all__ = [

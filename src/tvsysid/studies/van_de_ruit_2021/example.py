@@ -16,8 +16,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 SCENARIO = Scenario("square", "prbs", 150.0, 10.0)
-INSTANTS = (0.25, 1.0)
-"""Times in s, half-way between two switches: low and high stiffness."""
+INSTANTS = (0.25, 1.0)  # times in s, half-way between two switches: low and high stiffness
 
 
 def example_responses(seed: int = 0) -> xr.Dataset:
@@ -26,17 +25,9 @@ def example_responses(seed: int = 0) -> xr.Dataset:
     The true one is that of :math:`I s^2 + b s + k` in the band of the data (up to 80 % of the Nyquist frequency), for a
     response that holds all frequencies has no finite values.
 
-    Parameters
-    ----------
-    seed
-        Of the study.
-
-    Returns
-    -------
-    xarray.Dataset
-        ``impulse_response`` over (method_key, instant, lag), ``true_impulse_response`` over (instant, lag), and
-        ``distance`` between them (root mean square over lags) over (method_key, instant), in N·m/(rad·s), with the
-        coordinate ``stiffness`` in N·m/rad over (instant).
+    ``impulse_response`` over (method_key, instant, lag), ``true_impulse_response`` over (instant, lag), and ``distance``
+    between them (root mean square over lags) over (method_key, instant), in N·m/(rad·s), with the coordinate
+    ``stiffness`` in N·m/rad over (instant). The seed is that of the study.
     """
     import xarray as xr  # noqa: PLC0415  # heavy
 

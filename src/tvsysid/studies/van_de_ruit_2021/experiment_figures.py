@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tvsysid.figures.analyses import least_data, seconds_of_data
-from tvsysid.figures.excerpts import recorded_signals
 from tvsysid.figures.participants import participant_in_detail, stiffness_of_participants, stiffness_with_bands
 from tvsysid.figures.preparation import preparation_steps
-from tvsysid.figures.results import OVER_TIME, TORQUES, knows_truth, truth, unique
+from tvsysid.figures.recorded import recorded_signals
+from tvsysid.figures.results import OVER_TIME, TORQUES, knows_truth, least_data, seconds_of_data, truth, unique
 from tvsysid.figures.saving import Illustration
 from tvsysid.figures.spread import SPREAD, error_against_truth, variance_and_spread
 from tvsysid.figures.words import count, perturbation_name
@@ -32,8 +31,6 @@ METRICS = {
     "bias_error": "bias error",
     "mean_bias": "mean bias",
 }
-
-
 SHOWN = [*OVER_TIME, *TORQUES]
 
 
@@ -45,25 +42,18 @@ def experiment_figures(
 ) -> dict[str, Illustration]:
     """All figures of an experiment.
 
+    By the stem of a file's name: ``"participants"`` (the paper's figure 8), ``"participant"`` (figure 9),
+    ``"variance-and-spread"`` (figure 10), ``"error-against-truth"`` where the truth is known, ``"stiffness"`` instead
+    of the first where there is only one recording, ``"recorded-signals"`` (figure 6) and ``"preparation"`` (figure 7).
+    Where one participant stands for all, it is the one whose VAF is in the middle.
+
     Parameters
     ----------
-    results
-        Over recording, analysis, bootstrap and time, as :func:`stiffness_of_participants` and
-        :func:`participant_in_detail` take them.
-    summary
-        Of these results: columns participant, perturbation, method, realizations, metric, value, unit.
-    excerpts
-        Some seconds of the recordings by their labels; those of one participant are drawn. May be empty.
-    preparations
-        How ensembles came about, by the recordings' labels; one is drawn. May be empty.
-
-    Returns
-    -------
-    dict
-        By the stem of a file's name: ``"participants"`` (figure 8 of van de Ruit et al. 2021), ``"participant"``
-        (figure 9), ``"variance-and-spread"`` (figure 10), ``"error-against-truth"`` where the truth is known,
-        ``"stiffness"`` instead of the first where there is only one recording, ``"recorded-signals"`` (figure 6) and
-        ``"preparation"`` (figure 7). Where one participant stands for all, it is the one whose VAF is in the middle.
+    results, summary
+        As of :func:`tvsysid.study.run` and, of these results, :func:`tvsysid.study.summarize`.
+    excerpts, preparations
+        By the recordings' labels, some seconds of them and how ensembles came about; those of one participant are
+        drawn. May be empty.
     """
     one = representative(results, summary)
     shown = _stiffness(results, summary) | {"participant": _detail(results, summary, one)}

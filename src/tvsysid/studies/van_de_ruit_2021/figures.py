@@ -8,20 +8,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tvsysid.figures.amount import error_against_amount
 from tvsysid.figures.comparison import method_comparison
-from tvsysid.figures.coverage import coverage_over_time
-from tvsysid.figures.responses import impulse_responses
 from tvsysid.figures.results import BANDS, OVER_TIME, covered
 from tvsysid.figures.saving import Illustration
+from tvsysid.figures.simulations import coverage_over_time, error_against_amount, impulse_responses
 from tvsysid.figures.words import TRAITS, count, described, perturbation_name, profile_name
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-USUAL = (150.0, 10.0)
-"""Seconds of data and signal-to-noise ratio in dB that the paper shows over time."""
+USUAL = (150.0, 10.0)  # seconds of data and signal-to-noise ratio in dB that the paper shows over time
 METRICS = {
     "bias_error": "bias error",
     "random_error": "random error",
@@ -36,22 +33,16 @@ def study_figures(
 ) -> dict[str, Illustration]:
     """All figures of a study.
 
+    By the stem of a file's name: ``"comparison-square-noise"``, ``"comparison-sine"`` (both perturbations),
+    ``"amount-square"`` (errors against seconds of data), ``"amount-square-snr"``, ``"coverage-square"`` (how often the
+    bands hold the truth), ``"impulse-responses"``; with ``-covarying`` where the viscosity varies with stiffness.
+
     Parameters
     ----------
-    results
-        As of :func:`tvsysid.study.run`.
-    summary
-        Of these results, as of :func:`tvsysid.study.summarize`.
+    results, summary
+        As of :func:`tvsysid.study.run` and, of these results, :func:`tvsysid.study.summarize`.
     responses
-        As :func:`impulse_responses` takes them; None leaves that figure out.
-
-    Returns
-    -------
-    dict
-        By the stem of a file's name: ``"comparison-square-noise"``, ``"comparison-sine"`` (both perturbations),
-        ``"amount-square"`` (errors against seconds of data), ``"amount-square-snr"``, ``"impulse-responses"``;
-        ``"coverage-square"`` (how often the bands hold the truth); with ``-covarying`` where the viscosity varies with
-        stiffness.
+        As :func:`tvsysid.figures.impulse_responses` takes them; None leaves that figure out.
     """
     traits = results[list(TRAITS)].to_dataframe()[list(TRAITS)]
     shown: dict[str, Illustration] = {}
@@ -82,6 +73,10 @@ def _name(profile: Any) -> str:
     return name[:1].upper() + name[1:]
 
 
+def _covarying(traits: Any) -> str:
+    return ", viscosity varies with stiffness" if traits["viscosity"] == "covarying" else ""
+
+
 def _middle(rows: pd.DataFrame) -> tuple[float, float]:
     """Duration and signal-to-noise ratio to look at closely: the paper's if they are there, or those in the middle."""
     pairs = sorted(set(zip(rows.duration_s.astype(float), rows.snr_db.astype(float), strict=True)))
@@ -91,13 +86,10 @@ def _middle(rows: pd.DataFrame) -> tuple[float, float]:
 def _comparison(results: xr.Dataset, summary: pd.DataFrame, rows: pd.DataFrame) -> Illustration:
     duration, snr = _middle(rows)
     shown = rows[(rows.duration_s == duration) & (rows.snr_db == snr)]
-    bars = rows.sort_values(["snr_db", "duration_s"], kind="stable")
-    bars = bars.sort_values("perturbation", kind="stable")
+    bars = rows.sort_values(["perturbation", "snr_db", "duration_s"], kind="stable")
     scenarios: list[Any] = shown.to_dict("records")
     perturbations = " and ".join(map(perturbation_name, shown.perturbation))
-    first = scenarios[0]
-    covarying = ", viscosity varies with stiffness" if first["viscosity"] == "covarying" else ""
-    title = f"{_name(first['profile'])}, {perturbations}{covarying}"
+    title = f"{_name(scenarios[0]['profile'])}, {perturbations}{_covarying(scenarios[0])}"
     labels = list(dict.fromkeys([*shown.index, *bars.index]))
     drawing = partial(
         method_comparison,
@@ -134,8 +126,7 @@ def _figures(summary: pd.DataFrame, labels: Sequence[str], scenarios: Sequence[d
 
 def _coverage(results: xr.Dataset, summary: pd.DataFrame, rows: pd.DataFrame) -> Illustration:
     first: Any = rows.iloc[0]
-    covarying = ", viscosity varies with stiffness" if first.viscosity == "covarying" else ""
-    title = f"{_name(first.profile)}: how often the bands hold the truth, {first.duration_s:g} s{covarying}"
+    title = f"{_name(first.profile)}: how often the bands hold the truth, {first.duration_s:g} s{_covarying(first)}"
     labels = list(rows.index)
     chosen = results[BANDS].sel(scenario=labels, quantity="stiffness")
     missed = ": about a switch bands miss the truth." if first.profile == "square" else "."
@@ -149,16 +140,13 @@ def _coverage(results: xr.Dataset, summary: pd.DataFrame, rows: pd.DataFrame) ->
         if shares:
             text.append(f"With {perturbation_name(row.perturbation)}: {shares} over all times.")
         without = summary[(summary.scenario == label) & (summary.metric == "without_band") & (summary.value > 0)]
-        missing = ", ".join(
-            f"{method} {_few(value)} %" for method, value in zip(without.method, without.value, strict=True)
-        )
+        missing = [
+            f"{method} {'below 1' if value < 1 else f'{value:.0f}'} %"
+            for method, value in zip(without.method, without.value, strict=True)
+        ]
         if missing:
-            text.append(f"Of these times and trials no band, and not counted: {missing}.")
+            text.append(f"Of these times and trials no band, and not counted: {', '.join(missing)}.")
     return Illustration(partial(coverage_over_time, chosen, labels, title), title, " ".join(text))
-
-
-def _few(percentage: float) -> str:
-    return "below 1" if percentage < 1 else f"{percentage:.0f}"
 
 
 def _amount(rows: pd.DataFrame, title: str) -> Illustration:
@@ -181,14 +169,13 @@ def _amount(rows: pd.DataFrame, title: str) -> Illustration:
 
 def _responses(responses: xr.Dataset) -> Illustration:
     title = "Impulse responses at a low and a high stiffness"
-    spread = responses.distance
     sentences = [
         "Impulse responses over lags in N·m/(rad·s), identified by the methods that find one from the first trial of "
         "the square wave (PRBS, 150 s, 10 dB), with the paper's settings, drawn over the true one in the band of the "
         "data."
     ]
     for instant in responses.instant.values:
-        here = spread.sel(instant=instant)
+        here = responses.distance.sel(instant=instant)
         parts = [f"{method} {float(here.sel(method_key=method)):.3g}" for method in here.method_key.values]
         sentences.append(
             f"Where stiffness is {float(here.stiffness):.0f} N·m/rad the root mean square distance from the truth is "

@@ -1,4 +1,4 @@
-"""What a study writes to its folder: tables, figures and pages."""
+"""What a study writes to its folder, with the paper's claims held against it: tables, figures and pages."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from tvsysid.quality import Diagnosis, diagnose
 from tvsysid.recordings import whole_file, write_ensemble
 from tvsysid.report import write_diagnosis, write_experiment_report, write_report
 from tvsysid.studies.van_de_ruit_2021.example import example_responses
-from tvsysid.studies.van_de_ruit_2021.experiment import COUNTS
+from tvsysid.studies.van_de_ruit_2021.experiment import COUNTS, judge_experiment
 from tvsysid.studies.van_de_ruit_2021.experiment_figures import experiment_figures, participant_figures, representative
 from tvsysid.studies.van_de_ruit_2021.figures import study_figures
-from tvsysid.studies.van_de_ruit_2021.judge import judge
+from tvsysid.studies.van_de_ruit_2021.simulations import judge_simulations
 from tvsysid.study import (
     Experiment,
     Prepared,
@@ -50,15 +50,33 @@ class Written(NamedTuple):
     """Of an experiment: by recording."""
 
 
+def judge(found: xr.Dataset) -> pd.DataFrame:
+    """Hold every claim that the paper makes of its simulations, or of its experiment, against a study.
+
+    Parameters
+    ----------
+    found
+        Of a simulation study its scores, as of :func:`tvsysid.study.score`; of an experiment its results, as of
+        :func:`tvsysid.study.run`.
+
+    Returns
+    -------
+    pandas.DataFrame
+        A row for each claim. ``finding`` names the comparison that decides, with its figures; ``estimate``, ``low``
+        and ``high`` are its margin and 95 % limits (from drawing trials; of an experiment, over participants), in
+        ``unit``: a difference speaks for the claim above 0, a ratio above 1. ``verdict`` is "holds", "does not hold",
+        "undecided" or "not studied".
+    """
+    return judge_simulations(found) if "scenario" in found.dims else judge_experiment(found)
+
+
 def write_study(results: xr.Dataset, folder: Path, command: str = "") -> Written:
     """Write tables, figures and page of a simulation study.
 
     Parameters
     ----------
-    results
-        As of :func:`tvsysid.study.run`, finished or not.
-    folder
-        Where to.
+    results, folder
+        As of :func:`tvsysid.study.run`, finished or not, and where to write.
     command
         What was typed to run the study; the page does not mention it if it is empty.
     """
@@ -84,14 +102,10 @@ def write_experiment(
 
     Parameters
     ----------
-    experiment
-        What was studied.
-    results
-        As of :func:`tvsysid.study.run`, finished or not.
+    experiment, results, folder, command
+        What was studied; others as for :func:`write_study`.
     prepared
         The recordings; none, if they are gone: then ``exclusions.csv`` and ``prepared/`` stay as they are.
-    folder, command
-        As for :func:`write_study`.
     """
     import pandas as pd  # noqa: PLC0415  # heavy
 

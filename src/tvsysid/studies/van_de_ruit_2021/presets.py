@@ -22,19 +22,10 @@ PRESETS: dict[str, dict[str, Any]] = {
 
 
 def preset(name: str, **settings: Any) -> Study:
-    """Study of this name.
+    """Study of a name of ``PRESETS``: ``"quick"``, ``"paper"``, ``"snr"``, ``"viscosity"``.
 
-    Parameters
-    ----------
-    name
-        One of ``PRESETS``: ``"quick"``, ``"paper"``, ``"snr"``, ``"viscosity"``.
-    **settings
-        Take the place of the preset's, in its further scenarios too.
-
-    Raises
-    ------
-    InputError
-        For an unknown name, or a setting that a study does not take.
+    Settings given take the place of the preset's, in its further scenarios too. ``InputError`` for an unknown name, or
+    a setting that a study does not take.
 
     Examples
     --------

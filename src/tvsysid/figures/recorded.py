@@ -1,0 +1,75 @@
+"""What was recorded: the channels of a file, and seconds of angle and torque."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from numpy.typing import NDArray
+
+from tvsysid.figures.style import PALETTE, TARGET, legend_below, line_key, panels, styled
+from tvsysid.figures.words import wrapped
+from tvsysid.recordings import Channel
+from tvsysid.signals import Recording
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@styled
+def recorded_channels(
+    channels: Mapping[str, tuple[Channel, Sequence[tuple[NDArray[Any], NDArray[Any]]]]], title: str = ""
+) -> Figure:
+    """Channels of a file before anything is done with it, one above the other, each over its own time.
+
+    An axes for each channel, with its unit, or "unit not stated", and time in s where the rate is stated.
+
+    Parameters
+    ----------
+    channels
+        By name: what the file states of it, and for each column the positions (in samples) and the values to draw, as
+        of :func:`tvsysid.recordings.outline`.
+    """
+    figure, grid = panels(len(channels), 1, 7.0, 1.0 + 1.7 * len(channels), title)
+    for axes, (name, (channel, columns)) in zip(grid[:, 0], channels.items(), strict=True):
+        rate = channel.sampling_rate
+        for number, (positions, values) in enumerate(columns):
+            axes.plot(positions / (rate or 1.0), values, color=PALETTE[number % len(PALETTE)], linewidth=0.7)
+        axes.set_title(wrapped(name, width=100), loc="left")
+        axes.set_ylabel(channel.unit.replace("$", r"\$") or "unit not stated")
+        axes.set_xlabel("sample" if rate is None else "time (s)")
+        axes.margins(x=0)
+    return figure
+
+
+@styled
+def recorded_signals(excerpts: Mapping[str, Recording], title: str = "", target: str = "target") -> Figure:
+    """Angle and torque over some seconds, with the torque to be followed where there is one.
+
+    A row for each excerpt: the angle on the left, the torque on the right.
+
+    Parameters
+    ----------
+    excerpts
+        Pieces of recordings, each without a break, by what is written above them.
+    target
+        Channel that holds the torque to be followed.
+    """
+    figure, grid = panels(len(excerpts), 2, 9.0, 1.75 * len(excerpts) + 1.0, title, sharex="col", sharey="col")
+    for (angle, torque), (name, excerpt) in zip(grid, excerpts.items(), strict=True):
+        time = excerpt.time - excerpt.time[0]
+        for axes, values, label in ((angle, excerpt.angle, "angle (rad)"), (torque, excerpt.torque, "torque (N·m)")):
+            # Thousands of samples as paths would make a vector file of megabytes.
+            axes.plot(time, values, color=PALETTE[0], linewidth=0.6, rasterized=True)
+            axes.set_title(wrapped(name, 60), loc="left")
+            axes.set_ylabel(label)
+            axes.margins(x=0)
+        if target in excerpt.channels:
+            torque.plot(time, excerpt.channels[target], color=TARGET, linewidth=1.0)
+    for axes in grid[-1]:
+        axes.set_xlabel("time (s)")
+    if any(target in excerpt.channels for excerpt in excerpts.values()):
+        recorded = line_key("torque recorded", color=PALETTE[0], linewidth=0.6)
+        legend_below(figure, [recorded, line_key("torque to be followed", color=TARGET, linewidth=1.0)])
+    figure.align_ylabels(grid)
+    return figure

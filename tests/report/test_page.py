@@ -15,7 +15,8 @@ from tests.synthetic import claims, results_of, summary_of
 from tvsysid.figures import draw_all
 from tvsysid.methods import names
 from tvsysid.report import write_report
-from tvsysid.report.sections import methods_section
+from tvsysid.report.page import number
+from tvsysid.report.sections import in_words, methods_section
 from tvsysid.report.study import main_scenario, outcome, traits_of
 from tvsysid.studies.van_de_ruit_2021 import study_figures
 
@@ -191,3 +192,9 @@ def test_constant_and_covarying_viscosity_in_one_study(tmp_path):
     assert "viscosity" in text
     assert "covarying" in text
     assert "The same in all: square-wave stiffness, filtered noise, 150 s, 10 dB." in text
+
+
+def test_numbers_and_settings_as_text():
+    cells = number(9.8765, 0.1234, 2), number(1234.5), number(float("nan"))
+    assert [cell.text for cell in cells] == ["9.88 ± 0.12", "1230", "–"]
+    assert (in_words([1.0, "eirf", None]), in_words({"alignment": 2})) == ("1, eirf, none", "alignment 2")

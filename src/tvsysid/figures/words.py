@@ -13,13 +13,7 @@ TRAITS = ("profile", "perturbation", "duration_s", "snr_db", "viscosity")
 
 
 def perturbation_name(perturbation: Any) -> str:
-    """What a perturbation is called: the package's own in words, others by their names.
-
-    Examples
-    --------
-    >>> perturbation_name("noise"), perturbation_name("steps")
-    ('filtered noise', 'steps')
-    """
+    """What a perturbation is called: the package's own in words, others by their names."""
     return PERTURBATIONS.get(perturbation, str(perturbation))
 
 
@@ -34,13 +28,7 @@ def count(number: int, word: str) -> str:
 
 
 def trait(name: str, value: Any) -> str:
-    """Short text for one trait of a scenario.
-
-    Examples
-    --------
-    >>> trait("duration_s", 40.0), trait("perturbation", "prbs"), trait("viscosity", "covarying")
-    ('40 s', 'PRBS', 'b covarying')
-    """
+    """Short text for one trait of a scenario, like "40 s", "PRBS", "b covarying"."""
     if name == "duration_s":
         return f"{value:g} s"
     if name == "snr_db":
@@ -51,32 +39,13 @@ def trait(name: str, value: Any) -> str:
 
 
 def differing(scenarios: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Texts that tell scenarios apart: the traits that they do not share, or the duration of a single one.
-
-    Parameters
-    ----------
-    scenarios
-        Traits of each by name, as of :data:`TRAITS`.
-
-    Examples
-    --------
-    >>> shared = {"profile": "sine", "duration_s": 150.0, "snr_db": 10.0, "viscosity": "constant"}
-    >>> differing([{**shared, "perturbation": "noise"}, {**shared, "perturbation": "prbs"}])
-    ['noise', 'PRBS']
-    """
+    """Texts that tell scenarios apart, like "noise": the traits they do not share, or the duration of a single one."""
     names = [name for name in TRAITS if len({scenario[name] for scenario in scenarios}) > 1] or ["duration_s"]
     return [", ".join(trait(name, scenario[name]) for name in names) for scenario in scenarios]
 
 
 def described(scenario: Mapping[str, Any], names: Sequence[str] = TRAITS) -> str:
-    """Scenario in words; viscosity is mentioned only where it varies with stiffness.
-
-    Examples
-    --------
-    >>> described({"profile": "square", "perturbation": "noise", "duration_s": 150.0, "snr_db": 10.0,
-    ...            "viscosity": "constant"})
-    'square-wave stiffness, filtered noise, 150 s, 10 dB'
-    """
+    """Scenario, given by its traits, in words; viscosity is mentioned only where it varies with stiffness."""
     words = {name: trait(name, scenario[name]) for name in names}
     if "profile" in words:
         words["profile"] = profile_name(scenario["profile"])
@@ -88,14 +57,9 @@ def described(scenario: Mapping[str, Any], names: Sequence[str] = TRAITS) -> str
 
 
 def wrapped(label: str, width: int = 20, rows: int = 4) -> str:
-    r"""Label of a method in lines of at most so many characters, broken behind its punctuation where that can be.
+    """Label of a method in lines of at most so many characters, broken behind its punctuation where that can be.
 
     For Matplotlib only: dollar signs are escaped.
-
-    Examples
-    --------
-    >>> wrapped("sds:window=0.2,max_lag=0.1", 16)
-    'sds:window=0.2,\nmax_lag=0.1'
     """
     lines = [""]
     for piece in re.findall(r"[^:,(]*[:,(] ?|[^:,(]+", label):
@@ -111,11 +75,5 @@ def wrapped(label: str, width: int = 20, rows: int = 4) -> str:
 
 
 def unit_name(unit: str) -> str:
-    """SI unit as it is printed.
-
-    Examples
-    --------
-    >>> unit_name("N m s/rad"), unit_name("kg m2"), unit_name("1")
-    ('N·m·s/rad', 'kg·m²', '–')
-    """
+    """SI unit as it is printed: "N m s/rad" as "N·m·s/rad", "kg m2" as "kg·m²"."""
     return "–" if unit in ("", "1") else unit.replace(" ", "·").replace("2", "²")

@@ -187,13 +187,7 @@ def _template(name: str) -> Template:
 
 
 def number(value: float, error: float = math.nan, decimals: int | None = None) -> Cell:
-    """Value ± standard error with so many decimals, or to three digits.
-
-    Examples
-    --------
-    >>> number(9.8765, 0.1234, 2).text, number(1234.5).text, number(float("nan")).text
-    ('9.88 ± 0.12', '1230', '–')
-    """
+    """Value ± standard error with so many decimals, or to three digits; a dash where there is no value."""
     if not math.isfinite(value):
         return Cell("–", None)
     if decimals is None:

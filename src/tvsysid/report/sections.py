@@ -198,13 +198,7 @@ def settings_of(results: xr.Dataset, name: str) -> dict[str, Any]:
 
 
 def in_words(value: Any) -> str:
-    """Setting as text.
-
-    Examples
-    --------
-    >>> in_words([1.0, "eirf", None]), in_words({"alignment": 2})
-    ('1, eirf, none', 'alignment 2')
-    """
+    """Setting as text, like "1, eirf, none" or "alignment 2"."""
     if isinstance(value, list):
         return ", ".join(map(in_words, value))
     if isinstance(value, dict):

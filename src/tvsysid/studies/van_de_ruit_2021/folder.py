@@ -15,10 +15,9 @@ from tvsysid.figures import Picture, draw_all, helpers, share_out
 from tvsysid.quality import Diagnosis, diagnose
 from tvsysid.recordings import whole_file, write_ensemble
 from tvsysid.report import write_diagnosis, write_experiment_report, write_report
-from tvsysid.studies.van_de_ruit_2021.example import example_responses
 from tvsysid.studies.van_de_ruit_2021.experiment import COUNTS, judge_experiment
 from tvsysid.studies.van_de_ruit_2021.experiment_figures import experiment_figures, participant_figures, representative
-from tvsysid.studies.van_de_ruit_2021.figures import study_figures
+from tvsysid.studies.van_de_ruit_2021.figures import example_responses, study_figures
 from tvsysid.studies.van_de_ruit_2021.simulations import judge_simulations
 from tvsysid.study import (
     Experiment,

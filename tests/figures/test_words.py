@@ -1,0 +1,20 @@
+from tvsysid.figures.words import described, differing, perturbation_name, trait, unit_name, wrapped
+
+SCENARIO = {"profile": "square", "perturbation": "noise", "duration_s": 150.0, "snr_db": 10.0, "viscosity": "constant"}
+
+
+def test_perturbations_and_units_have_names():
+    assert (perturbation_name("noise"), perturbation_name("steps")) == ("filtered noise", "steps")
+    assert [unit_name(unit) for unit in ("N m s/rad", "kg m2", "1")] == ["N·m·s/rad", "kg·m²", "–"]
+
+
+def test_traits_in_words():
+    pairs = [("duration_s", 40.0), ("perturbation", "prbs"), ("viscosity", "covarying")]
+    assert [trait(*pair) for pair in pairs] == ["40 s", "PRBS", "b covarying"]
+    assert differing([SCENARIO, SCENARIO | {"perturbation": "prbs"}]) == ["noise", "PRBS"]
+    assert differing([SCENARIO]) == ["150 s"]
+    assert described(SCENARIO) == "square-wave stiffness, filtered noise, 150 s, 10 dB"
+
+
+def test_labels_are_broken_behind_punctuation():
+    assert wrapped("sds:window=0.2,max_lag=0.1", 16) == "sds:window=0.2,\nmax_lag=0.1"

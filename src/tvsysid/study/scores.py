@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import inspect
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -33,25 +33,17 @@ AWAY = 0.3
 """Seconds from a switch beyond which no window or lag of the paper's methods reaches it."""
 MAIN = "stiffness"
 """The quantity whose metrics go by their plain names."""
+SCORED = (*("estimate", "covered", "time_varying_vaf", "vaf", "bandpassed_vaf", "seconds"), "truth", "trial_truth")
+"""Variables of a study that metrics are made from."""
 
 
 @dataclass(frozen=True)
 class Cell:
-    """What the trials of one method in one scenario gave of one quantity.
+    """What the trials of one method in one scenario gave of one quantity; attributes are named as metrics' arguments.
 
-    Parameters
-    ----------
-    time, truth
-        Shape (time,).
-    estimates, covered
-        Estimate, and whether its band holds the truth; shape (trial, time). Where the truth differs from
-        trial to trial, the estimate's error is added to the truth of the study.
-    over_time, realization_vaf, bandpassed
-        Time-varying VAF, shape (trial, time); mean VAFs of each trial, shape (trial,).
-    durations
-        Seconds that the identifications took, shape (trial,).
-
-    The other attributes are arguments of the metrics, by their names.
+    ``time`` and ``truth`` have shape (time,); estimates, whether their bands hold the truth, and time-varying VAF
+    (``over_time``) (trial, time); the trials' mean VAFs and the seconds that the identifications took (trial,). Where
+    the truth differs from trial to trial, the estimate's error is added to the truth of the study.
     """
 
     time: Array
@@ -72,23 +64,20 @@ class Cell:
     @property
     def low(self) -> float:
         """Level of 10 % of the step."""
-        return self._level(0.1)
+        assert self.wave is not None
+        return self.wave.low + 0.1 * (self.wave.high - self.wave.low)
 
     @property
     def high(self) -> float:
         """Level of 90 % of the step."""
-        return self._level(0.9)
+        assert self.wave is not None
+        return self.wave.high - (1 - 0.9) * (self.wave.high - self.wave.low)
 
     @property
     def switch(self) -> float:
         """Time of the first upward switch."""
         assert self.wave is not None
         return self.wave.offset
-
-    def _level(self, share: float) -> float:
-        assert self.wave is not None
-        step = self.wave.high - self.wave.low
-        return self.wave.low + share * step if share < 0.5 else self.wave.high - (1 - share) * step
 
     @cached_property
     def from_switch(self) -> Array:
@@ -112,12 +101,13 @@ class Cell:
 
     def deviation(self, weights: Weights) -> Array:
         """Standard deviation over trials of the time-varying VAF; shape (..., time)."""
-        return self._once("deviation", weights, lambda: self._deviation(weights))
 
-    def _deviation(self, weights: Weights) -> Array:
-        own = self.over_time - self.over_time.mean(axis=0)
-        variance = weighted_mean(np.square(own), weights) - np.square(weighted_mean(own, weights))
-        return np.asarray(np.sqrt(np.maximum(0.0, variance)))
+        def work() -> Array:
+            own = self.over_time - self.over_time.mean(axis=0)
+            variance = weighted_mean(np.square(own), weights) - np.square(weighted_mean(own, weights))
+            return np.asarray(np.sqrt(np.maximum(0.0, variance)))
+
+        return self._once("deviation", weights, work)
 
     def _once(self, name: str, weights: Weights, work: Callable[[], Array]) -> Array:
         """What several metrics need, worked out once for the same weights."""
@@ -130,10 +120,13 @@ class Cell:
         """Metric of the catalogue, or of this study's own; one for each set of weights."""
         if name in OWN:
             return OWN[name][1](self, weights)
-        function = metrics.CATALOGUE[name].function
-        wanted = inspect.signature(function).parameters
-        given = {each: getattr(self, each) for each in wanted if each != "weights" and hasattr(self, each)}
-        return function(**given, weights=weights)
+        given = {each: getattr(self, each) for each in _arguments(name) if hasattr(self, each)}
+        return metrics.CATALOGUE[name].function(**given, weights=weights)
+
+
+@cache
+def _arguments(name: str) -> tuple[str, ...]:
+    return tuple(inspect.signature(metrics.CATALOGUE[name].function).parameters)
 
 
 def wave_of(time: Array, truth: Array) -> SquareWave | None:
@@ -169,42 +162,31 @@ def _lowest(cell: Cell, weights: Weights) -> Any:
     return np.where(known.any(axis=-1), np.min(values, axis=-1, where=known, initial=100.0), np.nan)
 
 
-def _spread(side: int) -> Callable[[Cell, Weights], Any]:
+def _spread(cell: Cell, weights: Weights, side: int) -> Any:
     """Standard deviation over trials, averaged over all times (0), those of less (-1) or more than the mean truth."""
-
-    def spread(cell: Cell, weights: Weights) -> Any:
-        deviation = cell.deviation(weights)
-        known = np.isfinite(deviation).reshape(-1, len(cell.time)).all(axis=0)
-        chosen = deviation[..., known & ((side == 0) | (np.sign(cell.truth - cell.truth.mean()) == side))]
-        return chosen.mean(axis=-1) if chosen.shape[-1] else np.full(deviation.shape[:-1], np.nan)
-
-    return spread
+    deviation = cell.deviation(weights)
+    known = np.isfinite(deviation).reshape(-1, len(cell.time)).all(axis=0)
+    chosen = deviation[..., known & ((side == 0) | (np.sign(cell.truth - cell.truth.mean()) == side))]
+    return chosen.mean(axis=-1) if chosen.shape[-1] else np.full(deviation.shape[:-1], np.nan)
 
 
-def _covered(times: str) -> Callable[[Cell, Weights], Any]:
-    return lambda cell, weights: metrics.share_covered(cell.covered[:, getattr(cell, times)], weights)
-
-
-def _of_trials(name: str) -> Callable[[Cell, Weights], Any]:
-    return lambda cell, weights: weighted_mean(getattr(cell, name), weights)
-
-
+POINTS = "percentage points"
 OWN: dict[str, tuple[str, Callable[[Cell, Weights], Any]]] = {
-    "vaf": ("%", _of_trials("realization_vaf")),
-    "bandpassed_vaf": ("%", _of_trials("bandpassed")),
+    "vaf": ("%", lambda cell, weights: weighted_mean(cell.realization_vaf, weights)),
+    "bandpassed_vaf": ("%", lambda cell, weights: weighted_mean(cell.bandpassed, weights)),
     "coverage": ("%", lambda cell, weights: metrics.share_covered(cell.covered, weights)),
     "lowest_vaf": ("%", lambda cell, weights: cell.realization_vaf.min() if weights is None else np.nan),
     "lowest_time_varying_vaf": ("%", _lowest),
-    "switch_dip": ("percentage points", _dip),
-    "time_varying_vaf_sd": ("percentage points", _spread(0)),
-    "time_varying_vaf_sd_soft": ("percentage points", _spread(-1)),
-    "time_varying_vaf_sd_stiff": ("percentage points", _spread(1)),
-    "coverage_at_switch": ("%", _covered("at")),
-    "coverage_away": ("%", _covered("away")),
+    "switch_dip": (POINTS, _dip),
+    "time_varying_vaf_sd": (POINTS, lambda cell, weights: _spread(cell, weights, 0)),
+    "time_varying_vaf_sd_soft": (POINTS, lambda cell, weights: _spread(cell, weights, -1)),
+    "time_varying_vaf_sd_stiff": (POINTS, lambda cell, weights: _spread(cell, weights, 1)),
+    "coverage_at_switch": ("%", lambda cell, weights: metrics.share_covered(cell.covered[:, cell.at], weights)),
+    "coverage_away": ("%", lambda cell, weights: metrics.share_covered(cell.covered[:, cell.away], weights)),
     "without_band": ("%", lambda cell, weights: 100 * weighted_mean(np.isnan(cell.covered).mean(axis=1), weights)),
     "left_out": ("samples", lambda cell, weights: metrics.left_out(cell.estimates) if weights is None else np.nan),
     "failed": ("trials", lambda cell, weights: np.nan),
-    "seconds": ("s", _of_trials("durations")),
+    "seconds": ("s", lambda cell, weights: weighted_mean(cell.durations, weights)),
 }
 """Metrics of a study that the catalogue does not have, or that are there of a single trial: unit and function."""
 UNITS = {
@@ -259,33 +241,30 @@ def score(results: xr.Dataset) -> xr.Dataset:
     count = results.sizes["trial"]
     draws = min(DRAWS, max(DRAWS // 10, WEIGHTS // count))
     chosen = np.random.default_rng(0).multinomial(count, np.full(count, 1 / count), size=draws)
-    truths = results.truth.sel(quantity=MAIN).values
-    quantities = [MAIN, *(str(name) for name in results.quantity.values if name != MAIN)]
+    time, truths = results.time.values, results.truth.sel(quantity=MAIN).values
+    known = [str(name) for name in results.quantity.values]
     every = [(MAIN if name in (*OF_QUANTITY, "rise_time") else "", name) for name in UNITS]
-    every += [(quantity, name) for quantity in quantities[1:] for name in OF_QUANTITY]
+    every += [(quantity, name) for quantity in known if quantity != MAIN for name in OF_QUANTITY]
     place_of = {each: number for number, each in enumerate(every)}
     shape = (results.sizes["scenario"], results.sizes["method_key"], len(every))
     value, replicates = np.full(shape, np.nan), np.full((*shape, draws), np.nan)
-    trials = np.zeros(shape[:2], dtype=np.int64)
+    there = results.checksums.values.any(axis=-1)
+    failed = there[..., None] & np.asarray(results.failure.values != "")
+    value[..., place_of["", "failed"]] = failed.sum(axis=1)
+    used = there[..., None] & ~failed
     for row in range(shape[0]):
-        here = results.isel(scenario=row).load()
-        there = here.checksums.values.any(axis=-1)
-        failed = np.array([[text != "" for text in texts] for texts in here.failure.values], dtype=bool)
-        for column in range(shape[1]):
-            used = there & ~failed[:, column]
-            trials[row, column] = np.count_nonzero(used)
-            value[row, column, place_of["", "failed"]] = np.count_nonzero(there & failed[:, column])
-            if not used.any():
-                continue
-            weights = chosen[:, used].astype(np.float64)
+        here = {name: results[name].isel(scenario=row).values for name in SCORED if name in results}
+        for column in np.flatnonzero(used[row].any(axis=0)):
+            mine = used[row, :, column]
+            weights = chosen[:, mine].astype(np.float64)
             drawn = weights.any(axis=1)
-            for quantity in quantities:
-                cell = _cell(here, column, quantity, used)
-                for name, number, numbers in _measured(cell, quantity, weights[drawn]):
+            for number, quantity in enumerate(known):
+                cell = _cell(time, here, column, number, mine)
+                for name, measured, drawings in _measured(cell, quantity == MAIN, weights[drawn]):
                     at = place_of.get((quantity, name), place_of.get(("", name), 0))
-                    value[row, column, at] = number
+                    value[row, column, at] = measured
                     if len(cell.estimates) > 1:
-                        replicates[row, column, at, drawn] = numbers
+                        replicates[row, column, at, drawn] = drawings
     dims = ("scenario", "method_key", "metric")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # no replicates, no error
@@ -295,25 +274,24 @@ def score(results: xr.Dataset) -> xr.Dataset:
             "value": (dims, value),
             "standard_error": (dims, spread),
             "replicates": ((*dims, "draw"), replicates),
-            "trials": (dims[:2], trials),
+            "trials": (dims[:2], used.sum(axis=1)),
         },
         coords={name: coord for name, coord in results.coords.items() if set(coord.dims) <= {"scenario", "method_key"}}
         | {
             "metric": [name if quantity in ("", MAIN) else f"{quantity} {name}" for quantity, name in every],
             "measure": ("metric", [name for _, name in every]),
             "quantity": ("metric", [quantity for quantity, _ in every]),
-            "unit": ("metric", [_unit(*each) for each in every]),
-            "switches": ("scenario", [wave_of(results.time.values, each) is not None for each in truths]),
+            "unit": (
+                "metric",
+                [
+                    unit_of(quantity) if quantity not in ("", MAIN) and name in ERRORS else UNITS[name]
+                    for quantity, name in every
+                ],
+            ),
+            "switches": ("scenario", [wave_of(time, each) is not None for each in truths]),
         },
         attrs=results.attrs,
     )
-
-
-def _unit(quantity: str, name: str) -> str:
-    """Of a metric; errors have the unit of their quantity."""
-    if quantity in ("", MAIN) or UNITS[name] != UNITS["bias_error"]:
-        return UNITS[name]
-    return unit_of(quantity)
 
 
 def unit_of(quantity: str) -> str:
@@ -321,35 +299,33 @@ def unit_of(quantity: str) -> str:
     return UNITS_OF.get(quantity, "").replace("N m s", "N·m·s").replace("N m", "N·m").replace("kg m2", "kg·m²")
 
 
-def _cell(here: xr.Dataset, column: int, quantity: str, used: NDArray[np.bool_]) -> Cell:
-    known = list(here.quantity.values).index(quantity)
-    truth = here.truth.values[known]
-    estimates = here.estimate.values[used, column, known]
+def _cell(time: Array, here: Mapping[str, Array], column: int, quantity: int, used: NDArray[np.bool_]) -> Cell:
+    """One method's part of the used trials of a scenario."""
+    truth = here["truth"][quantity]
+    estimates = here["estimate"][used, column, quantity]
     if "trial_truth" in here:
-        estimates = estimates - (here.trial_truth.values[used, known] - truth)
+        estimates = estimates - (here["trial_truth"][used, quantity] - truth)
     return Cell(
-        time=here.time.values,
+        time=time,
         truth=truth,
         estimates=estimates,
-        covered=here.covered.values[used, column, known],
-        over_time=here.time_varying_vaf.values[used, column],
-        realization_vaf=here.vaf.values[used, column, 0],
-        bandpassed=here.bandpassed_vaf.values[used, column, 0],
-        durations=here.seconds.values[used, column],
+        covered=here["covered"][used, column, quantity],
+        over_time=here["time_varying_vaf"][used, column],
+        realization_vaf=here["vaf"][used, column, 0],
+        bandpassed=here["bandpassed_vaf"][used, column, 0],
+        durations=here["seconds"][used, column],
     )
 
 
-def _measured(cell: Cell, quantity: str, weights: Array) -> Iterator[tuple[str, Any, Any]]:
+def _measured(cell: Cell, main: bool, weights: Array) -> Iterator[tuple[str, Any, Any]]:
     """Each metric, its value, and its replicates for trials drawn with replacement, weights (draw, trial)."""
-    main = quantity == MAIN
     if not main and not (np.isfinite(cell.truth).any() and np.isfinite(cell.estimates).any()):
         return
-    names: Sequence[str] = [name for name in UNITS if name != "failed"] if main else OF_QUANTITY
+    names = [name for name in (UNITS if main else OF_QUANTITY) if name != "failed"]
     names = [name for name in names if cell.wave is not None or name not in OF_SWITCHES]
     values = {name: cell.measured(name, None) for name in names}
     if len(cell.estimates) < 2:
-        # One trial has no spread that could be told.
-        values["random_error"] = np.nan
+        values["random_error"] = np.nan  # one trial has no spread that could be told
         yield from ((name, value, np.nan) for name, value in values.items())
         return
     found = {name: cell.measured(name, weights) for name in names if name != "debiased_bias_error"}

@@ -40,6 +40,8 @@ Place = tuple[int, int]
 FAILURE = "failure"
 """The variable that says why a method gave no result; every layout has it."""
 CHECKSUMS = "checksums"
+IN_MEMORY = 1e9
+"""Bytes of results up to which they are read at once."""
 WHOLE, TORN, ABSENT = "whole", "torn", "absent"
 
 
@@ -87,8 +89,11 @@ class Store:
         return forgotten
 
     def results(self) -> xr.Dataset:
-        """What is there, read from the disk when it is used; the files are not looked through again."""
-        return _in_order(_opened(self.path))
+        """What is there; too much for the memory is left to Zarr, which reads it when it is used."""
+        results = _opened(self.path)
+        if results.nbytes <= IN_MEMORY:
+            results = results.assign({name: results[name].copy(data=self._read(name)) for name in self._arrays})
+        return _in_order(results)
 
     def _state(self, place: Place) -> str:
         """Whether a task's files are as its checksums say, missing or cut short, or it has no checksums.
@@ -161,6 +166,16 @@ class Store:
         os.replace(f"{file}.partial", file)
         return _sum(content)
 
+    def _read(self, name: str) -> NDArray[Any]:
+        """A whole variable."""
+        array = self._arrays[name]
+        found = np.full(array.shape, array.fill_value, dtype=array.dtype)
+        for place in self.places:
+            if content := self._content(name, place):
+                values = _texts(content) if array.dtype.kind == "T" else np.frombuffer(content, array.dtype)
+                found[place] = np.reshape(values, array.shape[2:])
+        return found
+
 
 @contextmanager
 def open_store(path: Path, layout: Layout) -> Iterator[Store]:
@@ -197,17 +212,18 @@ def read_store(path: str | Path) -> xr.Dataset:
     if not Path(path).is_dir():
         raise InputError(f"{path}: there is no such folder; expected a store of results written by tvsysid")
     try:
-        results = _opened(path)
+        attributes = _opened(path).attrs
     except Exception as error:
         raise InputError(f"{path}: this is no store of results: {error}") from error
-    _check_kind(path, results.attrs, NUMBERS)
+    _check_kind(path, attributes, NUMBERS)
     group: Any = zarr.open_group(path, mode="r", zarr_format=3, use_consolidated=False)
-    if torn := Store(Path(path), group).torn():
+    store = Store(Path(path), group)
+    if torn := store.torn():
         raise InputError(
             f"{path}: {torn} results are cut short, as a loss of power leaves them; give the command that ran the "
             "study again, and they are made again"
         )
-    return _in_order(results)
+    return store.results()
 
 
 def _check_kind(path: str | Path, attributes: Mapping[str, Any], numbers: Mapping[str, int]) -> None:
@@ -334,6 +350,16 @@ def _attributes(root: Path) -> dict[str, Any] | None:
         return None
     attributes = found.get("attributes") if isinstance(found, dict) else None
     return attributes if isinstance(attributes, dict) else {}
+
+
+def _texts(content: bytes) -> NDArray[Any]:
+    """Texts of a chunk: their number, and each with its length before it."""
+    texts, place = [], 4
+    while place < len(content):
+        first = place + 4
+        place = first + int.from_bytes(content[place:first], "little")
+        texts.append(content[first:place].decode())
+    return np.array(texts, dtype=np.dtypes.StringDType())
 
 
 def _content(file: str | Path) -> bytes:

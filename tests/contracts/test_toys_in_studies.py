@@ -51,6 +51,14 @@ def study_of(toy, **settings):
     )
 
 
+def identified(toy):
+    """Model of a toy's own second trial, and what it was identified from."""
+    trial = tv.study.source.Simulations(study_of(toy)).task_at((0, 1))
+    simulation = trial.setting.simulated(*cloudpickle.loads(trial.simulated), trial.seed)
+    ensemble = trial.setting.cut(simulation.recording)
+    return tv.methods.apply(toy(), ensemble), ensemble
+
+
 @every_toy
 def test_takes_part_in_a_benchmark(toy, tmp_path):
     tv.study.run(study_of(toy), store=tmp_path / "results.zarr", workers=1)
@@ -68,16 +76,22 @@ def test_takes_part_in_a_benchmark(toy, tmp_path):
     if toy is Cascade:
         assert list(results.pathway.values) == ["intrinsic", "reflex"]
         assert (own.pathway_vaf.sel(statistic="mean") > 80).all()
-        trial = tv.study.source.Simulations(study_of(toy)).task_at((0, 1))
-        simulation = trial.setting.simulated(*cloudpickle.loads(trial.simulated), trial.seed)
-        ensemble = trial.setting.cut(simulation.recording)
-        torques = tv.methods.apply(toy(), ensemble).pathways(ensemble)
-        for name, torque in torques.items():
+        model, ensemble = identified(toy)
+        for name, torque in model.pathways(ensemble).items():
             stored = own.pathway_torque.sel(trial=1, pathway=name)
             np.testing.assert_allclose(stored, np.sqrt(np.nanmean(torque**2, axis=0)), rtol=1e-12)
         assert np.isnan(results.pathway_torque.sel(method_key="sds")).all()  # it has one
     else:
         assert "pathway_torque" not in results or np.isnan(own.pathway_torque).all()
+    if toy is Scheduled:
+        model, _ = identified(toy)
+        curve, stored = model.estimates["stiffness_at_emg"], own.sel(trial=1, scheduled="stiffness_at_emg")
+        np.testing.assert_array_equal(stored.scheduled_estimate, curve.values)
+        np.testing.assert_array_equal(stored.scheduled_standard_error, curve.standard_error.values)
+        np.testing.assert_array_equal(stored.scheduling_variable, model.coordinates["emg"])
+        assert np.isnan(results.scheduled_estimate.sel(method_key="sds")).all()
+    else:
+        assert "scheduled" not in results.dims
     assert (own.vaf.sel(statistic="mean") > 80).all()
     table = tv.study.summarize(tv.study.score(results))
     scored = table[(table.method == toy.__name__) & (table.metric == "total_error")]
@@ -131,6 +145,13 @@ def test_takes_part_in_an_experiment(toy, tmp_path):
         assert np.isnan(own.pathway_vaf).all()  # of a recording, nobody knows them
     else:
         assert "pathway" not in results.dims
+    if toy is Scheduled:
+        curves = own.scheduled_estimate.sel(scheduled="stiffness_at_emg")
+        emg = own.scheduling_variable.sel(scheduled="stiffness_at_emg")
+        assert curves.shape == emg.shape == (3, 20)
+        assert (np.diff(curves, axis=1) > 0).all()
+        assert (np.diff(emg, axis=1) > 0).all()
+        assert "scheduled_standard_error" not in results
     table = tv.study.summarize(results)
     assert np.isfinite(table[(table.method == toy.__name__) & (table.metric == "mean_stiffness")].value).all()
 

@@ -81,6 +81,7 @@ class Scheduled:
     """A stiffness that rises in a straight line with the muscle's activity, whatever the time."""
 
     inputs = (Input("emg", "scheduling", "1"),)
+    scheduled_quantities = {"stiffness_at_emg": 20}  # noqa: RUF012  # of how many values
 
     def regressors(self, ensemble):
         angle, velocity, acceleration = ensemble.derivatives()

@@ -105,13 +105,13 @@ def test_seeds_differ_by_scenario_and_trial_and_pair_viscosities():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"stiffness": ["step"]}, "unknown name 'step'; expected one of square, sine, constant"),
-        ({"perturbation": ["white"]}, "unknown name 'white'; expected one of noise, prbs"),
+        ({"stiffness": ["step"]}, "unknown profile 'step'; expected one of square, sine, constant"),
+        ({"perturbation": ["white"]}, "unknown perturbation 'white'; expected one of noise, prbs"),
         ({"methods": ["arx"]}, "unknown method 'arx'"),
         ({"methods": [3]}, r"object with identify\(ensemble\)"),
         ({"methods": []}, "methods: .*at least 1"),
         ({"methods": ["sds", "sds"]}, "the same value is given twice"),
-        ({"viscosity": ["high"]}, "unknown name 'high'; expected one of constant, covarying"),
+        ({"viscosity": ["high"]}, "unknown viscosity 'high'; expected one of constant, covarying"),
         ({"trials": 0}, "trials: .*greater than or equal to 1"),
         ({"trials": True}, "trials: expected a whole number; got True"),
         ({"trials": "many"}, "trials: .*valid integer"),

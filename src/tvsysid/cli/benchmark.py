@@ -5,18 +5,12 @@ from __future__ import annotations
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from tvsysid.cli.console import duration_text, remark, say, say_written, show_table, waiting
-from tvsysid.cli.options import (
-    MethodOption,
-    OutOption,
-    SchedulerOption,
-    SeedOption,
-    WorkersOption,
-)
+from tvsysid.cli.options import MethodOption, OutOption, SchedulerOption, SeedOption, WorkersOption, given, option
 from tvsysid.cli.running import STORE, check_folder, command_line, print_met, run_in, show_claims
 from tvsysid.errors import InputError
 
@@ -26,20 +20,10 @@ if TYPE_CHECKING:
 
     from tvsysid.study import Study
 
-MOST_TABLES = 4
-"""Scenarios whose table is printed; the report has all."""
+MOST_TABLES = 4  # scenarios whose table is printed; the report has all
 
 
-class Preset(StrEnum):
-    """Studies by name."""
-
-    quick = "quick"
-    paper = "paper"
-    snr = "snr"
-    viscosity = "viscosity"
-
-
-class Viscosity(StrEnum):
+class Viscosity(StrEnum):  # typer takes no list of literals
     """Viscosities that can be simulated."""
 
     constant = "constant"
@@ -51,53 +35,50 @@ def benchmark(
         Path | None, typer.Argument(metavar="[STUDY.toml]", help="TOML file with the study's settings.")
     ] = None,
     preset: Annotated[
-        Preset | None,
-        typer.Option(
-            help="`quick` (the default), `paper` (van de Ruit et al. 2021: 40 to 600 s, 100 trials, and their sine), "
-            "`snr` (0 to 30 dB), `viscosity` (constant, and rising with stiffness). The options below "
-            "override its settings."
+        Literal["quick", "paper", "snr", "viscosity"] | None,
+        option(
+            None,
+            "`quick` (the default), `paper` (van de Ruit et al. 2021: 40 to 600 s, 100 trials, and their sine), `snr` "
+            "(0 to 30 dB), `viscosity` (constant, and rising with stiffness). The options below override its settings.",
         ),
     ] = None,
     system: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="NAME",
-            help="What is simulated: `joint`, `reflex`, `compliant`, `scheduled` (see `tvsysid simulate`), or your own "
-            "as `module:Object`; repeatable. [joint]",
+        option(
+            "NAME",
+            "What is simulated: `joint`, `reflex`, `compliant`, `scheduled` (see `tvsysid simulate`), or your own as "
+            "`module:Object`; repeatable. [joint]",
         ),
     ] = None,
     stiffness: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="NAME",
-            help="Stiffness over time: `square`, `sine`, `constant`, or your own function of time as `module:Object`; "
+        option(
+            "NAME",
+            "Stiffness over time: `square`, `sine`, `constant`, or your own function of time as `module:Object`; "
             "repeatable. [square]",
         ),
     ] = None,
     perturbation: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="NAME",
-            help="Perturbation of the angle: `noise`, `prbs`, or your own as `module:Object`; repeatable. "
-            "[noise and prbs]",
+        option(
+            "NAME",
+            "Perturbation of the angle: `noise`, `prbs`, or your own as `module:Object`; repeatable. [noise and prbs]",
         ),
     ] = None,
     duration: Annotated[
-        list[float] | None,
-        typer.Option(metavar="S", help="Seconds of data, a whole number of realizations; repeatable. [150]"),
+        list[float] | None, option("S", "Seconds of data, a whole number of realizations; repeatable. [150]")
     ] = None,
-    rate: Annotated[float | None, typer.Option(metavar="HZ", help="Rate to which data are decimated. [100]")] = None,
-    period: Annotated[float | None, typer.Option(metavar="S", help="Duration of a realization. [2]")] = None,
+    rate: Annotated[float | None, option("HZ", "Rate to which data are decimated. [100]")] = None,
+    period: Annotated[float | None, option("S", "Duration of a realization. [2]")] = None,
     snr: Annotated[
-        list[float] | None,
-        typer.Option("--snr", metavar="DB", help="Signal-to-noise ratio of the torque in dB; repeatable. [10]"),
+        list[float] | None, option("DB", "Signal-to-noise ratio of the torque in dB; repeatable. [10]")
     ] = None,
     viscosity: Annotated[
         list[Viscosity] | None,
-        typer.Option(help="2.2 N·m·s/rad, or from 1 to 3 N·m·s/rad with the stiffness; repeatable. [constant]"),
+        option(None, "2.2 N·m·s/rad, or from 1 to 3 N·m·s/rad with the stiffness; repeatable. [constant]"),
     ] = None,
     method: MethodOption = [],
-    trials: Annotated[int | None, typer.Option(metavar="N", help="Monte-Carlo trials of each scenario. [20]")] = None,
+    trials: Annotated[int | None, option("N", "Monte-Carlo trials of each scenario. [20]")] = None,
     seed: SeedOption = None,
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
@@ -133,30 +114,21 @@ def benchmark(
     Example: `tvsysid benchmark --preset paper --out paper`
     """
     from tvsysid.studies.van_de_ruit_2021 import preset as study_called
-    from tvsysid.study import Study, cores
+    from tvsysid.study import Study, cores, run
 
-    options: dict[str, Any] = {
-        "system": system,
-        "stiffness": stiffness,
-        "perturbation": perturbation,
-        "rate": rate,
-        "period": period,
-        "duration_s": duration,
-        "snr_db": snr,
-        "viscosity": [item.value for item in viscosity or ()],
-        "methods": list(dict.fromkeys(method)),
-        "trials": trials,
-        "seed": seed,
-    }
-    given = {name: value for name, value in options.items() if value not in (None, [])}
+    settings = given(system=system, stiffness=stiffness, perturbation=perturbation, duration_s=duration, snr_db=snr)
+    settings |= given(viscosity=list(map(str, viscosity or ())), rate=rate, period=period, trials=trials, seed=seed)
+    settings |= given(methods=list(dict.fromkeys(method)))
     if study_file is not None and preset is not None:
         raise InputError(f"{study_file} and --preset {preset}: give one of them")
-    study = Study.from_toml(study_file, **given) if study_file else study_called(preset or "quick", **given)
+    study = Study.from_toml(study_file, **settings) if study_file else study_called(preset or "quick", **settings)
     if dry_run:
         _print_plan(study, workers or cores())
         return
     check_folder(out)
-    results = _run(study, out, workers, scheduler)
+    count = len(study.scenarios)
+    title = f"{count} scenario{'s' if count > 1 else ''} x {study.trials} trials x {len(study.methods)} methods"
+    results = run_in(out, partial(run, study), title, "trials", workers, scheduler)
     if not write(results, out, command_line()):
         raise typer.Exit(1)
 
@@ -181,14 +153,6 @@ def _print_plan(study: Study, workers: int) -> None:
     )
     for label, reason in taken.failures.items():
         remark("error", f"{label} fails: {reason}")
-
-
-def _run(study: Study, out: Path, workers: int | None, scheduler: str | None) -> xr.Dataset:
-    from tvsysid.study import run
-
-    count = len(study.scenarios)
-    title = f"{count} scenario{'s' if count > 1 else ''} x {study.trials} trials x {len(study.methods)} methods"
-    return run_in(out, partial(run, study), title, "trials", workers, scheduler)
 
 
 def write(results: xr.Dataset, out: Path, command: str) -> bool:

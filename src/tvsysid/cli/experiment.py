@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from tvsysid.cli.console import progress, remark, say_written, show_table, shown_warnings, waiting
-from tvsysid.cli.options import MethodOption, OutOption, SchedulerOption, SeedOption, WorkersOption
+from tvsysid.cli.options import MethodOption, OutOption, SchedulerOption, SeedOption, WorkersOption, given, option
 from tvsysid.cli.running import STORE, check_folder, command_line, print_met, run_in, show_claims
 from tvsysid.errors import InputError
 
@@ -20,32 +20,24 @@ if TYPE_CHECKING:
 
     from tvsysid.study import Experiment, Prepared
 
-MOST_RECORDINGS = 24
-"""Recordings whose numbers of realizations are printed."""
+MOST_RECORDINGS = 24  # whose numbers of realizations are printed
 
 
 def experiment(
     study_file: Annotated[
         Path | None,
         typer.Argument(
-            metavar="[STUDY.toml]",
-            help="TOML file with participants, files and channels; see docs/experiment.md.",
+            metavar="[STUDY.toml]", help="TOML file with participants, files and channels; see docs/experiment.md."
         ),
     ] = None,
-    virtual: Annotated[
-        list[int] | None, typer.Option(metavar="N", help="Virtual participant number N; repeatable. [1 to 6]")
-    ] = None,
-    perturbation: Annotated[
-        list[str] | None, typer.Option(metavar="NAME", help="Perturbation to analyse; repeatable. [all]")
-    ] = None,
+    virtual: Annotated[list[int] | None, option("N", "Virtual participant number N; repeatable. [1 to 6]")] = None,
+    perturbation: Annotated[list[str] | None, option("NAME", "Perturbation to analyse; repeatable. [all]")] = None,
     method: MethodOption = [],
     realizations: Annotated[
-        list[int] | None,
-        typer.Option(metavar="N", help="Realizations in a bootstrap; repeatable. [75 and 150; for kbr 20 and 40]"),
+        list[int] | None, option("N", "Realizations in a bootstrap; repeatable. [75 and 150; for kbr 20 and 40]")
     ] = None,
     bootstraps: Annotated[
-        int | None,
-        typer.Option(metavar="N", help="Bootstraps by each method of each number of realizations. [100]"),
+        int | None, option("N", "Bootstraps by each method of each number of realizations. [100]")
     ] = None,
     seed: SeedOption = None,
     workers: WorkersOption = None,
@@ -88,44 +80,25 @@ def experiment(
 
     Example: `tvsysid experiment study.toml --method sds --bootstraps 50`
     """
-    from tvsysid.study import Experiment
+    from tvsysid.study import Experiment, prepared_recordings, run
 
-    options: dict[str, Any] = {
-        "virtual": virtual,
-        "perturbation": perturbation,
-        "methods": list(dict.fromkeys(method)),
-        "realizations": realizations,
-        "bootstraps": bootstraps,
-        "seed": seed,
-    }
-    given = {name: value for name, value in options.items() if value not in (None, [])}
-    what = Experiment.from_toml(study_file, **given) if study_file else Experiment(**given)
+    methods = list(dict.fromkeys(method))
+    settings = given(virtual=virtual, perturbation=perturbation, methods=methods, realizations=realizations)
+    settings |= given(bootstraps=bootstraps, seed=seed)
+    what = Experiment.from_toml(study_file, **settings) if study_file else Experiment(**settings)
     check_folder(out)
-    results, prepared = _run(what, out, workers, scheduler)
-    if not write(what, results, prepared, out, command_line()):
-        raise typer.Exit(1)
-
-
-def _run(
-    experiment: Experiment, out: Path, workers: int | None, scheduler: str | None
-) -> tuple[xr.Dataset, Sequence[Prepared]]:
-    """Results and the recordings that they are of."""
-    from tvsysid.study import prepared_recordings, run
-
     with progress("preparing recordings") as advance:
-        prepared = prepared_recordings(experiment, advance)
+        prepared = prepared_recordings(what, advance)
     for item in prepared:
         for text in item.remarks:
             remark("error" if text == item.failure else "warning", f"{item.recorded.label}: {text}")
     if all(item.failure for item in prepared):
         raise InputError("no recording can be used; correct the errors above")
-    title = (
-        f"{len(experiment.recordings)} recordings x {len(experiment.analyses)} analyses x "
-        f"{experiment.bootstraps} bootstraps"
-    )
+    title = f"{len(what.recordings)} recordings x {len(what.analyses)} analyses x {what.bootstraps} bootstraps"
     with shown_warnings():
-        results = run_in(out, partial(run, experiment, prepared=prepared), title, "analyses", workers, scheduler)
-    return results, prepared
+        results = run_in(out, partial(run, what, prepared=prepared), title, "analyses", workers, scheduler)
+    if not write(what, results, prepared, out, command_line()):
+        raise typer.Exit(1)
 
 
 def write(experiment: Experiment, results: xr.Dataset, prepared: Sequence[Prepared], out: Path, command: str) -> bool:

@@ -9,25 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from tvsysid.cli import options
 from tvsysid.cli.console import progress, remark, say, say_written, show_table, shown_warnings
-from tvsysid.cli.options import (
-    ANGLE,
-    PERIOD,
-    RATE,
-    TORQUE,
-    AngleUnit,
-    AngleUnitOption,
-    ChannelOption,
-    Columns,
-    ColumnsOption,
-    ContextOption,
-    DecimateOption,
-    MethodOption,
-    OutOption,
-    StartOption,
-    TorqueSignOption,
-)
-from tvsysid.cli.recording import read
 from tvsysid.cli.running import check_folder
 
 if TYPE_CHECKING:
@@ -42,20 +25,20 @@ def identify(
     file: Annotated[
         Path, typer.Argument(metavar="FILE", help="MAT, CSV, TSV, NPZ, HDF5, NetCDF, Parquet or C3D file.")
     ],
-    angle: Annotated[str, ANGLE],
-    torque: Annotated[str, TORQUE],
-    rate: Annotated[float, RATE],
-    period: Annotated[float, PERIOD],
-    decimate: DecimateOption = None,
-    channel: ChannelOption = [],
-    columns: ColumnsOption = Columns.contiguous,
-    torque_sign: TorqueSignOption = 1,
-    angle_unit: AngleUnitOption = AngleUnit.rad,
-    start: StartOption = 0.0,
-    context: ContextOption = 0.5,
-    method: MethodOption = DEFAULT_METHODS,
+    angle: Annotated[str, options.ANGLE],
+    torque: Annotated[str, options.TORQUE],
+    rate: Annotated[float, options.RATE],
+    period: Annotated[float, options.PERIOD],
+    decimate: options.DecimateOption = None,
+    channel: options.ChannelOption = [],
+    columns: options.ColumnsOption = "contiguous",
+    torque_sign: options.TorqueSignOption = 1,
+    angle_unit: options.AngleUnitOption = "rad",
+    start: options.StartOption = 0.0,
+    context: options.ContextOption = 0.5,
+    method: options.MethodOption = DEFAULT_METHODS,
     tune: Annotated[bool, typer.Option("--tune", help="Choose each method's settings from the data.")] = False,
-    out: OutOption = Path("tvsysid-identify"),
+    out: options.OutOption = Path("tvsysid-identify"),
 ) -> None:
     """Identify stiffness over time from a recording.
 
@@ -98,7 +81,7 @@ def identify(
     chosen = [parse(label) for label in method]
     check_folder(out)
     with shown_warnings():
-        recording = read(file, angle, torque, rate, columns, torque_sign, angle_unit, start, channel)
+        recording = options.read(file, angle, torque, rate, columns, torque_sign, angle_unit, start, channel)
         if decimate is not None:
             recording = preprocess.decimate(recording, decimate)
         if recording.sampling_rate > SLOW_RATE:
@@ -124,15 +107,8 @@ def identify(
 
 
 def _show_impedance(found: Comparison) -> None:
-    headings = [
-        "method",
-        "mean\n(N·m/rad)",
-        "95 % band\n(N·m/rad)",
-        "lowest, at\n(N·m/rad,s)",
-        "highest, at\n(N·m/rad,s)",
-        "inertia\n(kg·m²)",
-        "VAF\n(%)",
-    ]
+    headings = ["method", "mean\n(N·m/rad)", "95 % band\n(N·m/rad)", "lowest, at\n(N·m/rad,s)"]
+    headings += ["highest, at\n(N·m/rad,s)", "inertia\n(kg·m²)", "VAF\n(%)"]
     rows = [
         (
             row["method"],

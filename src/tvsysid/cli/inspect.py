@@ -8,23 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from tvsysid.cli import options
 from tvsysid.cli.console import remark, say, show_table, shown_warnings, waiting
-from tvsysid.cli.options import (
-    ANGLE,
-    PERIOD,
-    RATE,
-    TORQUE,
-    AngleUnit,
-    AngleUnitOption,
-    ChannelOption,
-    Columns,
-    ColumnsOption,
-    ContextOption,
-    DecimateOption,
-    StartOption,
-    TorqueSignOption,
-)
-from tvsysid.cli.recording import read
 from tvsysid.cli.running import command_line
 from tvsysid.errors import InputError
 
@@ -32,10 +17,7 @@ if TYPE_CHECKING:
     from tvsysid.quality import Diagnosis
     from tvsysid.recordings import Channel
 
-MOST_DRAWN = 12
-"""Channels of a file that are drawn at most."""
-MOST_COLUMNS = 20
-"""Columns of a matrix that are drawn at most."""
+MOST_DRAWN, MOST_COLUMNS = 12, 20  # channels of a file, and columns of a matrix, that are drawn at most
 
 
 def inspect(
@@ -49,7 +31,7 @@ def inspect(
     ],
     plot: Annotated[
         Path | None,
-        typer.Option(metavar="FILE.png", help="Picture to write: .png, .pdf or .svg. [tvsysid-inspect/FILE.png]"),
+        options.option("FILE.png", "Picture to write: .png, .pdf or .svg. [tvsysid-inspect/FILE.png]"),
     ] = None,
     diagnose: Annotated[
         bool,
@@ -59,17 +41,17 @@ def inspect(
             "wrong with it. Needs --angle, --torque, --rate and --period.",
         ),
     ] = False,
-    angle: Annotated[str | None, ANGLE] = None,
-    torque: Annotated[str | None, TORQUE] = None,
-    rate: Annotated[float | None, RATE] = None,
-    period: Annotated[float | None, PERIOD] = None,
-    decimate: DecimateOption = None,
-    channel: ChannelOption = [],
-    columns: ColumnsOption = Columns.contiguous,
-    torque_sign: TorqueSignOption = 1,
-    angle_unit: AngleUnitOption = AngleUnit.rad,
-    start: StartOption = 0.0,
-    context: ContextOption = 0.5,
+    angle: Annotated[str | None, options.ANGLE] = None,
+    torque: Annotated[str | None, options.TORQUE] = None,
+    rate: Annotated[float | None, options.RATE] = None,
+    period: Annotated[float | None, options.PERIOD] = None,
+    decimate: options.DecimateOption = None,
+    channel: options.ChannelOption = [],
+    columns: options.ColumnsOption = "contiguous",
+    torque_sign: options.TorqueSignOption = 1,
+    angle_unit: options.AngleUnitOption = "rad",
+    start: options.StartOption = 0.0,
+    context: options.ContextOption = 0.5,
 ) -> None:
     """Show the channels of a file; with --diagnose, report what is wrong with the recording.
 
@@ -119,7 +101,7 @@ def inspect(
     if angle is None or torque is None or rate is None or period is None:
         return
     with shown_warnings():
-        recording = read(file, angle, torque, rate, columns, torque_sign, angle_unit, start, channel)
+        recording = options.read(file, angle, torque, rate, columns, torque_sign, angle_unit, start, channel)
         if decimate is not None:
             preprocess.decimate(recording, decimate)  # reports a rate that is impossible
         # Not decimated: that would hide a clipped signal. A check that needs a low rate decimates by itself.
@@ -160,26 +142,21 @@ def _outlines(channels: dict[str, Channel]) -> dict[str, Any]:
     from tvsysid.recordings import outline
 
     drawn: dict[str, Any] = {}
-    signals = {
-        name: channel
+    signals = [
+        name
         for name, channel in channels.items()
-        if channel.values is not None
-        and len(channel.shape) in (1, 2)
-        and max(channel.shape) > 1
-        and 0 not in channel.shape
-    }
-    for name, channel in signals.items():
+        if channel.values is not None and len(channel.shape) in (1, 2) and max(channel.shape) > 1 and all(channel.shape)
+    ]
+    for name in signals:
         if len(drawn) == MOST_DRAWN:
             remark("note", f"{len(signals) - MOST_DRAWN} more channels are not drawn")
             break
         try:
-            values = channel.read(name)
+            values = channels[name].read(name)
         except InputError as error:
             remark("note", f"not drawn: {error}")
             continue
-        if np.iscomplexobj(values):
-            continue
-        values = values.ravel() if min(values.shape) == 1 else values
-        columns = [values] if values.ndim == 1 else list(values.T[:MOST_COLUMNS])
-        drawn[name] = (channel, [outline(np.asarray(column, dtype=float)) for column in columns])
+        if not np.iscomplexobj(values):
+            columns = [values.ravel()] if min(values.shape) == 1 or values.ndim == 1 else list(values.T[:MOST_COLUMNS])
+            drawn[name] = (channels[name], [outline(np.asarray(column, dtype=float)) for column in columns])
     return drawn

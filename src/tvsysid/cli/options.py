@@ -1,95 +1,119 @@
-"""Options that several commands share."""
+"""Options that several commands share, and the recording that they describe."""
 
 from __future__ import annotations
 
-from enum import StrEnum
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from tvsysid.errors import InputError
 
-class Columns(StrEnum):
-    """What the columns of a matrix are."""
+if TYPE_CHECKING:
+    from tvsysid.signals import Recording
 
-    contiguous = "contiguous"
-    trials = "trials"
+Columns = Literal["contiguous", "trials"]
+AngleUnit = Literal["rad", "deg"]
 
 
-class AngleUnit(StrEnum):
-    """Unit of the angle in the file."""
+def option(metavar: str | None, text: str, *names: str) -> Any:
+    """Option with a placeholder for its value and a help text, which is of this name or of the parameter's."""
+    return typer.Option(*names, metavar=metavar, help=text)
 
-    rad = "rad"
-    deg = "deg"
+
+def given(**options: Any) -> dict[str, Any]:
+    """The options that were given."""
+    return {name: value for name, value in options.items() if value not in (None, [])}
 
 
 MethodOption = Annotated[
     list[str],
-    typer.Option(
+    option(
+        "KEY[:SETTING=VALUE,…]",
+        "Method, with settings after a colon if you wish: `sds:window=0.2`. A method of your own is `module:Class`, "
+        "where the module is in the current folder or installed. Repeatable; `tvsysid methods` lists the methods.",
         "--method",
         "-m",
-        metavar="KEY[:SETTING=VALUE,…]",
-        help="Method, with settings after a colon if you wish: `sds:window=0.2`. A method of your own is "
-        "`module:Class`, where the module is in the current folder or installed. Repeatable; `tvsysid methods` lists "
-        "the methods.",
     ),
 ]
 
 # How a recording is read and cut: `identify` and `inspect --diagnose`.
-ANGLE = typer.Option(metavar="NAME", help="Name of the variable or column with the angle.")
-TORQUE = typer.Option(metavar="NAME", help="Name of the variable or column with the torque, in N·m.")
-RATE = typer.Option(metavar="HZ", help="Sampling rate of the recording.")
-PERIOD = typer.Option(metavar="S", help="Duration of one realization, that is, of one repetition of the behaviour.")
+ANGLE = option("NAME", "Name of the variable or column with the angle.")
+TORQUE = option("NAME", "Name of the variable or column with the torque, in N·m.")
+RATE = option("HZ", "Sampling rate of the recording.")
+PERIOD = option("S", "Duration of one realization, that is, of one repetition of the behaviour.")
 DecimateOption = Annotated[
-    float | None,
-    typer.Option(
-        metavar="HZ", help="Low-pass filter and decimate to this rate first; 100 Hz is usual, and much faster."
-    ),
+    float | None, option("HZ", "Low-pass filter and decimate to this rate first; 100 Hz is usual, and much faster.")
 ]
 ColumnsOption = Annotated[
     Columns,
-    typer.Option(
-        help="What the columns of a matrix are: parts of one recording, in order of time, or separate trials."
-    ),
+    option(None, "What the columns of a matrix are: parts of one recording, in order of time, or separate trials."),
 ]
 TorqueSignOption = Annotated[
     int,
-    typer.Option(
-        metavar="1|-1",
-        help="Give -1 if the file's torque has the opposite sign: torque must rise with the angle (torque = stiffness "
-        "x angle, with positive stiffness).",
+    option(
+        "1|-1",
+        "Give -1 if the file's torque has the opposite sign: torque must rise with the angle (torque = stiffness x "
+        "angle, with positive stiffness).",
     ),
 ]
-AngleUnitOption = Annotated[AngleUnit, typer.Option(help="Unit of the angle in the file.")]
-StartOption = Annotated[
-    float, typer.Option(metavar="S", help="Time of the first sample; realizations begin at multiples of the period.")
-]
+AngleUnitOption = Annotated[AngleUnit, option(None, "Unit of the angle in the file.")]
+StartOption = Annotated[float, option("S", "Time of the first sample; realizations begin at multiples of the period.")]
 ChannelOption = Annotated[
     list[str],
-    typer.Option(
-        "--channel",
-        metavar="NAME=CHANNEL",
-        help="Read a further channel for methods that need one, and give it the name that the method expects: "
+    option(
+        "NAME=CHANNEL",
+        "Read a further channel for methods that need one, and give it the name that the method expects: "
         "`emg=EMG_SIGNAL` reads EMG_SIGNAL as emg. Repeatable.",
+        "--channel",
     ),
 ]
 ContextOption = Annotated[
-    float,
-    typer.Option(
-        metavar="S", help="Seconds kept before and after each realization, which lags and windows need at its ends."
-    ),
+    float, option("S", "Seconds kept before and after each realization, which lags and windows need at its ends.")
 ]
 
 # How a study is run: `benchmark` and `experiment`.
-SeedOption = Annotated[
-    int | None, typer.Option(metavar="N", help="Seed of the random numbers; the same seed gives the same results. [0]")
-]
-WorkersOption = Annotated[int | None, typer.Option(metavar="N", help="Number of processes. [one for each core]")]
+SeedOption = Annotated[int | None, option("N", "Seed of the random numbers; the same seed gives the same results. [0]")]
+WorkersOption = Annotated[int | None, option("N", "Number of processes. [one for each core]")]
 SchedulerOption = Annotated[
     str | None,
-    typer.Option(
-        metavar="ADDRESS",
-        help="Run on a Dask cluster instead: address of its scheduler, such as tcp://host:8786; needs `tvsysid[dask]`.",
+    option(
+        "ADDRESS",
+        "Run on a Dask cluster instead: address of its scheduler, such as tcp://host:8786; needs `tvsysid[dask]`.",
     ),
 ]
-OutOption = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the results.")]
+OutOption = Annotated[Path, option("DIR", "Folder for the results.", "--out")]
+
+
+def read(
+    file: Path,
+    angle: str,
+    torque: str,
+    rate: float,
+    columns: Columns,
+    torque_sign: int,
+    angle_unit: AngleUnit,
+    start: float,
+    channel: Iterable[str],
+) -> Recording:
+    """Recording as the options say; each of the further channels as NAME=CHANNEL."""
+    from tvsysid.recordings import read_recording
+
+    channels = {}
+    for text in channel:
+        name, _, in_file = text.partition("=")
+        if not name or not in_file:
+            raise InputError(f"--channel {text}: expected NAME=CHANNEL, as in emg=EMG_SIGNAL")
+        channels[name] = in_file
+    return read_recording(
+        file,
+        angle=angle,
+        torque=torque,
+        sampling_rate=rate,
+        angle_unit=angle_unit,
+        torque_sign=torque_sign,  # type: ignore[arg-type]
+        columns=columns,
+        start=start,
+        channels=channels,
+    )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from tvsysid.cli.console import say
+from tvsysid.cli.options import option
 from tvsysid.errors import InputError, describe_error
 
 if TYPE_CHECKING:
@@ -21,40 +21,38 @@ def simulate(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="File to write: .mat, .csv or .tsv.")],
     system: Annotated[
         str,
-        typer.Option(
-            metavar="NAME",
-            help="What is simulated: `joint`, `reflex` (a joint with a stretch reflex), `compliant` (a joint on a "
-            "compliant actuator: closed loop), `scheduled` (stiffness follows EMG), or your own as `module:Object`.",
+        option(
+            "NAME",
+            "What is simulated: `joint`, `reflex` (a joint with a stretch reflex), `compliant` (a joint on a compliant "
+            "actuator: closed loop), `scheduled` (stiffness follows EMG), or your own as `module:Object`.",
         ),
     ] = "joint",
     stiffness: Annotated[
         str | None,
-        typer.Option(
-            metavar="NAME",
-            help="Stiffness over time: `square`, `sine`, `constant`, or your own function of time as `module:Object`. "
+        option(
+            "NAME",
+            "Stiffness over time: `square`, `sine`, `constant`, or your own function of time as `module:Object`. "
             "[that of the system: sine for scheduled, else square]",
         ),
     ] = None,
     perturbation: Annotated[
         str,
-        typer.Option(
-            metavar="NAME",
-            help="Perturbation of the angle: `noise` (low-pass filtered), `prbs` (pseudo-random binary sequence), or "
-            "your own as `module:Object`.",
+        option(
+            "NAME",
+            "Perturbation of the angle: `noise` (low-pass filtered), `prbs` (pseudo-random binary sequence), or your "
+            "own as `module:Object`.",
         ),
     ] = "noise",
-    duration: Annotated[float, typer.Option(metavar="S", help="Seconds of data.")] = 150.0,
-    snr: Annotated[
-        float, typer.Option("--snr", metavar="DB", help="Signal-to-noise ratio of the torque in dB; inf for no noise.")
-    ] = 10.0,
-    seed: Annotated[int, typer.Option(metavar="N", help="Seed of the random numbers.")] = 0,
-    rate: Annotated[float, typer.Option(metavar="HZ", help="Sampling rate.")] = 1000.0,
+    duration: Annotated[float, option("S", "Seconds of data.")] = 150.0,
+    snr: Annotated[float, option("DB", "Signal-to-noise ratio of the torque in dB; inf for no noise.")] = 10.0,
+    seed: Annotated[int, option("N", "Seed of the random numbers.")] = 0,
+    rate: Annotated[float, option("HZ", "Sampling rate.")] = 1000.0,
     participant: Annotated[
         int | None,
-        typer.Option(
-            metavar="N",
-            help="Write the ten trials of virtual participant number N instead, to a .mat file that "
-            "`tvsysid experiment` reads; only --perturbation applies to it.",
+        option(
+            "N",
+            "Write the ten trials of virtual participant number N instead, to a .mat file that `tvsysid experiment` "
+            "reads; only --perturbation applies to it.",
         ),
     ] = None,
 ) -> None:
@@ -75,16 +73,24 @@ def simulate(
     """
     from tvsysid.recordings import write_simulation
     from tvsysid.simulate import PERTURBATIONS, PROFILES, SYSTEMS
+    from tvsysid.study.settings import found_as
 
-    perturbed = _named(perturbation, PERTURBATIONS, "perturbation")
+    perturbed = found_as(perturbation, PERTURBATIONS, "perturbation")
     if participant is not None:
         _write_participant(file, participant, perturbation, perturbed)
         return
-    simulated: System = _named(system, SYSTEMS, "system")
+    simulated: System = found_as(system, SYSTEMS, "system")
     period = 2.0
     if stiffness is not None:
-        profile = _named(stiffness, PROFILES, "profile")
-        simulated = _with_stiffness(simulated, profile, system)
+        profile = found_as(stiffness, PROFILES, "profile")
+        settings: Any = simulated
+        try:
+            simulated = replace(settings, stiffness=profile)
+        except TypeError as error:
+            raise InputError(
+                f"--stiffness: {system} is not a dataclass with a field stiffness; leave out --stiffness, and set it "
+                f"in {system}"
+            ) from error
         period = period if stiffness in PROFILES else getattr(profile, "period", period)
     try:
         simulation = simulated.simulate(duration, perturbation=perturbed, snr_db=snr, seed=seed, rate=rate)
@@ -101,28 +107,6 @@ def simulate(
         f"wrote {file}: {duration:g} s at {rate:g} Hz; identify it with\ntvsysid identify {file} --angle angle "
         f"--torque torque --rate {rate:g}{decimate} --period {period:g}{channels}"
     )
-
-
-def _named(text: str, known: Mapping[str, Any], what: str) -> Any:
-    """Object of this name, or as ``module:Object``."""
-    from tvsysid.methods import from_text
-
-    if text in known:
-        return known[text]
-    if ":" not in text:
-        names = ", ".join(known)
-        raise InputError(f"unknown {what} {text!r}; expected one of {names}, or your own as module:Object")
-    return from_text(text, what)
-
-
-def _with_stiffness(system: Any, profile: Any, name: str) -> Any:
-    try:
-        return replace(system, stiffness=profile)
-    except TypeError as error:
-        raise InputError(
-            f"--stiffness: {name} is not a dataclass with a field stiffness; leave out --stiffness, and set it in "
-            f"{name}"
-        ) from error
 
 
 def _columns(simulation: Simulation) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -54,6 +54,7 @@ class Fixed(NamedTuple):
 
 
 OF_METHOD, OVER_TIME, OF_QUANTITY = ("method_key",), ("method_key", "time"), ("method_key", "quantity", "time")
+OVER_SCHEDULE = ("method_key", "scheduled", "scheduling")
 OF_TRIAL = {
     "estimate": Variable(OF_QUANTITY, "estimate, in the unit of its quantity", "unit"),
     "standard_error": Variable(OF_QUANTITY, "standard error of the estimate", "unit"),
@@ -79,6 +80,12 @@ OF_SEVERAL_PATHWAYS = {
     "pathway_torque": Variable(("method_key", "pathway", "time"), ROOT_MEAN_SQUARE, "N m"),
 }
 """Measured beside, where a simulated system or a method has several pathways."""
+OF_SCHEDULED = {
+    "scheduled_estimate": Variable(OVER_SCHEDULE, "estimate over a variable of the method's own", "unit"),
+    "scheduled_standard_error": Variable(OVER_SCHEDULE, "its standard error", "unit"),
+    "scheduling_variable": Variable(OVER_SCHEDULE, "values of the variable", "unit"),
+}
+"""Measured beside, where a method says that it estimates something over a variable of its own."""
 OF_CHANGING_TRUTH = {
     "trial_truth": Variable(("quantity", "time"), "simulated value, mean over the trial's realizations", "unit")
 }
@@ -105,6 +112,11 @@ PATHWAYS_OF_ANALYSIS = {
     "pathway_torque": Variable(("bootstrap", "pathway", "time"), ROOT_MEAN_SQUARE, "N m"),
 }
 """Measured beside in an experiment, where a method has several pathways."""
+SCHEDULED_OF_ANALYSIS = {
+    name: variable._replace(dims=("bootstrap", *variable.dims[1:]))
+    for name, variable in OF_SCHEDULED.items()
+    if name != "scheduled_standard_error"
+}
 
 
 @dataclass(frozen=True)
@@ -178,7 +190,7 @@ def _of_simulations(study: Study) -> Layout:
             Fixed("trial", ("trial",), np.arange(study.trials)),
             # Not "method", which xarray's sel() takes for a way to interpolate.
             Fixed("method_key", ("method_key",), list(study.named_methods)),
-            *_shared(known.quantities, known.pathways, study.period, study.rate),
+            *_shared(known.quantities, known.pathways, study.scheduled, study.period, study.rate),
             Fixed("statistic", ("statistic",), STATISTICS),
             Fixed("stage", ("stage",), STAGES),
             Fixed(
@@ -190,6 +202,7 @@ def _of_simulations(study: Study) -> Layout:
         ),
         measured=OF_TRIAL
         | (OF_SEVERAL_PATHWAYS if known.pathways else {})
+        | (OF_SCHEDULED if study.scheduled else {})
         | (OF_CHANGING_TRUTH if known.changes else {}),
         coordinates=(*traits, "unit"),
         identity={
@@ -218,9 +231,11 @@ def _of_experiment(experiment: Experiment) -> Layout:
             Fixed("method_key", ("analysis",), [item.name for item in analyses]),
             Fixed("realizations", ("analysis",), [item.realizations for item in analyses]),
             Fixed("bootstrap", ("bootstrap",), np.arange(experiment.bootstraps)),
-            *_shared(experiment.quantities, pathways, preparing.period, preparing.rate),
+            *_shared(experiment.quantities, pathways, experiment.scheduled, preparing.period, preparing.rate),
         ),
-        measured=OF_ANALYSIS | (PATHWAYS_OF_ANALYSIS if pathways else {}),
+        measured=OF_ANALYSIS
+        | (PATHWAYS_OF_ANALYSIS if pathways else {})
+        | (SCHEDULED_OF_ANALYSIS if experiment.scheduled else {}),
         coordinates=("participant", "perturbation", "method_key", "realizations", "unit"),
         identity={
             "experiment": (experiment.identity, "another experiment"),
@@ -230,15 +245,19 @@ def _of_experiment(experiment: Experiment) -> Layout:
     )
 
 
-def _shared(quantities: Sequence[str], pathways: Sequence[str], period: float, rate: float) -> list[Fixed]:
+def _shared(
+    quantities: Sequence[str], pathways: Sequence[str], scheduled: Mapping[str, int], period: float, rate: float
+) -> Iterator[Fixed]:
     """What both kinds of study have."""
+    yield Fixed("quantity", ("quantity",), list(quantities))
+    yield Fixed("unit", ("quantity",), [UNITS.get(name, "") for name in quantities])
+    if pathways:
+        yield Fixed("pathway", ("pathway",), list(pathways))
+    if scheduled:
+        yield Fixed("scheduled", ("scheduled",), list(scheduled))
+        yield Fixed("scheduling", ("scheduling",), np.arange(max(scheduled.values())))
     times = np.arange(round(period * rate)) / rate
-    return [
-        Fixed("quantity", ("quantity",), list(quantities)),
-        Fixed("unit", ("quantity",), [UNITS.get(name, "") for name in quantities]),
-        *([Fixed("pathway", ("pathway",), list(pathways))] if pathways else []),
-        Fixed("time", ("time",), times, {"units": "s", "long_name": f"time within a realization of {period:g} s"}),
-    ]
+    yield Fixed("time", ("time",), times, {"units": "s", "long_name": f"time within a realization of {period:g} s"})
 
 
 def of_recordings(experiment: Experiment, prepared: Sequence[Prepared]) -> xr.Dataset:

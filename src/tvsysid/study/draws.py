@@ -27,6 +27,7 @@ class DrawsTask(task.Task):
     label: str
     ensemble: Ensemble | None
     pathways: Known
+    scheduled: Mapping[str, int]
     digest: str
     realizations: int
     contiguous: bool
@@ -82,7 +83,8 @@ class DrawsTask(task.Task):
             found = task.explained(drawn.torque[:, drawn.core], np.asarray(sum(own.values())), drawn.sampling_rate)
             found |= task.of_pathways(own, known)
             found |= {name: found[name][..., 0] for name in ("vaf", "bandpassed_vaf", "pathway_vaf") if name in found}
-            return found | {"estimate": task.over_time(model, self.quantities)}
+            found |= {"estimate": task.over_time(model, self.quantities)}
+            return found | task.over_schedule(model, self.scheduled)
 
         return task.attempt(method, drawn, measure)
 

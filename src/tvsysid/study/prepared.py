@@ -25,10 +25,8 @@ from tvsysid.study.task import Known, single_thread
 
 Array = NDArray[np.float64]
 
-NOTHING = "nothing"
-"""Digest of what could not be prepared, for whatever reason."""
-EXCERPT = 10.0
-"""Seconds of a recording that are shown."""
+NOTHING = "nothing"  # digest of what could not be prepared, for whatever reason
+EXCERPT = 10.0  # seconds of a recording that are shown
 TORQUE, PATHWAY = "tvsysid: recorded torque", "tvsysid: pathway "
 """Channels that pass through the preparation: the torque, which loses its mean there, and the noiseless pathways."""
 
@@ -189,27 +187,11 @@ def _simulated(recorded: Recorded) -> Simulation | None:
 def _recording(
     experiment: Experiment, recorded: Recorded, simulation: Simulation | None
 ) -> tuple[Recording, dict[str, str]]:
-    """All usable trials in one, and why others are not.
-
-    Raises
-    ------
-    InputError
-        If there is none.
-    """
-    recording, refused = _read(experiment, recorded) if simulation is None else (simulation.recording, {})
-    known = {} if simulation is None else simulation.pathways
-    beside = {PATHWAY + name: known[name] for name in experiment.pathways if name in known}
-    return replace(recording, channels={**recording.channels, TORQUE: recording.torque} | beside), refused
-
-
-def _read(experiment: Experiment, recorded: Recorded) -> tuple[Recording, dict[str, str]]:
-    """Usable trials from files, each long enough for a realization.
-
-    Raises
-    ------
-    InputError
-        If there is none.
-    """
+    """All usable trials in one, each long enough for a realization, and why others are not; raises if there is none."""
+    if simulation is not None:
+        known = simulation.pathways
+        beside = {PATHWAY + name: known[name] for name in experiment.pathways if name in known}
+        return _with_torque(simulation.recording, beside), {}
     assert experiment.reading is not None
     preparing = experiment.preparation
     files, missing = _files(experiment.folder, recorded.files)
@@ -223,7 +205,11 @@ def _read(experiment: Experiment, recorded: Recorded) -> tuple[Recording, dict[s
     if usable.recording is None:
         reasons = "; ".join(f"{name}: {reason}" for name, reason in refused.items())
         raise InputError(f"no trial can be used: {reasons}")
-    return usable.recording, refused
+    return _with_torque(usable.recording, {}), refused
+
+
+def _with_torque(recording: Recording, beside: dict[str, Array]) -> Recording:
+    return replace(recording, channels={**recording.channels, TORQUE: recording.torque} | beside)
 
 
 def _files(folder: Path, patterns: tuple[str, ...]) -> tuple[dict[str, Path], dict[str, str]]:

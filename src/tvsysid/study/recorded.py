@@ -15,19 +15,14 @@ from pydantic import Field, field_validator, model_validator
 
 from tvsysid.estimates import IMPEDANCE
 from tvsysid.methods import label_of, parse
-from tvsysid.study.settings import AnyMethod, Listed, Settings, StudySettings, listed, with_said
+from tvsysid.study.settings import AnyMethod, Listed, Settings, StudySettings, listed, scheduled_by, with_said
 
-VIRTUAL = (1, 2, 3, 4, 5, 6)
-"""Numbers of the virtual participants that are studied if nobody else is named."""
-PERTURBATIONS = ("noise", "prbs")
-"""What virtual participants undergo."""
+VIRTUAL = (1, 2, 3, 4, 5, 6)  # virtual participants that are studied if nobody else is named
+PERTURBATIONS = ("noise", "prbs")  # what they undergo
 LAG, SHORT, LONG = 15 / 128, 12 / 128, 30 / 128
 """The paper's longest lag and its windows for sds and esm in s: 15, 12 and 30 samples (section 4.2)."""
-LONGEST = 80
-"""Characters of a name, of which files are called."""
-FEW, MANY = (20, 40), (75, 150)
-"""Realizations in a draw: of kbr, and of the other methods."""
-
+LONGEST = 80  # characters of a name, of which files are called
+FEW, MANY = (20, 40), (75, 150)  # realizations in a draw: in one piece, and otherwise
 
 Counts = Annotated[tuple[Annotated[int, Field(ge=2)], ...], Listed, Field(min_length=1)]
 Files = Annotated[tuple[str, ...], Listed, Field(min_length=1)]
@@ -271,6 +266,11 @@ class Experiment(StudySettings):
         names = with_said((), self.named_methods.values(), "pathway_names")
         return names if len(names) > 1 else ()
 
+    @property
+    def scheduled(self) -> dict[str, int]:
+        """What methods estimate over variables of their own, and at how many values."""
+        return scheduled_by(self.named_methods.values())
+
     def seed_of(self, recorded: Recorded, realizations: int) -> int:
         """Seed of the draws from one recording, whatever else the experiment holds."""
         digest = hashlib.sha256(f"{recorded.label} {realizations}".encode()).digest()
@@ -280,15 +280,12 @@ class Experiment(StudySettings):
     @property
     def identity(self) -> dict[str, Any]:
         """What is done with each recording; with the recordings themselves, it tells one experiment from another."""
-        methods = [
-            {
-                "name": item.name,
-                "method": label_of(item.method),
-                "realizations": [each.realizations for each in self.analyses if each.name == item.name],
-                "contiguous": any(each.contiguous for each in self.analyses if each.name == item.name),
-            }
-            for item in self.methods
-        ]
+        methods = []
+        for item in self.methods:
+            own = [each for each in self.analyses if each.name == item.name]
+            counts, contiguous = [each.realizations for each in own], any(each.contiguous for each in own)
+            labels = {"name": item.name, "method": label_of(item.method)}
+            methods.append(labels | {"realizations": counts, "contiguous": contiguous})
         return {"methods": methods, "bootstraps": self.bootstraps, "seed": self.seed}
 
     def to_json(self) -> str:

@@ -254,7 +254,7 @@ def score(results: xr.Dataset) -> xr.Dataset:
     used = there[..., None] & ~failed
     for row in range(shape[0]):
         here = {name: results[name].isel(scenario=row).values for name in SCORED if name in results}
-        for column in np.flatnonzero(used[row].any(axis=0)):
+        for column in np.flatnonzero(used[row].any(axis=0)).tolist():
             mine = used[row, :, column]
             weights = chosen[:, mine].astype(np.float64)
             drawn = weights.any(axis=1)

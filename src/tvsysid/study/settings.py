@@ -49,22 +49,17 @@ class StudySettings(Settings):
         InputError
             For a file that is missing or no TOML, or a wrong study; names the file and the key.
         """
-        beside = {"folder": Path(path).parent} if "folder" in cls.model_fields else {}
-        found = beside | _settings_in(path)
+        found: dict[str, Any] = {"folder": Path(path).parent} if "folder" in cls.model_fields else {}
         try:
+            with Path(path).open("rb") as file:
+                found |= tomllib.load(file)
             return cls(**overridden(found, settings))
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            raise InputError(f"{path}: not a TOML file: {error}") from error
+        except OSError as error:
+            raise InputError(f"{path}: {error.strerror}; give a TOML file") from error
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
-
-
-def _settings_in(path: str | Path) -> dict[str, Any]:
-    try:
-        with Path(path).open("rb") as file:
-            return tomllib.load(file)
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not a TOML file: {error}") from error
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror}; give a TOML file") from error
 
 
 def overridden(settings: dict[str, Any], others: dict[str, Any]) -> dict[str, Any]:
@@ -116,22 +111,23 @@ def with_said(names: Iterable[str], methods: Iterable[object], attribute: str) -
     return tuple(dict.fromkeys([*names, *(name for method in methods for name in getattr(method, attribute, ()))]))
 
 
-def found_as(value: Any, known: Mapping[str, Any], what: str) -> Any:
-    """Object that a setting stands for: a known name, ``module:Object`` with settings if need be, or itself.
+def scheduled_by(methods: Iterable[object]) -> dict[str, int]:
+    """What methods say that they estimate over variables of their own, and at how many values at most."""
+    found: dict[str, int] = {}
+    for method in methods:
+        for name, count in getattr(method, "scheduled_quantities", {}).items():
+            found[name] = max(count, found.get(name, 0))
+    return found
 
-    Raises
-    ------
-    ValueError
-        For an unknown name.
-    InputError
-        If the module or the object cannot be loaded.
-    """
+
+def found_as(value: Any, known: Mapping[str, Any], what: str) -> Any:
+    """Object that a setting stands for: a known name, ``module:Object`` with settings if need be, or itself."""
     if not isinstance(value, str):
         return value
     if value in known:
         return known[value]
     if ":" not in value:
-        raise ValueError(f"unknown name {value!r}; expected one of {', '.join(known)}, or module:Object of your own")
+        raise InputError(f"unknown {what} {value!r}; expected one of {', '.join(known)}, or your own as module:Object")
     return from_text(value, what)
 
 

@@ -18,22 +18,29 @@ from pydantic import Field, field_validator, model_validator
 from tvsysid.errors import InputError, describe_error
 from tvsysid.estimates import IMPEDANCE
 from tvsysid.methods import METHODS, label_of, parse
-from tvsysid.simulate import PERTURBATIONS, PROFILES, SYSTEMS, CovaryingViscosity, Perturbation, System
-from tvsysid.study.settings import AnyMethod, Listed, Settings, StudySettings, Whole, found_as, unique, with_said
+from tvsysid.signals import Ensemble
+from tvsysid.simulate import PERTURBATIONS, PROFILES, SYSTEMS, CovaryingViscosity, Perturbation, Simulation, System
+from tvsysid.study.settings import (
+    AnyMethod,
+    Listed,
+    Settings,
+    StudySettings,
+    Whole,
+    found_as,
+    scheduled_by,
+    unique,
+    with_said,
+)
 from tvsysid.study.trial import Setting, true_values
 
 Array = NDArray[np.float64]
 
 VISCOSITIES = ("constant", "covarying")
 """The system's own (2.2 N·m·s/rad), or between 1 and 3 N·m·s/rad with the stiffness."""
-PERIOD = 2.0
-"""Duration of a realization in s, as in the paper."""
-RATE = 100.0
-"""Sampling rate in Hz after decimation, as in the paper."""
+PERIOD, RATE = 2.0, 100.0  # s of a realization, and Hz after decimation, as in the paper
 OWN = "own"
 """Stiffness and viscosity of a system that cannot be given any."""
-PROBED = 20
-"""Realizations that are simulated to see what a system knows."""
+PROBED = 20  # realizations that are simulated to see what a system knows
 
 GRID = ("stiffness", "perturbation", "duration_s", "snr_db", "viscosity", "system")
 KINDS: dict[str, tuple[Mapping[str, Any], str, str]] = {
@@ -48,9 +55,9 @@ Parts = Annotated[tuple[Any, ...], Listed, Field(min_length=1)]
 Numbers = Annotated[tuple[float, ...], Listed, Field(min_length=1)]
 
 
-def _said(expected: str) -> Any:
-    """What a setting is expected to be, for messages."""
-    return Field(description=expected)
+def _said(expected: str, **limits: Any) -> Any:
+    """What a setting is expected to be, for messages, and its limits."""
+    return Field(description=expected, **limits)
 
 
 class Scenario(NamedTuple):
@@ -75,17 +82,11 @@ class Scenario(NamedTuple):
 class Known(NamedTuple):
     """What simulations tell before any is identified.
 
-    Parameters
-    ----------
-    quantities
-        Whose estimates are measured: stiffness, viscosity and inertia, what a simulation knows, and what a method says
-        that it estimates (``quantities``).
-    pathways
-        Names of the pathways, if a system has several; else none.
-    truth
-        Of each scenario over one realization, shape (quantity, time); NaN where it is not known.
-    changes
-        Whether it differs from trial to trial, as where the joint is scheduled by a random signal.
+    ``quantities`` whose estimates are measured: stiffness, viscosity and inertia, what a simulation knows, and what a
+    method says that it estimates (``quantities``). ``pathways`` of the systems, and those that a method says it tells
+    apart (``pathway_names``); none unless they are several. ``truth`` of each scenario over one realization, shape
+    (quantity, time), NaN where it is not known; ``changes`` says whether it differs from trial to trial, as where the
+    joint is scheduled by a random signal.
     """
 
     quantities: tuple[str, ...]
@@ -101,7 +102,7 @@ class _Grid(Settings):
         known, what, verb = KINDS[info.field_name]
         for value in values or ():
             if not verb and value not in known:
-                raise ValueError(f"unknown name {value!r}; expected one of {', '.join(known)}")
+                raise ValueError(f"unknown {what} {value!r}; expected one of {', '.join(known)}")
             if verb and not callable(getattr(found_as(value, known, what), verb, None)):
                 raise ValueError(
                     f"expected a name ({', '.join(known)}), module:Object, or an object "
@@ -183,13 +184,13 @@ class Study(_Grid, StudySettings):
     viscosity: Annotated[Parts, _said(f"names: {', '.join(VISCOSITIES)}")] = ("constant",)
     system: Annotated[Parts, _said(f"names of systems: {', '.join(SYSTEMS)}")] = ("joint",)
     also: Annotated[tuple[Further, ...], _said("tables of further scenarios")] = ()
-    rate: Annotated[float, Field(gt=0), _said("a number of hertz")] = RATE
-    period: Annotated[float, Field(gt=0), _said("a number of seconds")] = PERIOD
+    rate: Annotated[float, _said("a number of hertz", gt=0)] = RATE
+    period: Annotated[float, _said("a number of seconds", gt=0)] = PERIOD
     methods: Annotated[
-        tuple[AnyMethod, ...], Listed, Field(min_length=1), _said("keys of methods, such as 'sds:window=0.2'")
+        tuple[AnyMethod, ...], Listed, _said("keys of methods, such as 'sds:window=0.2'", min_length=1)
     ] = tuple(METHODS)
-    trials: Annotated[Whole, Field(ge=1), _said("a whole number of one or more")] = 20
-    seed: Annotated[Whole, Field(ge=0), _said("a whole number of zero or more")] = 0
+    trials: Annotated[Whole, _said("a whole number of one or more", ge=1)] = 20
+    seed: Annotated[Whole, _said("a whole number of zero or more", ge=0)] = 0
 
     @field_validator("methods")
     @classmethod
@@ -244,7 +245,8 @@ class Study(_Grid, StudySettings):
 
     def _as_taken(self, scenario: Scenario) -> Scenario:
         """The scenario, without what its system does not take."""
-        takes = _settings_of(self.parts[f"system {scenario.system}"])
+        system = self.parts[f"system {scenario.system}"]
+        takes = {item.name for item in fields(system)} if is_dataclass(system) else set()
         return scenario._replace(
             stiffness=scenario.stiffness if "stiffness" in takes else OWN,
             viscosity=scenario.viscosity if {"stiffness", "viscosity"} <= takes else OWN,
@@ -259,44 +261,38 @@ class Study(_Grid, StudySettings):
             changes["viscosity"] = CovaryingViscosity(changes["stiffness"])
         return replace(system, **changes) if changes else system, self.parts[f"perturbation {scenario.perturbation}"]
 
-    def setting_of(self, scenario: Scenario, **changes: Any) -> Setting:
+    def setting_of(self, scenario: Scenario) -> Setting:
         """How a scenario is simulated and cut."""
-        known = self.known
-        setting = Setting(
-            scenario.duration_s, scenario.snr_db, self.rate, self.period, known.quantities, known.pathways
-        )
-        return setting._replace(**changes)
+        measured = self.known.quantities, self.known.pathways, self.scheduled
+        return Setting(scenario.duration_s, scenario.snr_db, self.rate, self.period, *measured)
+
+    @property
+    def scheduled(self) -> dict[str, int]:
+        """What methods estimate over variables of their own, and at how many values."""
+        return scheduled_by(self.named_methods.values())
 
     @cached_property
     def known(self) -> Known:
-        """What the simulations know, from a short one of each system and profile.
-
-        Raises
-        ------
-        InputError
-            If a system fails.
-        """
+        """What the simulations know, from two short ones of each system and profile."""
         setting = Setting(PROBED * self.period, 10.0, self.rate, self.period, (), ())
-        found = {}
-        for scenario in self.scenarios:
-            key = scenario._replace(duration_s=0.0, snr_db=0.0)
-            if key not in found:
-                found[key] = self._probed(scenario, setting)
-        truths = dict.fromkeys(name for both in found.values() for name in both[0][0].truth)
-        methods = self.named_methods.values()
+        kinds = {scenario: scenario._replace(duration_s=0.0, snr_db=0.0) for scenario in self.scenarios}
+        found: dict[Scenario, list[tuple[Simulation, Ensemble]]] = {}
+        for scenario, kind in kinds.items():
+            if kind not in found:
+                found[kind] = self._probed(scenario, setting)
+        methods, first = self.named_methods.values(), [both[0][0] for both in found.values()]
+        truths = dict.fromkeys(name for simulation in first for name in simulation.truth)
         quantities = with_said((*IMPEDANCE, *truths), methods, "quantities")
-        pathways = with_said(
-            (name for both in found.values() for name in both[0][0].pathways), methods, "pathway_names"
-        )
-        values = {key: [true_values(*each, quantities) for each in both] for key, both in found.items()}
+        pathways = with_said((name for simulation in first for name in simulation.pathways), methods, "pathway_names")
+        values = {kind: [true_values(*each, quantities) for each in both] for kind, both in found.items()}
         return Known(
             quantities,
             pathways if len(pathways) > 1 else (),
-            {each: values[each._replace(duration_s=0.0, snr_db=0.0)][0] for each in self.scenarios},
+            {scenario: values[kind][0] for scenario, kind in kinds.items()},
             any(not np.array_equal(one, other, equal_nan=True) for one, other in values.values()),
         )
 
-    def _probed(self, scenario: Scenario, setting: Setting) -> list[tuple[Any, Any]]:
+    def _probed(self, scenario: Scenario, setting: Setting) -> list[tuple[Simulation, Ensemble]]:
         try:
             simulations = [setting.simulated(*self.simulated(scenario), np.random.SeedSequence(n)) for n in (0, 1)]
             return [(each, setting.cut(each.recording)) for each in simulations]
@@ -327,8 +323,3 @@ class Study(_Grid, StudySettings):
 
 def _labels(values: tuple[Any, ...]) -> list[Any]:
     return [value if isinstance(value, float) else label_of(value) for value in values]
-
-
-def _settings_of(system: Any) -> set[str]:
-    """Names of the fields of a dataclass."""
-    return {item.name for item in fields(system)} if is_dataclass(system) else set()

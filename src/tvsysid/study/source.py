@@ -98,6 +98,7 @@ class Recordings(Source):
             label=f"{analysis.label} of {item.recorded.label}",
             ensemble=item.ensemble,
             pathways=item.pathways,
+            scheduled=self._experiment.scheduled,
             digest=item.digest,
             realizations=analysis.realizations,
             contiguous=analysis.contiguous,

@@ -178,6 +178,27 @@ def of_pathways(found: Mapping[str, Array], known: Known) -> Row:
     return {"pathway_torque": np.stack(rms), "pathway_vaf": np.stack(vaf)}
 
 
+def over_schedule(model: Model, lengths: Mapping[str, int]) -> Row:
+    """Estimates over a variable of the method's own, their standard errors, and its values; shape (quantity, value).
+
+    Lengths are those that methods said; NaN where a model has fewer values.
+    """
+    if not lengths:
+        return {}
+    found = np.full((3, len(lengths), max(lengths.values())), np.nan)
+    for place, (name, length) in enumerate(lengths.items()):
+        estimate = model.estimates.get(name)
+        if estimate is None or len(estimate.axes) != 1 or estimate.axes == ("time",):
+            continue
+        if (count := len(estimate.values)) > length:
+            raise InputError(f"{name}: expected the {length} values that the method states at most, got {count}")
+        error = estimate.standard_error
+        found[0, place, :count] = estimate.values
+        found[1, place, :count] = np.nan if error is None else error.values
+        found[2, place, :count] = model.coordinates[estimate.axes[0]]
+    return dict(zip(("scheduled_estimate", "scheduled_standard_error", "scheduling_variable"), found, strict=True))
+
+
 STATISTICS = ("mean", "sd", "lowest")
 """Of the VAFs of realizations."""
 

@@ -28,7 +28,7 @@ SIMULATED_HZ = 1000.0
 
 
 class Setting(NamedTuple):
-    """How a trial is simulated and cut, and what is measured: estimates of quantities, and torques of pathways."""
+    """How a trial is simulated and cut, and what is measured: quantities over time or otherwise, and pathways."""
 
     duration_s: float
     snr_db: float
@@ -36,6 +36,7 @@ class Setting(NamedTuple):
     period: float
     quantities: tuple[str, ...]
     pathways: tuple[str, ...]
+    scheduled: Mapping[str, int] = {}
 
     def simulated(self, system: System, perturbation: Perturbation, seed: np.random.SeedSequence) -> Simulation:
         """Record a system."""
@@ -97,6 +98,7 @@ class Trial(task.Task):
             with clock.stage("scoring"):
                 own = model.pathways(ensemble)
                 estimate = {"estimate": task.over_time(model, setting.quantities)}
+                estimate |= task.over_schedule(model, setting.scheduled)
                 explained = task.explained(torque, np.asarray(sum(own.values())), ensemble.sampling_rate)
                 return bands | estimate | explained | task.of_pathways(own, known)
 

@@ -7,15 +7,8 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
-from concurrent.futures import (
-    FIRST_COMPLETED,
-    BrokenExecutor,
-    CancelledError,
-    Executor,
-    Future,
-    ProcessPoolExecutor,
-    wait,
-)
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
+from concurrent.futures import ProcessPoolExecutor as Pool
 from contextlib import closing, contextmanager
 from dataclasses import replace
 from functools import partial
@@ -26,10 +19,8 @@ from tvsysid.errors import InputError
 from tvsysid.study.store import Place, Store
 from tvsysid.study.task import Outcome, Task, carry_out
 
-AHEAD = 2
-"""Tasks that wait for each worker: enough to keep it busy; more would only take memory."""
-UNKNOWN_WORKERS = 32
-"""Workers assumed of an executor that does not say how many it has."""
+AHEAD = 2  # tasks that wait for each worker: enough to keep it busy; more would only take memory
+UNKNOWN_WORKERS = 32  # assumed of an executor that does not say how many it has
 
 
 def cores() -> int:
@@ -46,22 +37,7 @@ def carry_out_missing(
     executor: Executor | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> None:
-    """Carry out the tasks of a study that its store lacks, and write what comes back.
-
-    Parameters
-    ----------
-    store
-        Open, of the study.
-    task_at
-        The task for a place of the store.
-    workers, executor, progress
-        As of :func:`tvsysid.study.run`.
-
-    Raises
-    ------
-    InputError
-        If the executor gives up.
-    """
+    """Carry out the tasks of a study that its store lacks, and write what comes back; arguments are those of `run`."""
     places, total = store.missing(), len(store.places)
     done = total - len(places)
     if progress is not None:
@@ -194,7 +170,7 @@ def _in_one_process(task: Task) -> Outcome:
 
 
 @contextmanager
-def processes(workers: int, ready: bool = True) -> Iterator[ProcessPoolExecutor]:
+def processes(workers: int, ready: bool = True) -> Iterator[Pool]:
     """Local worker processes that end with this one, and leave an interruption to it.
 
     Parameters
@@ -211,7 +187,7 @@ def processes(workers: int, ready: bool = True) -> Iterator[ProcessPoolExecutor]
     """
     # A fresh interpreter for each worker: forking one with BLAS and progress threads may hang.
     context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_start_worker)
+    pool = Pool(workers, mp_context=context, initializer=_start_worker)
     try:
         # Each waiting task starts a worker, which inherits that it leaves an interruption to this process.
         with _interruptions_ignored():
@@ -238,7 +214,7 @@ def processes(workers: int, ready: bool = True) -> Iterator[ProcessPoolExecutor]
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _close_results(pool: ProcessPoolExecutor) -> None:
+def _close_results(pool: Pool) -> None:
     """Leave only the workers able to write results: one that ends halfway through would be read from for ever."""
     results: Any = getattr(pool, "_result_queue", None)
     if results is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,18 +13,17 @@ from tvsysid.models import Model
 from tvsysid.preprocess import block_weights, bootstrap_weights
 from tvsysid.signals import Ensemble
 from tvsysid.study import task
-from tvsysid.study.task import Known, Outcome, Row, Shapes
+from tvsysid.study.task import Known, Outcome, Row
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class DrawsTask(task.Task):
     """Draws of so many realizations from one recording, identified by the one method there is.
 
-    ``label`` says in messages what is identified; ``ensemble``, of that ``digest``, is None where nothing could be
-    prepared, for that ``reason``. ``contiguous`` draws are in one piece.
+    The ensemble, of that ``digest``, is None where nothing could be prepared, for that ``reason``. Draws that are
+    ``contiguous`` are in one piece.
     """
 
-    label: str
     ensemble: Ensemble | None
     pathways: Known
     scheduled: Mapping[str, int]
@@ -34,14 +33,7 @@ class DrawsTask(task.Task):
     bootstraps: int
     seed: int
     quantities: tuple[str, ...]
-    methods: Mapping[str, bytes]
-    shapes: Shapes
-    reason: str = ""
-    versions: Mapping[str, str] = field(default_factory=task.versions)
-    left_out: Mapping[str, str] = field(default_factory=dict)
-
-    def __str__(self) -> str:
-        return self.label
+    reason: str
 
     def work(self) -> Outcome:
         """Identify every draw; equal ones once, for a draw is no more than a weight on each realization.

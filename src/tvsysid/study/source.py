@@ -65,8 +65,7 @@ class Simulations(Source):
             parts = (system, perturbation, *(vars(system).values() if is_dataclass(system) else ()))
             self._simulated |= pickled({label: (system, perturbation)}, "scenario", parts)
         return Trial(
-            label=label,
-            number=number,
+            label=f"trial {number} of {label}",
             setting=self._study.setting_of(scenario),
             simulated=self._simulated[label],
             seed=self._study.seed_of(scenario, number),

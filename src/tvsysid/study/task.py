@@ -11,6 +11,7 @@ import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
+from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -47,18 +48,20 @@ def versions() -> dict[str, str]:
     return {"tvsysid": __version__} | libraries | {"python": platform.python_version()}
 
 
+@dataclass(frozen=True, kw_only=True)
 class Task(ABC):
-    """One unit of work of a study: a frozen dataclass with these attributes, which travels to a worker as it is.
+    """One unit of work of a study, which travels to a worker as it is; its label is for messages.
 
     ``methods`` are pickled by label, each by itself, so that one that cannot be unpickled spoils no other; ``shapes``
     are those of what is measured of each identification; ``versions`` tell of the software of the process that sends
     it, and a worker with another is refused; ``left_out`` says which methods are not to be tried, and why.
     """
 
+    label: str
     methods: Mapping[str, bytes]
     shapes: Shapes
-    versions: Mapping[str, str]
-    left_out: Mapping[str, str]
+    versions: Mapping[str, str] = field(default_factory=versions)
+    left_out: Mapping[str, str] = field(default_factory=dict)
 
     @abstractmethod
     def work(self) -> Outcome:
@@ -78,9 +81,9 @@ def carry_out(task: Task) -> Outcome:
         return task.work()
 
 
-def single_thread() -> AbstractContextManager[Any]:
+def single_thread() -> AbstractContextManager[object]:
     """BLAS with one thread, for the last bits of what it gives depend on their number."""
-    limited: AbstractContextManager[Any] = _blas().limit(limits=1)
+    limited: AbstractContextManager[object] = _blas().limit(limits=1)
     return limited
 
 

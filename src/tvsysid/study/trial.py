@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import cloudpickle
@@ -17,7 +17,7 @@ from tvsysid.preprocess import decimate, segment
 from tvsysid.signals import Ensemble, Recording
 from tvsysid.simulate import Perturbation, Simulation, System
 from tvsysid.study import task
-from tvsysid.study.task import Known, Outcome, Row, Shapes
+from tvsysid.study.task import Known, Outcome, Row
 
 Array = NDArray[np.float64]
 
@@ -48,22 +48,13 @@ class Setting(NamedTuple):
         return segment(decimate(recording, self.rate), self.period)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Trial(task.Task):
     """One trial of one scenario, as sent to a worker; system and perturbation (``simulated``) are pickled."""
 
-    label: str
-    number: int
     setting: Setting
     simulated: bytes
     seed: np.random.SeedSequence
-    methods: Mapping[str, bytes]
-    shapes: Shapes
-    versions: Mapping[str, str] = field(default_factory=task.versions)
-    left_out: Mapping[str, str] = field(default_factory=dict)
-
-    def __str__(self) -> str:
-        return f"trial {self.number} of {self.label}"
 
     def work(self) -> Outcome:
         """Simulate the trial and identify it by each method.

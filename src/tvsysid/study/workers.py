@@ -6,7 +6,7 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
 from concurrent.futures import ProcessPoolExecutor as Pool
 from contextlib import closing, contextmanager
@@ -119,7 +119,7 @@ def _from_processes(
     killers: dict[str, str] = {}
 
     def without_killers(place: Place) -> Task:
-        return _without(task_at(place), killers)
+        return replace(task_at(place), left_out=dict(killers))
 
     while left:
         try:
@@ -136,32 +136,22 @@ def _from_processes(
 
 def _alone(task: Task, killers: dict[str, str]) -> Outcome:
     """Outcome of a task in a process of its own; a method that kills it is found, marked and not tried again."""
-    labels = list(task.methods)
     while True:
         try:
-            return _in_one_process(_without(task, killers))
+            return _in_one_process(replace(task, left_out=dict(killers)))
         except BrokenExecutor:
-            for label in labels:
-                if label in killers:
-                    continue
-                others = dict.fromkeys((other for other in labels if other != label), "not tried")
+            for label in [label for label in task.methods if label not in killers]:
+                others = dict.fromkeys((other for other in task.methods if other != label), "not tried")
                 try:
-                    _in_one_process(_without(task, others))
+                    _in_one_process(replace(task, left_out=others))
                 except BrokenExecutor:
                     killers[label] = (
-                        f"its worker process died in {task}, so it was not tried again: it crashed, or took more "
+                        f"its worker process died in {task.label}, so it was not tried again: it crashed, or took more "
                         "memory than there is"
                     )
                     break
             else:
                 return task.all_failed("the worker process died, though each method by itself does not kill it")
-
-
-def _without(task: Task, methods: Mapping[str, str]) -> Task:
-    """The task, but for some methods."""
-    known: Any = task  # a dataclass, as the attributes say
-    changed: Task = replace(known, left_out=dict(methods))
-    return changed
 
 
 def _in_one_process(task: Task) -> Outcome:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,7 +14,7 @@ from pydantic import Field, field_validator, model_validator
 
 from tvsysid.estimates import IMPEDANCE
 from tvsysid.methods import label_of, parse
-from tvsysid.study.settings import AnyMethod, Listed, Settings, StudySettings, listed, scheduled_by, with_said
+from tvsysid.study.settings import AnyMethod, Listed, Settings, StudySettings, listed, spawn_key
 
 VIRTUAL = (1, 2, 3, 4, 5, 6)  # virtual participants that are studied if nobody else is named
 PERTURBATIONS = ("noise", "prbs")  # what they undergo
@@ -258,23 +257,17 @@ class Experiment(StudySettings):
         method says that it estimates (``quantities``).
         """
         virtual = any(recorded.is_virtual for recorded in self.recordings)
-        return with_said((*IMPEDANCE, *(["reflex_gain"] if virtual else [])), self.named_methods.values(), "quantities")
+        return self.said("quantities", *IMPEDANCE, *(["reflex_gain"] if virtual else []))
 
     @property
     def pathways(self) -> tuple[str, ...]:
         """Whose torques are measured: those that methods say they tell apart (``pathway_names``), if several."""
-        names = with_said((), self.named_methods.values(), "pathway_names")
+        names = self.said("pathway_names")
         return names if len(names) > 1 else ()
-
-    @property
-    def scheduled(self) -> dict[str, int]:
-        """What methods estimate over variables of their own, and at how many values."""
-        return scheduled_by(self.named_methods.values())
 
     def seed_of(self, recorded: Recorded, realizations: int) -> int:
         """Seed of the draws from one recording, whatever else the experiment holds."""
-        digest = hashlib.sha256(f"{recorded.label} {realizations}".encode()).digest()
-        key = [int.from_bytes(digest[i : i + 4], "little") for i in range(0, 16, 4)]
+        key = spawn_key(f"{recorded.label} {realizations}")
         return int(np.random.SeedSequence(self.seed, spawn_key=key).generate_state(1, np.uint64)[0])
 
     @property

@@ -61,24 +61,6 @@ class Cell:
         """Wave that the truth is, if it has two levels and switches."""
         return wave_of(self.time, self.truth)
 
-    @property
-    def low(self) -> float:
-        """Level of 10 % of the step."""
-        assert self.wave is not None
-        return self.wave.low + 0.1 * (self.wave.high - self.wave.low)
-
-    @property
-    def high(self) -> float:
-        """Level of 90 % of the step."""
-        assert self.wave is not None
-        return self.wave.high - (1 - 0.9) * (self.wave.high - self.wave.low)
-
-    @property
-    def switch(self) -> float:
-        """Time of the first upward switch."""
-        assert self.wave is not None
-        return self.wave.offset
-
     @cached_property
     def from_switch(self) -> Array:
         """Seconds from the nearest switch, shape (time,)."""
@@ -146,6 +128,14 @@ def from_switch(time: Array, wave: SquareWave) -> Array:
     return np.asarray(np.abs((time - wave.offset + half / 2) % half - half / 2))
 
 
+def _rise(cell: Cell, weights: Weights) -> Any:
+    """Time from 10 to 90 % of the step."""
+    assert cell.wave is not None
+    step = cell.wave.high - cell.wave.low
+    low, high = cell.wave.low + 0.1 * step, cell.wave.high - (1 - 0.9) * step
+    return metrics.rise_time(cell.time, cell.estimates, low, high, cell.wave.offset, weights=weights)
+
+
 def _dip(cell: Cell, weights: Weights) -> Any:
     """How far the mean at the switches lies below that away from them."""
     over_time = cell.mean_over_time(weights)
@@ -172,6 +162,7 @@ def _spread(cell: Cell, weights: Weights, side: int) -> Any:
 
 POINTS = "percentage points"
 OWN: dict[str, tuple[str, Callable[[Cell, Weights], Any]]] = {
+    "rise_time": ("s", _rise),
     "vaf": ("%", lambda cell, weights: weighted_mean(cell.realization_vaf, weights)),
     "bandpassed_vaf": ("%", lambda cell, weights: weighted_mean(cell.bandpassed, weights)),
     "coverage": ("%", lambda cell, weights: metrics.share_covered(cell.covered, weights)),

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import difflib
+import hashlib
 import tomllib
-from collections.abc import Iterable, Mapping
+from abc import abstractmethod
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self, TypeVar, get_args
 
@@ -32,6 +34,22 @@ class StudySettings(Settings):
             super().__init__(**settings)
         except ValidationError as error:
             raise InputError(f"{self.noun}: {_explained(error, type(self))}") from error
+
+    @property
+    @abstractmethod
+    def named_methods(self) -> dict[str, Any]:
+        """Method objects by the name that they have in results."""
+
+    def said(self, attribute: str, *names: str) -> tuple[str, ...]:
+        """Names, and those that methods say in an attribute of theirs, each once."""
+        methods = self.named_methods.values()
+        return tuple(dict.fromkeys([*names, *(name for method in methods for name in getattr(method, attribute, ()))]))
+
+    @property
+    def scheduled(self) -> dict[str, int]:
+        """What methods say that they estimate over variables of their own, and at how many values at most."""
+        every = [getattr(method, "scheduled_quantities", {}) for method in self.named_methods.values()]
+        return {name: max(each.get(name, 0) for each in every) for name in self.said("scheduled_quantities")}
 
     @classmethod
     def from_toml(cls, path: str | Path, **settings: Any) -> Self:
@@ -106,18 +124,10 @@ AnyMethod = Annotated[Any, AfterValidator(_identifies)]
 Whole = Annotated[int, BeforeValidator(_whole)]
 
 
-def with_said(names: Iterable[str], methods: Iterable[object], attribute: str) -> tuple[str, ...]:
-    """Names, and those that methods say in an attribute of theirs, each once."""
-    return tuple(dict.fromkeys([*names, *(name for method in methods for name in getattr(method, attribute, ()))]))
-
-
-def scheduled_by(methods: Iterable[object]) -> dict[str, int]:
-    """What methods say that they estimate over variables of their own, and at how many values at most."""
-    found: dict[str, int] = {}
-    for method in methods:
-        for name, count in getattr(method, "scheduled_quantities", {}).items():
-            found[name] = max(count, found.get(name, 0))
-    return found
+def spawn_key(text: str) -> list[int]:
+    """Key of a stream of random numbers of its own."""
+    digest = hashlib.sha256(text.encode()).digest()
+    return [int.from_bytes(digest[i : i + 4], "little") for i in range(0, 16, 4)]
 
 
 def found_as(value: Any, known: Mapping[str, Any], what: str) -> Any:

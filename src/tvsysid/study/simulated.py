@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import itertools
 import json
 import re
@@ -20,17 +19,7 @@ from tvsysid.estimates import IMPEDANCE
 from tvsysid.methods import METHODS, label_of, parse
 from tvsysid.signals import Ensemble
 from tvsysid.simulate import PERTURBATIONS, PROFILES, SYSTEMS, CovaryingViscosity, Perturbation, Simulation, System
-from tvsysid.study.settings import (
-    AnyMethod,
-    Listed,
-    Settings,
-    StudySettings,
-    Whole,
-    found_as,
-    scheduled_by,
-    unique,
-    with_said,
-)
+from tvsysid.study.settings import AnyMethod, Listed, Settings, StudySettings, Whole, found_as, spawn_key, unique
 from tvsysid.study.trial import Setting, true_values
 
 Array = NDArray[np.float64]
@@ -266,11 +255,6 @@ class Study(_Grid, StudySettings):
         measured = self.known.quantities, self.known.pathways, self.scheduled
         return Setting(scenario.duration_s, scenario.snr_db, self.rate, self.period, *measured)
 
-    @property
-    def scheduled(self) -> dict[str, int]:
-        """What methods estimate over variables of their own, and at how many values."""
-        return scheduled_by(self.named_methods.values())
-
     @cached_property
     def known(self) -> Known:
         """What the simulations know, from two short ones of each system and profile."""
@@ -280,10 +264,9 @@ class Study(_Grid, StudySettings):
         for scenario, kind in kinds.items():
             if kind not in found:
                 found[kind] = self._probed(scenario, setting)
-        methods, first = self.named_methods.values(), [both[0][0] for both in found.values()]
-        truths = dict.fromkeys(name for simulation in first for name in simulation.truth)
-        quantities = with_said((*IMPEDANCE, *truths), methods, "quantities")
-        pathways = with_said((name for simulation in first for name in simulation.pathways), methods, "pathway_names")
+        first = [both[0][0] for both in found.values()]
+        quantities = self.said("quantities", *IMPEDANCE, *(name for each in first for name in each.truth))
+        pathways = self.said("pathway_names", *(name for each in first for name in each.pathways))
         values = {kind: [true_values(*each, quantities) for each in both] for kind, both in found.items()}
         return Known(
             quantities,
@@ -306,9 +289,7 @@ class Study(_Grid, StudySettings):
     def seed_of(self, scenario: Scenario, trial: int) -> np.random.SeedSequence:
         """Seed of one trial of one scenario, whatever else the study holds."""
         parts = (*tuple(scenario)[:4], *([scenario.system] if scenario.system != "joint" else []))
-        digest = hashlib.sha256(repr(parts).encode()).digest()
-        key = [int.from_bytes(digest[i : i + 4], "little") for i in range(0, 16, 4)]
-        return np.random.SeedSequence(self.seed, spawn_key=(*key, trial))
+        return np.random.SeedSequence(self.seed, spawn_key=(*spawn_key(repr(parts)), trial))
 
     def to_json(self) -> str:
         """The settings as text, methods and parts by their labels; what tells one study from another."""

@@ -120,7 +120,7 @@ def compare(
     tune: bool = False,
     progress: Progress | None = None,
 ) -> Comparison:
-    """Identify one ensemble by several methods; what ``tvsysid identify`` does.
+    """Identify one ensemble by several methods; what ``tvsysid identify`` does. One that cannot serve it is skipped.
 
     Parameters
     ----------
@@ -133,11 +133,6 @@ def compare(
         Whether each method's settings are chosen from the data first.
     progress
         Called with the number of methods done and of all, before each.
-
-    Returns
-    -------
-    Comparison
-        Models, bands and VAF by label; a method that cannot serve the ensemble is in ``skipped``, with the reason.
 
     Raises
     ------

@@ -19,21 +19,13 @@ class DataQualityWarning(UserWarning):
 
 
 def describe_error(error: BaseException, file: str | None = None) -> str:
-    """Describe an exception in one line: its type, its message, and where in the user's code it arose.
+    """Describe an exception in one line: its type, its message, and the last line of the user's code that it reached.
 
-    Parameters
-    ----------
-    error
-        What was raised.
-    file
-        File of the user's code, if known; the last line of it that was reached is named.
+    That is one of the user's ``file``, if that is known.
     """
-    text = str(error)
+    text, (name, line) = str(error), _place(error, file)
     if isinstance(error, SyntaxError):
-        text, place = str(error.msg), (error.filename, error.lineno)
-    else:
-        place = _place(error, file)
-    name, line = place
+        text, name, line = str(error.msg), error.filename, error.lineno
     said = textwrap.shorten(f"{type(error).__name__}: {text}".rstrip(": "), 300, placeholder=" …")
     return f"{said} ({Path(name).name}, line {line})" if name and line else said
 

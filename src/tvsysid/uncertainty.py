@@ -23,8 +23,7 @@ from tvsysid.signals import Ensemble
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], Any]
 
-FEWEST = 2
-"""Draws, and realizations, without which there is no spread."""
+FEWEST = 2  # draws, and realizations, without which there is no spread
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -64,21 +63,10 @@ class Bootstrap:
         return f"Bootstrap({len(self)} draws{failed} of {self.model.method}: stiffness {size})"
 
     def band(self, quantity: str = "stiffness", level: float = 0.95, simultaneous: bool = False) -> tuple[Array, Array]:
-        r"""Band about the model's estimate.
+        r"""Lower and upper limits of the band about the model's estimate of one of the draws' quantities, each (time,).
 
-        Parameters
-        ----------
-        quantity
-            One of the draws'.
-        level
-            Probability, between 0 and 1, with which the band holds the true value.
-        simultaneous
-            Whether it holds the truth at all times together with about that probability, rather than at each by itself.
-
-        Returns
-        -------
-        lower, upper : Array
-            In the quantity's unit, shape (time,); NaN where fewer than two draws have an estimate.
+        It holds the true value with the probability ``level``, between 0 and 1: at each time by itself, or, if it is
+        ``simultaneous``, at all times together. NaN where fewer than two draws have an estimate.
 
         Raises
         ------
@@ -147,11 +135,6 @@ def bootstrap(method: Any, ensemble: Ensemble, count: int, seed: int, progress: 
     progress
         Called after each draw with the draws done and their number.
 
-    Returns
-    -------
-    Bootstrap
-        Estimates of all draws. The method's warnings about single draws are ignored, those about the whole are not.
-
     Raises
     ------
     InputError
@@ -161,7 +144,8 @@ def bootstrap(method: Any, ensemble: Ensemble, count: int, seed: int, progress: 
     Warns
     -----
     DataQualityWarning
-        If the method cannot identify some draws: how many, and why the first. They are left out.
+        For what the method warns of the whole (what it warns of single draws is ignored), and if it cannot identify
+        some draws: how many, and why the first. They are left out.
 
     References
     ----------

@@ -22,33 +22,24 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Check:
-    """One thing that is expected of a method."""
+    """One thing that is expected of a method, which it ``passed``, or did not pass or reach.
+
+    The ``message`` says what came and, if it did not pass, what was expected and what to do. What is not ``required``
+    is advice: a method may have reasons not to follow it.
+    """
 
     name: str
-    """What is expected, in a few words."""
     passed: bool
-    """Whether it is so; False too where the check was not reached."""
     message: str
-    """What came; if it did not pass, what was expected and what to do."""
     required: bool = True
-    """False for advice: a method may have reasons not to follow it."""
 
 
 def check_method(method: object) -> list[Check]:
     """Put a method to everything that is expected of it.
 
     It identifies simulated joints of known stiffness, which have the channels that it declares as ``inputs``. Nothing
-    is raised, whatever the method does.
-
-    Parameters
-    ----------
-    method
-        An object with ``identify(ensemble)``.
-
-    Returns
-    -------
-    list of Check
-        All checks in their order. One whose foundation did not pass is reported as not reached.
+    is raised, whatever the method does. All checks come in their order; one whose foundation did not pass is reported
+    as not reached.
 
     Examples
     --------
@@ -298,11 +289,11 @@ def _own_warnings(subject: Subject) -> str:
 
 
 class _Rule(NamedTuple):
+    """``judge`` gives what came, or raises; ``needs`` names the rule without which this one cannot be judged."""
+
     name: str
     judge: Callable[[Subject], str]
-    """Gives what came; raises if that is not what was expected."""
     needs: str | None = None
-    """Rule without which this one cannot be judged."""
     required: bool = True
 
 

@@ -31,18 +31,15 @@ from tvsysid.simulate import (
 
 Array = NDArray[np.float64]
 
-LEVEL = 100.0
-"""Stiffness of the constant joint in N·m/rad."""
-SNR = 30.0
-"""Signal-to-noise ratio of the simulated torque in dB."""
-CASES: dict[str, tuple[float, Profile, float, float, int]] = {
+LEVEL = 100.0  # stiffness of the constant joint in N·m/rad
+SNR = 30.0  # signal-to-noise ratio of the simulated torque in dB
+CASES: dict[str, tuple[float, Profile, float, float, int]] = {  # duration, stiffness, rate in Hz, period in s, seed
     "constant": (150.0, Constant(LEVEL), 100.0, 2.0, 1),
     "changing": (150.0, SineWave(), 100.0, 2.0, 2),
     "unseen": (40.0, Constant(LEVEL), 100.0, 2.0, 3),
     "other rate": (120.0, SineWave(period=1.5), 128.0, 1.5, 4),
     "reflex": (150.0, Constant(LEVEL), 100.0, 2.0, 5),
 }
-"""Duration in s, stiffness, sampling rate in Hz, period in s and seed of what is simulated."""
 
 
 class FailedError(Exception):
@@ -50,14 +47,12 @@ class FailedError(Exception):
 
 
 class Case(NamedTuple):
-    """A simulated joint and the truth about it; arrays of shape (realization, time)."""
+    """A simulated joint and the truth about it, (realization, time); the noiseless torque is the pathways' sum."""
 
     ensemble: Ensemble
     torque: Array
-    """Without noise."""
     stiffness: Array
     pathways: dict[str, Array]
-    """What the torque is the sum of."""
 
 
 @cache

@@ -52,21 +52,10 @@ def reason_to_skip(method: object, ensemble: Ensemble) -> str | None:
 
 
 def apply(method: Identifies, ensemble: Ensemble, label: str | None = None) -> Model:
-    """Identify by anybody's method.
+    """Identify realizations, mean subtracted, by any object with ``identify(ensemble)``.
 
-    Parameters
-    ----------
-    method
-        An object with ``identify(ensemble)``.
-    ensemble
-        Realizations, mean subtracted.
-    label
-        The method and its settings in words; its ``repr`` by default.
-
-    Returns
-    -------
-    Model
-        What the method returned if that is a model of the package; else one with its estimates.
+    Gives what the method returned if that is a model of the package; else one with its estimates. ``label`` is the
+    method and its settings in words; its ``repr`` by default.
 
     Raises
     ------
@@ -82,13 +71,7 @@ def apply(method: Identifies, ensemble: Ensemble, label: str | None = None) -> M
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class AdoptedModel(Model):
-    """Model of a method that has one of its own.
-
-    Parameters
-    ----------
-    found
-        What the method returned.
-    """
+    """Model of a method that has ``found`` one of its own."""
 
     found: object
 

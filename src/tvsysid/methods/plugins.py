@@ -35,25 +35,21 @@ METHODS: dict[str, type[Method]] = {
     method.key: method for method in (EnsembleIRF, ShortDataSegments, BasisIRF, EnsembleSpectral, KernelRegression)
 }
 
-GROUP = "tvsysid.methods"
-"""Group of entry points under which a package offers its methods."""
-
-VERBS = {
+GROUP = "tvsysid.methods"  # of entry points under which a package offers its methods
+VERBS = {  # what an object of each kind must have, and how it is written
     "method": ("identify", "identify(self, ensemble) that returns a model with stiffness and predict(ensemble)"),
     "system": ("simulate", "simulate(self, duration, perturbation, snr_db, seed, rate) that returns a Simulation"),
     "profile": ("__call__", "__call__(self, time) that returns a value for each time"),
     "perturbation": ("generate", "generate(self, samples, rate, random) that returns an angle for each sample"),
 }
-"""What an object of each kind must have, and how it is written."""
 
 
 class Description(NamedTuple):
-    """What there is to say about a method."""
+    """What there is to say about a method; settings as ``name = default``."""
 
     title: str
     assumptions: tuple[str, ...]
     settings: tuple[str, ...]
-    """As ``name = default``."""
 
 
 def names() -> tuple[str, ...]:
@@ -114,12 +110,8 @@ def create(key: str, **settings: Any) -> Identifies:
 def parse(text: str) -> Identifies:
     """Method from a word as typed on the command line: ``key`` or ``key:setting=value,setting=value``.
 
-    Parameters
-    ----------
-    text
-        For example ``"sds"``, ``"sds:window=0.2,max_lag=0.1"``, ``"kbr:tuned=true"``, or a method of one's own,
-        ``"mypackage.mymodule:MyMethod"`` or ``"mypackage.mymodule:MyMethod:order=3"``. The package's own keys come
-        first, then modules, then the names that installed packages offer.
+    A method of one's own is ``"mypackage.mymodule:MyMethod"`` or ``"mypackage.mymodule:MyMethod:order=3"``. The
+    package's own keys come first, then modules, then the names that installed packages offer.
 
     Raises
     ------

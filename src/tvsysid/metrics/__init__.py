@@ -1,31 +1,46 @@
 """How good an identification is: one function a metric, and their catalogue."""
 
-from tvsysid.metrics.bands import coverage, share_covered
-from tvsysid.metrics.catalogue import CATALOGUE, Metric
-from tvsysid.metrics.errors import (
-    bias_error,
-    debiased_bias_error,
-    left_out,
-    random_error,
-    rise_time,
-    total_error,
-    weighted_mean,
-)
-from tvsysid.metrics.variance import bandpassed_vaf, time_varying_vaf, vaf
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
 
-__all__ = [
-    "CATALOGUE",
-    "Metric",
-    "bandpassed_vaf",
-    "bias_error",
-    "coverage",
-    "debiased_bias_error",
-    "left_out",
-    "random_error",
-    "rise_time",
-    "share_covered",
-    "time_varying_vaf",
-    "total_error",
-    "vaf",
-    "weighted_mean",
-]
+from tvsysid.metrics.errors import bias_error as bias_error
+from tvsysid.metrics.errors import coverage as coverage
+from tvsysid.metrics.errors import debiased_bias_error as debiased_bias_error
+from tvsysid.metrics.errors import left_out as left_out
+from tvsysid.metrics.errors import random_error as random_error
+from tvsysid.metrics.errors import rise_time as rise_time
+from tvsysid.metrics.errors import share_covered as share_covered
+from tvsysid.metrics.errors import total_error as total_error
+from tvsysid.metrics.errors import weighted_mean as weighted_mean
+from tvsysid.metrics.variance import bandpassed_vaf as bandpassed_vaf
+from tvsysid.metrics.variance import time_varying_vaf as time_varying_vaf
+from tvsysid.metrics.variance import vaf as vaf
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A row of the catalogue.
+
+    Its ``best`` value is that of a perfect identification; of a coverage, that of a perfect band of 95 %. What
+    ``needs_truth`` can be had for simulated data only.
+    """
+
+    title: str
+    unit: str
+    best: float
+    needs_truth: bool
+    function: Callable[..., Any]
+
+
+CATALOGUE: dict[str, Metric] = {
+    "bias_error": Metric("bias error", "N·m/rad", 0.0, True, bias_error),
+    "debiased_bias_error": Metric("bias error freed of random error", "N·m/rad", 0.0, True, debiased_bias_error),
+    "random_error": Metric("random error", "N·m/rad", 0.0, False, random_error),
+    "total_error": Metric("total error", "N·m/rad", 0.0, True, total_error),
+    "rise_time": Metric("rise time", "s", 0.0, True, rise_time),
+    "vaf": Metric("variance accounted for", "%", 100.0, False, vaf),
+    "bandpassed_vaf": Metric("variance accounted for, 1-10 Hz", "%", 100.0, False, bandpassed_vaf),
+    "coverage": Metric("coverage of the 95 % band", "%", 95.0, True, coverage),
+    "time_varying_vaf": Metric("variance accounted for over time", "%", 100.0, False, time_varying_vaf),
+}

@@ -66,17 +66,8 @@ def time_varying_vaf(torque: ArrayLike, predicted: ArrayLike) -> Array:
 
     .. math:: \max\left(0, 1 - \frac{\sum_r (y_r(i) - \hat y_r(i))^2}{\sum_r y_r(i)^2}\right) \cdot 100\,\%
 
-    Equation 26 of van de Ruit et al. 2021.
-
-    Parameters
-    ----------
-    torque, predicted
-        As of :func:`vaf`.
-
-    Returns
-    -------
-    Array
-        In per cent, shape (time,); NaN where there is no prediction.
+    Equation 26 of van de Ruit et al. 2021; in per cent (time,), NaN where there is no prediction. Parameters are those
+    of :func:`vaf`.
     """
     return _accounted(*_pair(torque, predicted), axis=0)
 
@@ -123,10 +114,8 @@ def bandpassed_vaf(
     return vaf(*filtered)
 
 
-SHORTEST_FILTERED = 18
-"""Samples that are too few to filter."""
-LONGEST_MATRIX = 512
-"""Samples up to which the filter is applied as a matrix product, which is several times faster."""
+SHORTEST_FILTERED = 18  # samples that are too few to filter
+LONGEST_MATRIX = 512  # samples up to which the filter is applied as a matrix product, several times faster
 
 
 def _bandpassed(signals: Array, sampling_rate: float, band: tuple[float, float]) -> Array:

@@ -1,13 +1,11 @@
-"""Kernel-based regression: the method is in kbr.py; here is what it is made of."""
+"""Kernel-based regression: the method and its model are in kbr.py; here is what they are made of."""
 
 from tvsysid.methods.kbr.kernel import ENDLESS, VISIBLE, Kernel
 from tvsysid.methods.kbr.likelihood import Tried
-from tvsysid.methods.kbr.model import KernelModel, common_phase, mean_features, with_zeros
-from tvsysid.methods.kbr.record import DEGREES, LARGEST, Record, lagged
+from tvsysid.methods.kbr.record import DEGREES, LARGEST, Record, clocks_of, lagged, times_of
 from tvsysid.methods.kbr.search import Search
 from tvsysid.methods.tuning.evidence import Evidence
-from tvsysid.models import Diagnostics
 from tvsysid.numerics.gaussian import Fit, fit
 
-__all__ = ["ENDLESS", "VISIBLE", "Kernel", "KernelModel", "Tried", "common_phase", "mean_features", "with_zeros"]
-__all__ += ["DEGREES", "LARGEST", "Diagnostics", "Evidence", "Fit", "Record", "Search", "fit", "lagged"]
+__all__ = ["DEGREES", "ENDLESS", "LARGEST", "VISIBLE", "Evidence", "Fit", "Kernel", "Record", "Search", "Tried"]
+__all__ += ["clocks_of", "fit", "lagged", "times_of"]

@@ -18,19 +18,16 @@ from tvsysid.methods.kbr import (
     ENDLESS,
     LARGEST,
     VISIBLE,
-    Diagnostics,
     Evidence,
     Fit,
     Kernel,
-    KernelModel,
     Record,
     Search,
     Tried,
-    common_phase,
+    clocks_of,
     fit,
     lagged,
-    mean_features,
-    with_zeros,
+    times_of,
 )
 from tvsysid.methods.shared import (
     HALF_WIDTH,
@@ -46,6 +43,7 @@ from tvsysid.methods.shared import (
     independent_share,
     residual,
 )
+from tvsysid.models import Diagnostics, SecondOrderModel
 from tvsysid.signals import Ensemble
 
 Array = NDArray[np.float64]
@@ -144,8 +142,9 @@ class KernelRegression(Method):
     )
 
     def __post_init__(self) -> None:
-        positive = {name: getattr(self, name) for name in ("length_periodic", "length_decay")}
-        check_positive(self, **positive, **({} if self.period is None else {"period": self.period}))
+        check_positive(self, length_periodic=self.length_periodic, length_decay=self.length_decay)
+        if self.period is not None:
+            check_positive(self, period=self.period)
         several = self.gamma if isinstance(self.gamma, tuple) else (self.gamma,) * 3
         if len(several) != 3:
             raise InputError(
@@ -284,17 +283,13 @@ class KernelRegression(Method):
         Noise that is not white in the band makes a record worth less than as many independent numbers, as what the
         settings given leave shows, without decay.
         """
-        noise, share = self._noise(ensemble)
+        endless = replace(self, length_decay=ENDLESS)._identify(ensemble)
+        noise = endless.diagnostics.details["noise_variance"]
+        share = independent_share(ensemble, endless.predict(ensemble), self.band)
         gammas = np.broadcast_to(np.asarray(self.gamma, dtype=np.float64), 3)
         theta = np.array([math.log(self.length_periodic), *np.log(gammas), math.log(noise)])
         given = Tried(self.order, self.lag, self.length_decay, theta, math.nan, "as given")
         return Search(ensemble, self._period(ensemble), self.band, noise, share).evidence(given, self)
-
-    def _noise(self, ensemble: Ensemble) -> tuple[float, float]:
-        """Variance of what these settings leave, without decay, and what one of its samples is worth in white ones."""
-        endless = replace(self, length_decay=ENDLESS)._identify(ensemble)
-        share = independent_share(ensemble, endless.predict(ensemble), self.band)
-        return endless.diagnostics.details["noise_variance"], share
 
     def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
         return self.band[1], max(self.band[0], EXCITED_ABOVE)
@@ -306,6 +301,72 @@ class KernelRegression(Method):
                 f"a realization of {ensemble.duration:g} s is not a whole number of periods of {period:g} s: the "
                 "stiffness over a realization is a mean over different phases of the behaviour"
             )
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class KernelModel(SecondOrderModel):
+    """Impedance as a function of time that holds at any time.
+
+    ``stiffness``, ``viscosity`` and ``inertia`` are means over the realizations that it was identified from. A
+    prediction uses the impedance at the time of each realization.
+
+    Parameters
+    ----------
+    kernel
+        Features of time that the coefficients multiply.
+    phase
+        Phase in s at which all realizations that it was identified from begin; NaN if they begin at different ones.
+    lag
+        Time constant in s of the lag that the torque has behind what the joint does.
+    """
+
+    kernel: Kernel
+    phase: float
+    lag: float = 0.0
+
+    def impedance(self, ensemble: Ensemble) -> tuple[Array, Array, Array]:
+        """Stiffness, viscosity and inertia at the ensemble's own times, (time,) or (realization, time)."""
+        if self.same_for_all(ensemble):
+            return super().impedance(ensemble)
+        clocks = clocks_of(ensemble)
+        values = np.stack(
+            [self.kernel.combined(*times_of(ensemble, r, clocks), self.coefficients) for r in range(len(ensemble))]
+        )
+        stiffness, viscosity, inertia = np.moveaxis(with_zeros(values), -1, 0)
+        return stiffness, viscosity, inertia
+
+    def same_for_all(self, ensemble: Ensemble) -> bool:
+        """Whether all realizations have the impedance of those that the model was identified from."""
+        return self.kernel.decay is None and common_phase(ensemble, self.kernel.period) == self.phase
+
+    def torque(self, ensemble: Ensemble) -> Array:
+        """Torque for an angle that has passed the lag already, shape (realization, time)."""
+        return super()._pathways(ensemble)["intrinsic"]
+
+    def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
+        return {"intrinsic": self.torque(lagged(ensemble, self.lag))}
+
+
+def with_zeros(impedance: Array) -> Array:
+    """Stiffness, viscosity and inertia (..., 3), of which the last ones may be none."""
+    return np.pad(impedance, [(0, 0)] * (impedance.ndim - 1) + [(0, 3 - impedance.shape[-1])])
+
+
+def common_phase(ensemble: Ensemble, period: float) -> float:
+    """Phase in s at which every realization begins; NaN if they begin at different ones."""
+    assert ensemble.onsets is not None
+    phases = np.round(ensemble.onsets % period, 9) % period
+    return float(phases[0]) if np.ptp(phases) < 1e-9 else math.nan
+
+
+def mean_features(ensemble: Ensemble, kernel: Kernel) -> Array:
+    """Features of a kernel over a realization, averaged over realizations, shape (time, column)."""
+    same = kernel.decay is None and not math.isnan(common_phase(ensemble, kernel.period))
+    clocks, distinct = clocks_of(ensemble), 1 if same else len(ensemble)
+    total = np.zeros((ensemble.samples, kernel.columns))
+    for realization in range(distinct):
+        total += kernel(*times_of(ensemble, realization, clocks))
+    return total / distinct
 
 
 def _agreement(model: KernelModel, ensemble: Ensemble, left: Array) -> float:

@@ -41,17 +41,15 @@ class Kernel:
         variances = harmonic_variances(l1)
         # Harmonics beyond the Nyquist frequency would be aliases of slower ones.
         variances = variances[: max(1, math.ceil(period * rate / 2))]
-        parts = [(harmonic, part) for harmonic in range(len(variances)) for part in ((0, 1) if harmonic else (0,))]
-        if l2 >= STRICT * (last - first):
-            # Of the constant one column is enough: that without prior.
-            products = [(harmonic, part, 0) for harmonic, part in parts]
-            return cls(period, None, tuple(products), np.array([0.0, *(1 / variances[h] for h, _ in parts[1:])]))
-        decay = DecayFeatures(first, last, l2)
+        decay = None if l2 >= STRICT * (last - first) else DecayFeatures(first, last, l2)
+        slow = [(0, 1.0)] if decay is None else list(enumerate(decay.variances, start=1))
         products = [
-            (harmonic, part, 1 + slow)
-            for harmonic, part in parts
-            for slow, share in enumerate(decay.variances)
-            if variances[harmonic] * share > TOLERANCE
+            (harmonic, part, function)
+            for harmonic, variance in enumerate(variances)
+            for part in range(2 if harmonic else 1)
+            for function, share in slow
+            # Of the constant one column is enough: that without prior.
+            if variance * share > TOLERANCE and (harmonic, function) != (0, 0)
         ]
         precision = [0.0, *(1 / variances[harmonic] for harmonic, _, _ in products)]
         return cls(period, decay, ((0, 0, 0), *products), np.array(precision))

@@ -35,19 +35,19 @@ class Tried(NamedTuple):
     value: float
     line: str
 
+    @property
+    def gammas(self) -> Array:
+        """Of the coefficients that the model has."""
+        return np.asarray(np.exp(self.theta[1 : 2 + self.order]))
+
     def settings(self) -> dict[str, Any]:
         """As arguments of the method, to four digits."""
         length, decay, lag, *gammas = (
             float(f"{number:.4g}")
             for number in (math.exp(self.theta[0]), self.decay, self.lag, *np.exp(self.theta[1:4]))
         )
-        return {
-            "length_periodic": length,
-            "length_decay": decay,
-            "gamma": tuple(gammas),
-            "order": self.order,
-            "lag": lag,
-        }
+        of_kernel = {"length_periodic": length, "length_decay": decay, "gamma": tuple(gammas)}
+        return of_kernel | {"order": self.order, "lag": lag}
 
 
 class Likelihood(NamedTuple):
@@ -87,7 +87,7 @@ class Likelihood(NamedTuple):
     ) -> Likelihood:
         """With the external terms eliminated for about this noise variance; of a share of the numbers."""
         coefficient, column = np.nonzero(kept)
-        harmonic = np.array([harmonic for harmonic, _, _ in kernel.products])[column]
+        harmonic = np.array(kernel.products)[column, 0]
         statistics = without_nuisance(record.statistics(kernel, kept), record.weak_prior, noise)
         return cls(of_share(statistics, share), coefficient, harmonic, column == 0, noise, lag, decay)
 
@@ -105,12 +105,6 @@ class Likelihood(NamedTuple):
     def order(self) -> int:
         """Highest derivative of the angle."""
         return int(self.coefficient.max())
-
-    def comparable(self) -> float:
-        """What makes the restricted likelihood one that can be compared with other orders' and lags'."""
-        fitted = self.order + 1 + (self.lag > 0)
-        price = 0.5 * fitted * math.log(self.statistics.number)
-        return unit_information(of_columns(self.statistics, self.fixed), self.noise) - price
 
     def __call__(self, theta: Array) -> tuple[float, Array]:
         """Restricted log likelihood, and its derivatives."""
@@ -151,5 +145,7 @@ class Likelihood(NamedTuple):
         return self.tried(found.x, -float(found.fun), line)
 
     def tried(self, theta: Array, value: float, line: str) -> Tried:
-        """Settings with their value, which is made comparable."""
-        return Tried(self.order, self.lag, self.decay, theta, value + self.comparable(), line)
+        """Settings with their restricted likelihood, made comparable with other orders' and lags'."""
+        price = 0.5 * (self.order + 1 + (self.lag > 0)) * math.log(self.statistics.number)
+        comparable = unit_information(of_columns(self.statistics, self.fixed), self.noise) - price
+        return Tried(self.order, self.lag, self.decay, theta, value + comparable, line)

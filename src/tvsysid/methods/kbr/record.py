@@ -85,7 +85,10 @@ class Run(NamedTuple):
         reach = kernel.harmonics * shift
         below = max(0, reach - low)
         slow = self._slow(kernel)
-        used = _slow_used(kernel, kept)
+        # Of each signal and harmonic the first slow functions are kept, since their variances descend.
+        order, part, _ = np.transpose(kernel.products)
+        cosines = kept & (part == 0) & (kernel.precision > 0)
+        used = np.stack([np.bincount(order[row], minlength=kernel.harmonics + 1) for row in cosines])
 
         def reaching(x: Array) -> ComplexArray:
             """Spectra from bin low - reach to high + reach."""
@@ -259,18 +262,6 @@ class Record(NamedTuple):
             count += 2 * output.size
         nuisance = np.concatenate(mixed, axis=1), np.concatenate(shared), np.concatenate(powers)
         return Statistics(gram, cross, square, count, *nuisance)
-
-
-def _slow_used(kernel: Kernel, kept: Chosen) -> NDArray[np.int64]:
-    """How many slow functions are kept of each harmonic, shape (signal, harmonic); the one without prior not counted.
-
-    They are the first ones, since their variances descend.
-    """
-    used = np.zeros((len(kept), kernel.harmonics + 1), dtype=np.int64)
-    for column, (harmonic, part, _) in enumerate(kernel.products[1:], start=1):
-        if part == 0:
-            used[:, harmonic] += kept[:, column]
-    return used
 
 
 def _stacked(runs: list[Run]) -> Iterator[Run]:

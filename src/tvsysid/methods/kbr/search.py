@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,7 @@ MOST = 2000  # coefficients beyond which a decay is not tried, and settings that
 # Log marginal likelihood by which a decay must be worse for shorter ones not to be tried, and by which an order or a
 # lag must be better than the one given.
 CLEARLY = 5.0
+_value = attrgetter("value")
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +72,10 @@ class Search:
         orders, and other lags for each order.
         """
         record = self._record(given.lag)
-        everything = self._without_decay(record, given.lag)
+        # No harmonic is shared by two lengths, but its variance: all lengths have one Gram matrix.
+        kernel = record.kernel(self.period, LENGTHS[0])
+        every = np.ones((HIGHEST + 1, kernel.columns), dtype=bool)
+        everything = Likelihood.of(record, kernel, every, self.noise, given.lag, share=self.share)
         tried = [self._as_given(record, given), *self._lengths(record, everything.up_to(given.order))]
         endless = max(tried[1:], key=_value)
         tried += self._decays(record, tried[1:])
@@ -79,7 +84,8 @@ class Search:
         other = list(self._orders(record, everything, endless))
         for each in (endless, *other):
             other += self._lags(each, max(endless, *other, key=_value))
-        best = _clearly_best(endless, other)
+        best = max(other, key=_value)
+        best = best if best.value > endless.value + CLEARLY else endless
         if best is not endless and tried[own].decay < endless.decay:
             decayed = self._one_decay(self._record(best.lag), best, tried[own].decay)
             other += [] if decayed is None else [decayed]
@@ -96,9 +102,9 @@ class Search:
     def _likelihood(self, record: Record, kernel: Kernel, gammas: Array, lag: float, decay: float) -> Likelihood | None:
         """Of the features that may be seen with these gammas; None if there are too many."""
         kept = kernel.visible(gammas * record.powers, VISIBLE * self.noise)
-        return (
-            None if int(kept.sum()) > MOST else Likelihood.of(record, kernel, kept, self.noise, lag, decay, self.share)
-        )
+        if int(kept.sum()) > MOST:
+            return None
+        return Likelihood.of(record, kernel, kept, self.noise, lag, decay, self.share)
 
     def _loose(self, record: Record) -> Array:
         """Of each coefficient so much that the torque it makes is a thousand times the noise."""
@@ -108,32 +114,21 @@ class Search:
     def _as_given(self, record: Record, given: Tried) -> Tried:
         own = record.up_to(given.order)
         kernel = record.kernel(self.period, math.exp(given.theta[0]), given.decay)
-        likelihood = self._likelihood(own, kernel, _gammas(given), given.lag, given.decay)
+        likelihood = self._likelihood(own, kernel, given.gammas, given.lag, given.decay)
         if likelihood is None:
             return given
         theta = given.theta.copy()
         theta[4], value = likelihood.best_noise(theta)
         return likelihood.tried(theta, value, given.line)
 
-    def _without_decay(self, record: Record, lag: float) -> Likelihood:
-        # No harmonic is shared by two lengths, but its variance: all lengths have one Gram matrix.
-        kernel = record.kernel(self.period, LENGTHS[0])
-        everything = np.ones((HIGHEST + 1, kernel.columns), dtype=bool)
-        return Likelihood.of(record, kernel, everything, self.noise, lag, share=self.share)
-
     def _lengths(self, record: Record, strict: Likelihood) -> Iterator[Tried]:
         """Best settings for each l1, and those for any."""
-        loose = self._loose(record)
-        near, best = loose, None
+        starts, found = [self._loose(record)], []
         for length in LENGTHS:
-            climbs = [
-                strict.climb(theta, "no decay", length) for theta in ((loose,) if near is loose else (loose, near))
-            ]
-            here = max(climbs, key=_value)
-            near, best = here.theta, here if best is None else max(best, here, key=_value)
-            yield here
-        assert best is not None
-        yield strict.climb(best.theta, "no decay")
+            found.append(max((strict.climb(theta, "no decay", length) for theta in starts), key=_value))
+            starts[1:] = [found[-1].theta]
+        yield from found
+        yield strict.climb(max(found, key=_value).theta, "no decay")
 
     def _decays(self, record: Record, strict: list[Tried]) -> Iterator[Tried]:
         """Best settings for shorter and shorter decays, as long as there is something to gain."""
@@ -152,7 +147,7 @@ class Search:
         """Best settings for a decay; none if that takes too many coefficients."""
         own = record.up_to(best.order)
         kernel = record.kernel(self.period, math.exp(best.theta[0]), decay)
-        likelihood = self._likelihood(own, kernel, LEEWAY * _gammas(best), best.lag, decay)
+        likelihood = self._likelihood(own, kernel, LEEWAY * best.gammas, best.lag, decay)
         if likelihood is None:
             return None
         return likelihood.climb(best.theta, f"decay {decay:.3g} s", leeway=math.log(LEEWAY))
@@ -172,7 +167,7 @@ class Search:
         record = self._record(lag).up_to(best.order)
         kernel = record.kernel(self.period, math.exp(best.theta[0]))
         loose = np.exp(self._loose(record)[1:-1])
-        kept = kernel.visible(np.maximum(LEEWAY * _gammas(best), loose) * record.powers, VISIBLE * self.noise)
+        kept = kernel.visible(np.maximum(LEEWAY * best.gammas, loose) * record.powers, VISIBLE * self.noise)
         return Likelihood.of(record, kernel, kept, self.noise, lag, share=self.share)
 
     def _lags(self, best: Tried, rival: Tried) -> Iterator[Tried]:
@@ -210,17 +205,3 @@ class Search:
         theta = best.theta.copy()
         theta[4], value = likelihood.best_noise(theta)
         return likelihood.tried(theta, value, "other lags")
-
-
-def _value(tried: Tried) -> float:
-    return tried.value
-
-
-def _gammas(tried: Tried) -> Array:
-    return np.asarray(np.exp(tried.theta[1 : 2 + tried.order]))
-
-
-def _clearly_best(best: Tried, others: list[Tried]) -> Tried:
-    """Best of some others if it is clearly better than what there is."""
-    top = max(others, key=_value, default=best)
-    return top if top.value > best.value + CLEARLY else best

@@ -94,13 +94,15 @@ class Run(NamedTuple):
             """Spectra from bin low - reach to high + reach."""
             spectrum = rfft(x)
             ends = spectrum[..., below:0:-1].conj(), spectrum[..., max(0, low - reach) : high + reach]
-            return np.asarray(np.concatenate(ends, axis=-1) * (1 / math.sqrt(count)), dtype=np.complex128)
+            found = np.concatenate(ends, axis=-1)
+            found *= 1 / math.sqrt(count)
+            return np.asarray(found, dtype=np.complex128)
 
-        # The constant, which comes first, needs no product. Shape (slow function, run, bin) for each signal.
-        spectra = [
-            np.concatenate([reaching(signal)[None], reaching(signal * slow[1 : 1 + most])])
-            for signal, most in zip(self.signals, used.max(axis=1), strict=True)
-        ]
+        # Shape (slow function, run, bin) for each signal. The constant, which comes first, needs no product.
+        spectra = [reaching(signal)[None] for signal in self.signals]
+        if kernel.decay is not None:
+            for place, (signal, most) in enumerate(zip(self.signals, used.max(axis=1), strict=True)):
+                spectra[place] = np.concatenate([spectra[place], reaching(signal * slow[1 : 1 + most])])
         first = 0 if kernel.decay is None else 1
         harmonics = np.arange(kernel.harmonics + 1)
         turns = 0.5 * np.exp(2j * np.pi * np.outer(harmonics, self.phase) / kernel.period)[:, :, None]
@@ -120,9 +122,9 @@ class Run(NamedTuple):
                     below_it = functions[:, :, up : up + bins] * turns[harmonic]
                     above_it = functions[:, :, down : down + bins] * turns[harmonic].conj()
                     np.add(below_it, above_it, out=out[row : row + many])
-                    sine = out[row + many : row + 2 * many]
-                    np.subtract(above_it, below_it, out=sine)
-                    sine *= 1j
+                    sine = out[row + many : row + 2 * many]  # 1j times their difference
+                    np.subtract(below_it.imag, above_it.imag, out=sine.real)
+                    np.subtract(above_it.real, below_it.real, out=sine.imag)
                     row += 2 * many
             yield start - low, out
 
@@ -149,6 +151,8 @@ class Run(NamedTuple):
 
     def _slow(self, kernel: Kernel) -> Array:
         """Slow functions over each run, shape (function, run, time)."""
+        if kernel.decay is None:
+            return np.broadcast_to(1.0, (1, *self.torque.shape))
         clock = self.clock[:, None] + np.arange(self.torque.shape[1]) / self.rate
         return kernel.slow_features(clock.ravel()).reshape(-1, *clock.shape)
 
@@ -240,7 +244,8 @@ class Record(NamedTuple):
             low, high = run.bins(self.band)
             runs, samples = run.torque.shape
             root = 1 / math.sqrt(samples)
-            terms = np.stack([half_cosine_spectrum(term, samples, low, high) for term in range(EXTERNAL_TERMS)]) * root
+            terms = np.stack([half_cosine_spectrum(term, samples, low, high) for term in range(EXTERNAL_TERMS)])
+            terms *= root
             power, axes = np.linalg.eigh(terms.view(np.float64) @ terms.view(np.float64).T)
             terms = axes.T @ terms
             output = np.ascontiguousarray(rfft(run.torque)[:, low:high]) * root

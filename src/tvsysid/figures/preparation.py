@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 KEPT = "#B8B8B8"
+REFERENCE: dict[str, Any] = {"color": "black", "linewidth": 1.6}
+MEAN: dict[str, Any] = {"color": TRUTH, "linewidth": 1.2}
+LIMIT: dict[str, Any] = MEAN | {"linestyle": "--"}
 TITLES = {
     "alignment": "aligned to the target",
     "task component": "component at the task's frequency",
@@ -39,7 +42,7 @@ def preparation_steps(preparation: Preparation, title: str = "") -> Figure:
 
     _realizations(before, time, recorded.torque[:, recorded.core], account.excluded_by)
     if preparation.alignment is not None:
-        _reference(before, time, preparation.alignment.mean)
+        before.plot(time, preparation.alignment.mean, **REFERENCE)
     before.set_title(f"recorded: {len(recorded)} realizations")
     _realizations(after, time, prepared.torque[:, prepared.core], np.full(len(prepared), ""))
     after.set_title(f"prepared: {len(prepared)} realizations, mean subtracted")
@@ -65,37 +68,29 @@ def _realizations(axes: Axes, time: Array, torque: Array, steps: NDArray[np.str_
     from matplotlib.collections import LineCollection  # noqa: PLC0415  # heavy
 
     for step, colour in {"": KEPT, **COLOURS}.items():
-        chosen = torque[steps == step]
-        lines = [np.column_stack([time, values]) for values in chosen]
+        lines = [np.column_stack([time, values]) for values in torque[steps == step]]
+        width, opacity = (0.8, 0.9) if step else (0.4, 0.6)
         # Hundreds of lines as paths would make a vector file of many megabytes.
-        axes.add_collection(
-            LineCollection(
-                lines, colors=colour, linewidths=0.8 if step else 0.4, alpha=0.9 if step else 0.6, rasterized=True
-            )
-        )
+        drawn = LineCollection(lines, colors=colour, linewidths=width, alpha=opacity, rasterized=True)
+        axes.add_collection(drawn)
     axes.autoscale_view()
-
-
-def _reference(axes: Axes, time: Array, target: Array) -> None:
-    axes.plot(time, target, color="black", linewidth=1.6)
 
 
 def _limits(axes: Axes, time: Array, step: Step) -> None:
     """The target torque, or mean and limits."""
     if step.half_width is None:
-        _reference(axes, time, step.mean)
+        axes.plot(time, step.mean, **REFERENCE)
         return
-    axes.plot(time, step.mean, color=TRUTH, linewidth=1.2)
+    axes.plot(time, step.mean, **MEAN)
     for limit in (step.mean - step.half_width, step.mean + step.half_width):
-        axes.plot(time, limit, color=TRUTH, linewidth=1.2, linestyle="--")
+        axes.plot(time, limit, **LIMIT)
 
 
 def _legend(steps: list[str]) -> list[Artist]:
     handles = [line_key("kept", color=KEPT)]
     handles += [line_key(f"excluded: {REASONS[step]}", color=COLOURS[step]) for step in steps]
     if "alignment" in steps:
-        handles.append(line_key("target", color="black", linewidth=1.6))
+        handles.append(line_key("target", **REFERENCE))
     if {"task component", "residual"} & set(steps):
-        handles.append(line_key("mean", color=TRUTH, linewidth=1.2))
-        handles.append(line_key("limits", color=TRUTH, linewidth=1.2, linestyle="--"))
+        handles += [line_key("mean", **MEAN), line_key("limits", **LIMIT)]
     return handles

@@ -148,7 +148,8 @@ def _bars(axes: Axes, rows: pd.DataFrame, methods: Sequence[str], possible: tupl
         mine = rows[rows.method == method]
         amounts = sorted(mine.realizations.unique())
         width = 0.8 / max(len(amounts), 1)
-        for number, amount in enumerate(amounts):
+        opacities = [FULL] if len(amounts) == 1 else np.linspace(FAINT, FULL, len(amounts)).tolist()
+        for number, (amount, opacity) in enumerate(zip(amounts, opacities, strict=True)):
             values = mine.value[mine.realizations == amount].to_numpy(dtype=float)
             values = values[np.isfinite(values)]
             middle = place + (number - (len(amounts) - 1) / 2) * width
@@ -156,7 +157,7 @@ def _bars(axes: Axes, rows: pd.DataFrame, methods: Sequence[str], possible: tupl
                 axes.text(middle, 0, "–", ha="center", va="bottom", fontsize=10)
                 continue
             mean = float(values.mean())
-            axes.bar(middle, mean, 0.92 * width, color=hue, alpha=_opacity(number, len(amounts)), linewidth=0)
+            axes.bar(middle, mean, 0.92 * width, color=hue, alpha=opacity, linewidth=0)
             if len(values) > 1:
                 reach = 2 * float(values.std(ddof=1))
                 ends = [[min(reach, mean - possible[0])], [min(reach, possible[1] - mean)]]
@@ -169,10 +170,6 @@ def _bars(axes: Axes, rows: pd.DataFrame, methods: Sequence[str], possible: tupl
         axes.set_xlabel("method, realizations drawn")
     axes.set_xlim(-0.6, len(methods) - 0.4)
     axes.tick_params(axis="x", length=0)
-
-
-def _opacity(number: int, count: int) -> float:
-    return FULL if count == 1 else FAINT + (FULL - FAINT) * number / (count - 1)
 
 
 def _top(column: Sequence[Axes], rows: pd.DataFrame) -> float:

@@ -22,8 +22,7 @@ if TYPE_CHECKING:
 
 Reported = Mapping[str, Sequence[str]]
 
-DETAILS = ("recorded-signals", "preparation")
-"""Figures that stand beside the account of the recordings."""
+DETAILS = ("recorded-signals", "preparation")  # figures that stand beside the account of the recordings
 METRICS = {
     "mean_stiffness": ("mean stiffness", "N·m/rad", 1),
     "random_error": ("random error", "N·m/rad", 2),
@@ -41,8 +40,7 @@ COUNTS = {
     "excluded_task": "excluded: task component",
     "excluded_residual": "excluded: residual",
     "survivors": "kept",
-}
-"""Heading of each count of realizations."""
+}  # heading of each count of realizations
 CLAIMS = (
     "What van de Ruit et al. (2021) say of their experiment, and whether these recordings show it. Estimate and limits "
     "(95 %) are those of the value that decides."

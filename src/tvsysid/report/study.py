@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-OBJECT = re.compile(r"\w+\(.*\)")
-"""Label of a method that was given as an object, which no file can name."""
+OBJECT = re.compile(r"\w+\(.*\)")  # label of a method that was given as an object, which no file can name
 SETTINGS = {
     "stiffness": "stiffness profiles",
     "perturbation": "perturbations",
@@ -155,7 +154,12 @@ def ranking(results: xr.Dataset, summary: pd.DataFrame) -> page.Table:
         for method in map(str, results.method_key.values):
             cells = {name: _cell(table, label, method, name) for name in metrics}
             total = cells.get("total_error", page.Cell("", None)).value
-            texts = [_trait(name, each[name]) for name in varying]
+            texts = [
+                page.Cell(f"{each[name]:g}", each[name])
+                if TRAIT_COLUMNS[name].kind == "number"
+                else trait(name, each[name]).removeprefix("b ")
+                for name in varying
+            ]
             mine.append((math.inf if total is None else total, page.Row((method, *texts, *cells.values()), label)))
         rows += [row for _, row in sorted(mine, key=lambda pair: pair[0])]
     shared = described(traits[next(iter(traits))], [name for name in TRAITS if name not in varying])
@@ -172,13 +176,6 @@ def ranking(results: xr.Dataset, summary: pd.DataFrame) -> page.Table:
     return page.Table(
         "Ranking of methods", caption, columns, rows, "ranking-table", True, groups=groups, chosen=main_scenario(traits)
     )
-
-
-def _trait(name: str, value: Any) -> page.Cell | str:
-    """Trait as it stands under its heading."""
-    if TRAIT_COLUMNS[name].kind == "number":
-        return page.Cell(f"{value:g}", value)
-    return trait(name, value).removeprefix("b ")
 
 
 def _cell(table: pd.DataFrame, *key: str) -> page.Cell:

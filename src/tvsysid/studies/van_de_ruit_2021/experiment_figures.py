@@ -210,17 +210,14 @@ def _sentences(summary: pd.DataFrame, metrics: tuple[str, ...] = ("mean_stiffnes
             values = []
             for method, mine in rows.groupby("method", sort=False):
                 means = mine.groupby("realizations").value.mean()  # sorted by the amount of data
-                values.append(f"{method} {' and '.join(_number(each) for each in (means[:1] if least else means))}")
+                numbers = " and ".join(f"{each:.3g}".replace("-", "−") for each in (means[:1] if least else means))
+                values.append(f"{method} {numbers}")
             if values:
                 parts.append(f"{METRICS[metric]} {', '.join(values)} {rows.unit.iloc[0]}")
         if parts:
             sentences.append(f"With {perturbation_name(perturbation)}: {'; '.join(parts)}.")
     order = "Where two or more numbers follow a method, they are those from the least to the most data. "
     return ("" if least or not sentences else order) + " ".join(sentences)
-
-
-def _number(value: float) -> str:
-    return f"{value:.3g}".replace("-", "−")
 
 
 def _amounts(results: xr.Dataset) -> str:

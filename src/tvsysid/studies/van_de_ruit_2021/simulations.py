@@ -201,7 +201,7 @@ def _between(low: str, high: str) -> list[tuple[str, str]]:
     return [pair for method in ("sds", "esm", "kbr") for pair in ((method, low), (high, method))]
 
 
-def _within(metric: str, where: Where = SQUARES, other: str = "", methods: Sequence[str] = FIVE) -> Pairs:
+def _beside(metric: str, where: Where = SQUARES, other: str = "", methods: Sequence[str] = FIVE) -> Pairs:
     """A metric of methods in each scenario, beside another one or itself."""
     return lambda scores: (
         ((scenario, method, metric), (scenario, method, other or metric))
@@ -325,10 +325,10 @@ CLAIMS: tuple[Claim, ...] = (
     Claim("Given a few hundred realizations, eirf has the highest VAF", "5",
           _ranked("vaf", _above("eirf"), least_s=FEW_HUNDRED_S), POINTS, FEW_HUNDRED, VAF_RANKING),
     Claim(f"The time-varying VAF dips at the switches for sds, birf, esm and kbr (by more than {DIP:g} point)", "3.4",
-          _compared(_within("switch_dip", methods=("sds", "birf", "esm", "kbr")), DIPS, lambda dip, _: dip - DIP),
+          _compared(_beside("switch_dip", methods=("sds", "birf", "esm", "kbr")), DIPS, lambda dip, _: dip - DIP),
           POINTS, SQUARE),
     Claim(f"The time-varying VAF of eirf does not dip at the switches (by less than {DIP:g} point)", "3.4",
-          _compared(_within("switch_dip", methods=("eirf",)), DIPS, lambda dip, _: DIP - dip),
+          _compared(_beside("switch_dip", methods=("eirf",)), DIPS, lambda dip, _: DIP - dip),
           POINTS, SQUARE, DECIMATION),
     *(Claim(f"Under most conditions the {NAMES[metric]} hardly depends on the perturbation ({A_QUARTER})", "3.4",
             _mostly_alike(metric), SHARE, f"{SQUARE} {BOTH}", PERTURBATION) for metric in (TOTAL, RANDOM)),
@@ -344,7 +344,7 @@ CLAIMS: tuple[Claim, ...] = (
                     lambda noise, prbs: prbs - noise),
           POINTS, f"{SINE} {BOTH}"),
     Claim("With a sine, the time-varying VAF varies more where the stiffness is low", "A",
-          _compared(_within(SOFT, SINES, STIFF),
+          _compared(_beside(SOFT, SINES, STIFF),
                     VARIATION + "{first} points below the mean stiffness, {last} above ({one})", np.subtract),
           POINTS, SINE),
     Claim("What noise does can be inferred from the amounts of data: 10 dB less lower the random error 3.2-fold, as "

@@ -17,26 +17,22 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Account:
-    """What became of each realization that a step, or a chain of steps, was given.
+    """What became of each realization that a step, or a chain of steps, was given; all of shape (realization,).
 
     Accounts add up: ``first + second``, where the second step was given what the first one kept.
 
     Parameters
     ----------
-    trials
-        Trial of each realization, shape (realization,).
-    onsets
-        Time of its first sample within the trial in s, before any shift, shape (realization,).
+    trials, onsets
+        Its trial, and the time of its first sample within the trial in s, before any shift.
     shifts
-        By how much it was moved in s, shape (realization,); positive where the torque came late.
+        By how much it was moved in s; positive where the torque came late.
     excluded_by
-        Step that excluded it, shape (realization,); empty where it was kept.
-    reached
-        How far out it was in that step, in ``units``, shape (realization,); NaN where it was kept.
-    limits
-        How far out it could have been, likewise.
+        Step that excluded it; empty where it was kept.
+    reached, limits
+        How far out it was in that step, and could have been, in ``units``; NaN where it was kept.
     units
-        ``"s"`` for shifts, ``"SD"`` for deviations from the mean, shape (realization,).
+        ``"s"`` for shifts, ``"SD"`` for deviations from the mean.
     """
 
     trials: NDArray[np.int64]

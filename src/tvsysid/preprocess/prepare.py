@@ -82,10 +82,8 @@ def prepare(
         Seconds of the record that each realization has on either side in the end.
     search, max_shift
         See :func:`align`.
-    task_limit
-        See :func:`exclude_task_outliers`; None leaves that step out.
-    cutoff, residual_limit
-        See :func:`exclude_residual_outliers`; None leaves that step out.
+    task_limit, cutoff, residual_limit
+        See :func:`exclude_task_outliers` and :func:`exclude_residual_outliers`; a limit of None leaves that step out.
     channels
         Channels that lose their mean with angle and torque; see :func:`subtract_mean`.
 

@@ -239,15 +239,6 @@ def diagnose(ensemble: Ensemble) -> Diagnosis:
     return Diagnosis(checks, _measures(timely, seen), seen, words)
 
 
-def _finding(name: str, check: Callable[..., Seen], arguments: tuple[object, ...]) -> Finding:
-    """Finding of a check, which may raise NotJudged."""
-    try:
-        seen = check(*arguments)
-    except NotJudged as reason:
-        return Finding(name, math.nan, False, str(reason))
-    return Finding(name, float(seen.value), bool(seen.significant), seen.what, seen.realizations)
-
-
 # Checks that need no more than the ensemble less drifting offsets and a delay.
 TIMELY: dict[str, Callable[[FittedEnsemble], Seen]] = {
     "few-realizations": scales.few_realizations,
@@ -273,7 +264,11 @@ def _looked_at(data: FittedEnsemble) -> tuple[FittedEnsemble, dict[str, Finding]
     found: dict[str, Finding] = {}
 
     def look(name: str, check: Callable[..., Seen], *arguments: object) -> Finding:
-        found[name] = _finding(name, check, arguments)
+        try:
+            seen = check(*arguments)
+            found[name] = Finding(name, float(seen.value), bool(seen.significant), seen.what, seen.realizations)
+        except NotJudged as reason:
+            found[name] = Finding(name, math.nan, False, str(reason))
         return found[name]
 
     look("same-channel", scales.same_channel, data)

@@ -42,10 +42,7 @@ def delay(data: FittedEnsemble) -> Seen:
 
     It is significant whenever it is sure, even if it does no harm: what it leaves would be taken for something else.
     """
-    reach = _reach(data)
-    samples, best = _best_shift(data, reach)
-    if 1 - best.left < ANSWERED:
-        raise NotJudged(NO_ANSWER)
+    samples, best = _best_shift(data)
     given = _shifted(data, 0.0)
     # An angle that torque noise moves is the later of the two, but hardly fits better then than with no shift; and a
     # perturbation of few frequencies hardly tells a delay from a viscosity.
@@ -53,7 +50,7 @@ def delay(data: FittedEnsemble) -> Seen:
     clearer = given.left > (CLEARER_LATE if sure else CLEARER) * best.left
     significant = clearer and p_value_of(given.squares - best.squares) < SIGNIFICANT
     late = 1000 * samples / data.rate
-    edge = "at least " if abs(round(samples)) == reach else ""
+    edge = "at least " if abs(round(samples)) == _reach(data) else ""
     what = f"the torque fits best if it is {edge}{abs(late):.3g} ms {'late' if late > 0 else 'early'}"
     what += f": {100 * (1 - best.left):.1f} % of it explained rather than {100 * (1 - given.left):.1f} %"
     return Seen(late, what, significant)
@@ -69,10 +66,7 @@ def _narrowness(data: FittedEnsemble) -> float:
 def clock_skew(data: FittedEnsemble) -> Seen:
     """Best shift of the second half of the experiment against that of the first."""
     data.require(2 * LEAST_REALIZATIONS, answer=False)
-    reach = _reach(data)
-    (first_shift, first), (second_shift, second) = (_best_shift(half, reach) for half in data.halves)
-    if 1 - max(first.left, second.left) < ANSWERED:
-        raise NotJudged(NO_ANSWER)
+    (first_shift, first), (second_shift, second) = map(_best_shift, data.halves)
     # What each half leaves with the other's shift, against what it leaves with its own.
     trades = zip(data.halves, (second_shift, first_shift), (first, second), strict=True)
     worse = [_shifted(half, others).squares - own.squares for half, others, own in trades]
@@ -97,15 +91,19 @@ def _shifted(data: FittedEnsemble, samples: float) -> SecondOrder:
     return fit_motion(fit.motion, torque[:, late], data.rate, fit.first)
 
 
-def _best_shift(data: FittedEnsemble, reach: int) -> tuple[float, SecondOrder]:
+def _best_shift(data: FittedEnsemble) -> tuple[float, SecondOrder]:
     """Shift of the torque in samples that leaves least of it, and the fit with it."""
+    reach = _reach(data)
 
     def best_of(shifts: Array) -> tuple[float, SecondOrder]:
         fits = ((float(shift), _shifted(data, float(shift))) for shift in shifts)
         return min(fits, key=lambda shift_and_fit: shift_and_fit[1].left)
 
     best, _ = best_of(np.arange(-reach, reach + 1).astype(np.float64))
-    return best_of(np.clip(best + FINER, -reach, reach))
+    best, fit = best_of(np.clip(best + FINER, -reach, reach))
+    if 1 - fit.left < ANSWERED:
+        raise NotJudged(NO_ANSWER)
+    return best, fit
 
 
 def drift(data: FittedEnsemble) -> Seen:

@@ -63,16 +63,18 @@ def run(
     Returns
     -------
     xarray.Dataset
-        Read from the store when used. Of a simulation study over (scenario, trial, method_key) and, where it applies,
-        quantity, time, statistic (over the realizations of a trial), pathway or stage: ``estimate``, ``standard_error``
-        and ``covered`` (whether the 95 % band holds the truth), ``time_varying_vaf``, ``vaf`` and ``bandpassed_vaf``
-        (against the noiseless torque), ``pathway_vaf`` and ``pathway_torque`` (where there are several pathways),
-        ``parameters`` (their effective number), ``seconds`` and ``stage_seconds`` (time taken), ``warnings`` (those
-        met, or nothing), ``failure`` (why there is no result, or nothing), and ``truth`` over (scenario, quantity,
-        time); where it differs from trial to trial, also ``trial_truth``. Of an experiment over (recording, analysis),
-        bootstrap, quantity and time: the same without standard errors, with VAFs of the torque recorded in the very
-        realizations drawn; and over recording: numbers of realizations and trials, ``remarks``, and over time
-        ``target_torque``, ``mean_torque`` and ``truth`` (NaN for people).
+        Read from the store; more than 1 GB when it is used. Of a simulation study over (scenario, trial, method_key)
+        and, where it applies, quantity, time, statistic (over the realizations of a trial), pathway or stage:
+        ``estimate``, ``standard_error`` and ``covered`` (whether the 95 % band holds the truth), ``time_varying_vaf``,
+        ``vaf`` and ``bandpassed_vaf`` (against the noiseless torque), ``pathway_vaf`` and ``pathway_torque`` (where
+        there are several pathways), ``parameters`` (their effective number), ``seconds`` and ``stage_seconds`` (time
+        taken), ``warnings`` (those met, or nothing), ``failure`` (why there is no result, or nothing), and ``truth``
+        over (scenario, quantity, time); where it differs from trial to trial, also ``trial_truth``. Where a method says
+        that it estimates something over a variable of its own, ``scheduled_estimate``, ``scheduled_standard_error`` and
+        ``scheduling_variable`` over (scheduled, scheduling). Of an experiment over (recording, analysis), bootstrap,
+        quantity and time: the same without standard errors, with VAFs of the torque recorded in the very realizations
+        drawn; and over recording: numbers of realizations and trials, ``remarks``, and over time ``target_torque``,
+        ``mean_torque`` and ``truth`` (NaN for people).
 
     Raises
     ------
@@ -113,8 +115,7 @@ def read_results(path: str | Path) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
-        As of :func:`tvsysid.study.run`; read from the disk when it is used. The attribute ``title`` says of which
-        kind.
+        As of :func:`tvsysid.study.run`. The attribute ``title`` says of which kind.
 
     Raises
     ------

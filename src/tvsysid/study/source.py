@@ -96,7 +96,7 @@ class Recordings(Source):
         return DrawsTask(
             label=f"{analysis.label} of {item.recorded.label}",
             ensemble=item.ensemble,
-            pathways=item.pathways,
+            pathways={name: item.pathways.get(name) for name in self._experiment.pathways},
             scheduled=self._experiment.scheduled,
             digest=item.digest,
             realizations=analysis.realizations,

@@ -1,6 +1,7 @@
 """The command line, run in the tests' own process."""
 
 import sys
+from contextlib import nullcontext
 
 import pytest
 
@@ -32,5 +33,8 @@ def tvsysid(monkeypatch, capsys, tmp_path):
 @pytest.fixture
 def undrawn(monkeypatch):
     """Without figures, which take most of the time; other tests have them."""
-    monkeypatch.setattr("tvsysid.studies.van_de_ruit_2021.folder.study_figures", lambda *given: {})
+    for name in ("study_figures", "experiment_figures", "participant_figures"):
+        monkeypatch.setattr(f"tvsysid.studies.van_de_ruit_2021.folder.{name}", lambda *given: {})
+    monkeypatch.setattr("tvsysid.studies.van_de_ruit_2021.folder.write_diagnosis", lambda *given: None)
+    monkeypatch.setattr("tvsysid.studies.van_de_ruit_2021.folder.helpers", lambda workers: nullcontext())
     monkeypatch.setattr("tvsysid.figures.save", lambda figure, file: None)

@@ -37,7 +37,7 @@ ends = 1
 """
 
 
-def test_virtual_participants(tvsysid, tmp_path):
+def test_virtual_participants(tvsysid, tmp_path, request):
     words = ("experiment", "--virtual", 1, "--method", "birf", "--realizations", 20, "--bootstraps", 3, "--workers", 1)
     code, _, err = tvsysid(*words)
     assert (code, err) == (0, "")
@@ -62,6 +62,7 @@ def test_virtual_participants(tvsysid, tmp_path):
     tables = {name: (folder / name).read_bytes() for name in ("summary.csv", "claims.csv", "exclusions.csv")}
     for name in tables:
         (folder / name).unlink()
+    request.getfixturevalue("undrawn")
     assert tvsysid("report", folder)[0] == 0
     assert {name: (folder / name).read_bytes() for name in tables} == tables
     # Again, nothing is done twice.
@@ -70,7 +71,7 @@ def test_virtual_participants(tvsysid, tmp_path):
     assert "resuming: 2 of 2 analyses are done already" in err
 
 
-def test_files_of_which_some_cannot_be_used(tvsysid, tmp_path):
+def test_files_of_which_some_cannot_be_used(tvsysid, tmp_path, request):
     write_trials(tmp_path)
     savemat(tmp_path / "trial3.mat", {"angle": np.zeros(3000)})
     (tmp_path / "study.toml").write_text(FILES)
@@ -85,6 +86,7 @@ def test_files_of_which_some_cannot_be_used(tvsysid, tmp_path):
     page = (tmp_path / "found" / "report.html").read_text()
     assert "trial3.mat is left out" in page
     # The recordings are gone; tables and page can be had from the results all the same.
+    request.getfixturevalue("undrawn")
     for number in range(3):
         (tmp_path / f"trial{number}.mat").unlink()
     kept = (tmp_path / "found" / "exclusions.csv").read_bytes()

@@ -46,7 +46,7 @@ def interruptible():
 def start(folder, *words, command=COMMAND, **options):
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     before = interruptible if os.name == "posix" else None
-    return subprocess.Popen([*command, *words], cwd=folder, preexec_fn=before, **pipes, **options)
+    return subprocess.Popen([*command, *words], cwd=folder, preexec_fn=before, **pipes, **options)  # noqa: PLW1509
 
 
 def start_script(folder):

@@ -283,13 +283,17 @@ class KernelRegression(Method):
         Noise that is not white in the band makes a record worth less than as many independent numbers, as what the
         settings given leave shows, without decay.
         """
-        endless = replace(self, length_decay=ENDLESS)._identify(ensemble)
-        noise = endless.diagnostics.details["noise_variance"]
-        share = independent_share(ensemble, endless.predict(ensemble), self.band)
+        noise, share = self._noise(ensemble)
         gammas = np.broadcast_to(np.asarray(self.gamma, dtype=np.float64), 3)
         theta = np.array([math.log(self.length_periodic), *np.log(gammas), math.log(noise)])
         given = Tried(self.order, self.lag, self.length_decay, theta, math.nan, "as given")
         return Search(ensemble, self._period(ensemble), self.band, noise, share).evidence(given, self)
+
+    def _noise(self, ensemble: Ensemble) -> tuple[float, float]:
+        """Variance of what these settings leave, without decay, and what one of its samples is worth in white ones."""
+        endless = replace(self, length_decay=ENDLESS)._identify(ensemble)
+        share = independent_share(ensemble, endless.predict(ensemble), self.band)
+        return endless.diagnostics.details["noise_variance"], share
 
     def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
         return self.band[1], max(self.band[0], EXCITED_ABOVE)

@@ -162,15 +162,10 @@ def without_nuisance(statistics: Statistics, weak: float, noise: float) -> Stati
     """
     gram, cross, square, number, mixed, shared, powers = statistics
     shrink = 1 / (powers + noise * weak)
-    return Statistics(
-        gram=blas.dsyrk(-1.0, mixed * np.sqrt(shrink), beta=1.0, c=gram, lower=1),
-        cross=cross - mixed @ (shrink * shared),
-        square=square - float(np.sum(shrink * shared**2)),
-        number=number,
-        mixed=np.zeros((len(cross), 0)),
-        shared=np.zeros(0),
-        powers=np.zeros(0),
-    )
+    gram = blas.dsyrk(-1.0, mixed * np.sqrt(shrink), beta=1.0, c=gram, lower=1)
+    square -= float(np.sum(shrink * shared**2))
+    cross = cross - mixed @ (shrink * shared)
+    return Statistics(gram, cross, square, number, np.zeros((len(cross), 0)), np.zeros(0), np.zeros(0))
 
 
 class _Place(NamedTuple):

@@ -91,20 +91,15 @@ def direct(u: Array, y: Array, lags: int, block: int = 64) -> Solution:
     (MacNeil, Kearney & Hunter 1992.) u and y are (realization, time); the ``block`` of times at once bounds the memory.
     """
     windows = sliding_window_view(u, 2 * lags + 1, axis=1)[:, :, ::-1].transpose(1, 0, 2)
-    times = windows.shape[0]
-    weights, rank = np.empty((times, 2 * lags + 1)), np.empty(times, dtype=np.int64)
-    explained = np.empty(times)
-    inverse = np.empty((times, 2 * lags + 1, 2 * lags + 1))
-    for start in range(0, times, block):
-        stop = min(start + block, times)
+    parts = []
+    for start in range(0, len(windows), block):
+        stop = min(start + block, len(windows))
         left, values, right = np.linalg.svd(windows[start:stop], full_matrices=False)
         usable = values > max(windows.shape[1:]) * np.finfo(float).eps * values[:, :1]
-        output = y[:, lags + start : lags + stop].T[:, None, :]
-        projections = (output @ left)[:, 0]
+        projections = (y[:, lags + start : lags + stop].T[:, None, :] @ left)[:, 0]
         reciprocal = np.where(usable, 1 / np.where(usable, values, 1.0), 0.0)
-        weights[start:stop] = ((projections * reciprocal)[:, None, :] @ right)[:, 0]
-        rank[start:stop] = usable.sum(axis=1)
-        explained[start:stop] = np.sum(projections**2 * usable, axis=1) / len(u)
-        transposed = right.transpose(0, 2, 1)
-        inverse[start:stop] = len(u) * (transposed * reciprocal[:, None, :] ** 2) @ right
-    return Solution(weights, rank, inverse, rank, explained)
+        weights = ((projections * reciprocal)[:, None, :] @ right)[:, 0]
+        inverse = len(u) * (right.transpose(0, 2, 1) * reciprocal[:, None, :] ** 2) @ right
+        rank, explained = usable.sum(axis=1), np.sum(projections**2 * usable, axis=1) / len(u)
+        parts.append((weights, rank, inverse, rank, explained))
+    return Solution(*(np.concatenate(part) for part in zip(*parts, strict=True)))

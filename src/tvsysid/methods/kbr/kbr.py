@@ -116,8 +116,7 @@ class KernelRegression(Method):
     the prior is all that is known. It changes stiffness by some 1e-3 N·m/rad.
 
     The noise variance is estimated from the residual, with the effective number of parameters taken off. The
-    diagnostics' ``second_order_agreement`` says how much of the torque that answers to the angle a model of order 2
-    explains.
+    diagnostics' ``second_order_agreement`` is how much of the torque that answers to the angle order 2 explains.
 
     The bands are those of the posterior, which takes the noise as white within the band, times a factor for its colour
     (:func:`tvsysid.numerics.noise.colour_factors`). The posterior counts what the prior smooths away only as far as the

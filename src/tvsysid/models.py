@@ -39,18 +39,9 @@ Labelled = dict[str, tuple[tuple[str, ...], ArrayLike]]
 class Diagnostics:
     """How an identification went.
 
-    Parameters
-    ----------
-    parameters
-        Effective number of parameters: of the whole model, or the mean over time where each time has its own.
-    rank
-        Number of singular values kept at each time, shape (time,); None for methods that keep all or have none.
-    warnings
-        What was legal, but makes the result doubtful.
-    seconds
-        Time taken.
-    details
-        Further numbers by name, such as the noise variance.
+    The effective number of ``parameters`` is that of the whole model, or the mean over time where each time has its
+    own; ``rank`` (time,) how many singular values were kept, None for methods that keep all or have none. ``warnings``
+    say what was legal, but makes the result doubtful; ``seconds`` what it took; ``details`` hold further numbers.
     """
 
     parameters: float

@@ -59,10 +59,8 @@ class Method(ABC):
     key: ClassVar[str]
     title: ClassVar[str]
     assumptions: ClassVar[tuple[str, ...]]
-    inputs: ClassVar[tuple[Input, ...]] = ()
-    """Signals that it needs beside angle and torque; channels of the ensemble."""
-    contiguous: ClassVar[bool] = False
-    """Whether it needs realizations that follow each other in the record."""
+    inputs: ClassVar[tuple[Input, ...]] = ()  # signals that it needs beside angle and torque; channels of the ensemble
+    contiguous: ClassVar[bool] = False  # whether it needs realizations that follow each other in the record
 
     def identify(self, ensemble: Ensemble) -> Model:
         """Identify the impedance of the joint from realizations of one repeated behaviour, mean subtracted.

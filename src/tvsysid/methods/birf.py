@@ -113,7 +113,7 @@ class BasisIRF(Method):
         return self._parametric(ensemble, functions) if self.model == "parametric" else self._irf(ensemble, functions)
 
     def _parametric(self, ensemble: Ensemble, functions: Array) -> SecondOrderModel:
-        products = colour_products(ensemble)
+        products = colour_products(ensemble)  # which the bands need too
         moments = self._derivative_moments(ensemble, products)
         missing = (len(functions) - len(moments.square)) // 2
         expansions = _expansions(functions[missing : len(functions) - missing])
@@ -232,8 +232,7 @@ class BasisIRF(Method):
 class System(NamedTuple):
     """Normal equations of coefficients whose columns have unit RMS: averaged over realizations, summed over ``times``.
 
-    ``gram`` (coefficient, coefficient), ``cross`` (coefficient,), the torque's ``square``, and the ``scale`` by which
-    the coefficients are those of the columns in their own units.
+    The torque's is ``square``; times ``scale``, coefficients are those of the columns in their own units.
     """
 
     gram: Array

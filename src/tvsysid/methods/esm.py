@@ -185,8 +185,8 @@ class Segments(NamedTuple):
     the squared window as weights.
 
     ``moments`` (sample, 4, 4), summed over realizations, are 0 at the samples at either end (``edges``) where the
-    derivatives lack samples, so that segments are cut short; ``power`` is the squared window (sample,),
-    ``realizations`` how many independent ones there are, ``colour`` that of what the fit leaves.
+    derivatives lack samples, so that segments are cut short; ``power`` is the squared window (sample,). There are so
+    many independent ``realizations``.
     """
 
     moments: Array
@@ -236,10 +236,10 @@ def _segment_fit(
     # What the fit leaves at the segments' centres, as far as the derivatives are known there.
     start, stop = max(first, begin + centre), min(last, begin + centre + len(impedance))
     at_centre = impedance[start - begin - centre : stop - begin - centre].T
-    angle, *_, torque = known = [signal[:, start - first : stop - first] for signal in signals]
-    fit = known[0] * at_centre[0]
-    for signal, factor in zip(known[1:3], at_centre[1:], strict=True):
-        fit += signal * factor
+    angle, velocity, acceleration, torque = (signal[:, start - first : stop - first] for signal in signals)
+    fit = angle * at_centre[0]
+    fit += velocity * at_centre[1]
+    fit += acceleration * at_centre[2]
     left = torque - fit
     filters = derivative_filters(HALF_WIDTH, rate)
     longest = round(LONGEST_COLOUR * rate)

@@ -4,7 +4,9 @@ import re
 from pathlib import Path
 
 import pytest
+from scipy.io import savemat
 
+import tvsysid as tv
 from tvsysid.quality import FAULTS
 
 PAGE = (Path(__file__).parents[2] / "docs" / "diagnosis.md").read_text(encoding="utf-8")
@@ -23,3 +25,13 @@ def test_each_has_its_limit_effect_and_remedy(name):
     assert f"Measure: {kind.measure}; wrong {kind.wrong} {kind.limit:g} {kind.unit}." in told
     assert f"Effect: {kind.effect}." in told
     assert f"Remedy: {kind.remedy}." in told
+
+
+def test_the_example_runs(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    recording = tv.simulate.Joint().simulate(60, perturbation=tv.simulate.FilteredNoise(), snr_db=20, seed=0).recording
+    savemat("ankle.mat", {"pos": recording.angle, "tq": -recording.torque})
+    (code,) = re.findall(r"^```python\n(.+?)\n^```", PAGE, re.MULTILINE | re.DOTALL)
+    exec(code, {})
+    assert "reversed" in capsys.readouterr().out
+    assert (tmp_path / "page.html").exists()

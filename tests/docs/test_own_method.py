@@ -68,7 +68,7 @@ def test_the_method_is_in_the_benchmark(folder):
     command = re.sub(r"--trials \d+", "--trials 2", BENCHMARK)
     done = tvsysid(folder, command, "--duration", "40", "--perturbation", "noise", "--workers", "2")
     assert done.returncode == 0, done.stdout + done.stderr
-    table = pd.read_csv(folder / "tvsysid-benchmark" / "summary.csv")
+    table = pd.read_csv(folder / "sliding" / "summary.csv")
     total = table[(table.metric == "total_error") & (table.quantity == "stiffness")].set_index("method").value
     assert set(total.index) == {"sds", "mymethod:SlidingFit"}
     assert total["mymethod:SlidingFit"] < total["sds"]
@@ -95,7 +95,7 @@ def test_the_method_that_reads_a_channel(folder):
     for command in others:
         done = tvsysid(folder, command)
         assert done.returncode == 0, done.stdout + done.stderr
-    table = pd.read_csv(folder / "tvsysid-benchmark" / "summary.csv")
+    table = pd.read_csv(folder / "scheduled" / "summary.csv")
     scored = table[(table.metric == "total_error") & (table.quantity == "stiffness")]
     assert set(scored.method) == {"scheduled:ScheduledFit", "sds"}
     assert np.isfinite(scored.value).all()

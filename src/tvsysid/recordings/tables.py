@@ -13,26 +13,27 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
 from tvsysid.recordings.channel import Channel, check_fits, in_memory, stated, stated_rate, stated_unit, stored
 
-_PANDAS = tuple(int(part) for part in pd.__version__.split(".")[:2])
-# Earlier pandas are off in the last digits unless told otherwise; from 3.1 on, the option is deprecated.
-EXACTLY: dict[str, Any] = {"float_precision": "round_trip"} if _PANDAS < (3, 1) else {}
 BIG_ENDIAN = 86  # processor that wrote a C3D file, as its parameter section tells: MIPS
 
 
 def read_text(file: Path, separator: str) -> Iterator[tuple[str, Channel]]:
     """Columns of a text file by the names in its first line."""
+    import pandas as pd  # noqa: PLC0415  # heavy
+
     check_fits(str(file), 2 * file.stat().st_size)
     settings: dict[str, Any] = {"sep": separator, "skipinitialspace": True, "encoding": "utf-8-sig"}
+    if tuple(map(int, pd.__version__.split(".")[:2])) < (3, 1):
+        # Off in the last digits otherwise; deprecated later on.
+        settings["float_precision"] = "round_trip"
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)  # rows longer than the header
-            table = pd.read_csv(file, **settings, index_col=False, low_memory=False, **EXACTLY)
+            table = pd.read_csv(file, **settings, index_col=False, low_memory=False)
     except (pd.errors.ParserWarning, ValueError) as error:  # which the parser's errors and those of decoding are
         reason = str(error).strip().splitlines()[0]
         raise InputError(f"{file}: not a text table with a header line ({reason})") from error

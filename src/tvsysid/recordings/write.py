@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 from scipy.io import loadmat, savemat
 from scipy.io.matlab import MatWriteError
@@ -64,6 +63,8 @@ def write_simulation(path: str | Path, columns: Mapping[str, NDArray[np.float64]
             matrices = {name: np.asarray(values).reshape(len(values), -1) for name, values in columns.items()}
             savemat(temporary, {**matrices, "sampling_rate": sampling_rate}, do_compression=True)
         else:
+            import pandas as pd  # noqa: PLC0415  # heavy
+
             separator = "," if file.suffix.lower() == ".csv" else "\t"
             pd.DataFrame(dict(columns)).to_csv(temporary, sep=separator, index=False, float_format="%.9g")
 

@@ -7,13 +7,13 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from tvsysid.study.prepared import Prepared
 from tvsysid.study.scores import MAIN, OF_SWITCHES, unit_of
 
 if TYPE_CHECKING:
+    import pandas as pd
     import xarray as xr
 
 Array = NDArray[np.float64]
@@ -65,6 +65,8 @@ def summarize(found: xr.Dataset) -> pd.DataFrame:
         other quantity that has a unit and was estimated has rows of its own: ``mean_viscosity``, ``random_error``,
         and where it is known ``bias_error`` and ``mean_bias``.
     """
+    import pandas as pd  # noqa: PLC0415  # heavy
+
     if "scenario" not in found.dims:
         return _of_experiment(found)
     rows = [row for scenario in found.scenario.values for row in _rows(found.sel(scenario=scenario))]
@@ -94,6 +96,8 @@ def of_quantity(summary: pd.DataFrame, quantity: str = MAIN) -> pd.DataFrame:
 
 
 def _of_experiment(results: xr.Dataset) -> pd.DataFrame:
+    import pandas as pd  # noqa: PLC0415  # heavy
+
     tables = [(MAIN, measured(results), UNITS)]
     for quantity in map(str, results.quantity.values):
         if quantity != MAIN and (unit := unit_of(quantity)):
@@ -192,6 +196,8 @@ def exclusions(prepared: Sequence[Prepared]) -> pd.DataFrame:
         A row for each: recording, participant, perturbation, realization, trial, onset_s, shift_s, excluded_by (empty
         for one that was kept), reached, limit, unit.
     """
+    import pandas as pd  # noqa: PLC0415  # heavy
+
     tables = []
     for item in prepared:
         if item.account is None:

@@ -9,7 +9,6 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from tvsysid.errors import DataQualityWarning, InputError, describe_error
@@ -18,12 +17,11 @@ from tvsysid.methods import METHODS, Choice, Evidence, Method, Tuned, apply, lab
 from tvsysid.methods.apply import Identifies
 from tvsysid.metrics import time_varying_vaf, vaf
 from tvsysid.models import Model
-from tvsysid.signals import Ensemble
+from tvsysid.signals import Array, Ensemble
 
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = NDArray[np.float64]
 Progress = Callable[[int, int], object]
 
 

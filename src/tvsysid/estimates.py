@@ -9,12 +9,11 @@ from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tvsysid.errors import DataQualityWarning, InputError
+from tvsysid.numerics import Array
 from tvsysid.numerics.bands import critical_value, simultaneous_value
-
-Array = NDArray[np.float64]
 
 IMPEDANCE = ("stiffness", "viscosity", "inertia")
 """Quantities of a joint of second order, in the order of the angle's derivatives that they multiply."""

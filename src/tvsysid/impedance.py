@@ -5,12 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tvsysid.numerics import Array
 from tvsysid.numerics.differentiation import HALF_WIDTH, derivative_weights
 from tvsysid.numerics.moments import diagonal_moments, window_matrices
-
-Array = NDArray[np.float64]
 
 ROUNDING = 1e-9  # share of the largest eigenvalue below which directions of lagged angles are rounding
 SINGULAR = 1e-9  # determinant of three regressors' correlation matrix below which they cannot be told apart

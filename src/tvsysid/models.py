@@ -24,12 +24,11 @@ from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.estimates import UNITS, Estimate
 from tvsysid.numerics.bands import mean_known
 from tvsysid.numerics.moments import convolve_lags
-from tvsysid.signals import Ensemble
+from tvsysid.signals import Array, Ensemble
 
 if TYPE_CHECKING:
     import xarray as xr
 
-Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 Labelled = dict[str, tuple[tuple[str, ...], ArrayLike]]
 """Values with the names of their axes, by name."""

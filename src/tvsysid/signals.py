@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tvsysid.errors import InputError
+from tvsysid.numerics import Array as Array  # noqa: PLC0414  # most rooms take both from here
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
-
-Array = NDArray[np.float64]
 
 
 def checked_array(name: str, values: ArrayLike, axes: tuple[str, ...]) -> Array:

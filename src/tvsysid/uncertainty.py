@@ -10,7 +10,6 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.estimates import read_only
@@ -18,9 +17,8 @@ from tvsysid.methods.apply import apply
 from tvsysid.models import Model
 from tvsysid.numerics.bands import critical_value, mean_and_spread
 from tvsysid.preprocess.bootstrap import bootstrap_weights
-from tvsysid.signals import Ensemble
+from tvsysid.signals import Array, Ensemble
 
-Array = NDArray[np.float64]
 Progress = Callable[[int, int], Any]
 
 FEWEST = 2  # draws, and realizations, without which there is no spread

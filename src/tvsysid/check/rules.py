@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import cloudpickle
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from tvsysid import metrics
@@ -16,8 +15,7 @@ from tvsysid.check.subject import LEVEL, FailedError, Subject, numbers, simulate
 from tvsysid.errors import InputError
 from tvsysid.methods.apply import inputs_of, reason_to_skip
 from tvsysid.methods.base import Input
-
-Array = NDArray[np.float64]
+from tvsysid.numerics import Array
 
 
 @dataclass(frozen=True)

@@ -10,13 +10,12 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tvsysid.errors import DataQualityWarning, describe_error
 from tvsysid.methods.apply import apply, inputs_of
 from tvsysid.methods.base import Input
 from tvsysid.preprocess import decimate, segment
-from tvsysid.signals import Ensemble, Recording
+from tvsysid.signals import Array, Ensemble, Recording
 from tvsysid.simulate import (
     CompliantActuator,
     Constant,
@@ -28,8 +27,6 @@ from tvsysid.simulate import (
     SineWave,
     System,
 )
-
-Array = NDArray[np.float64]
 
 LEVEL = 100.0  # stiffness of the constant joint in N·m/rad
 SNR = 30.0  # signal-to-noise ratio of the simulated torque in dB

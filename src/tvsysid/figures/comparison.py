@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from tvsysid.figures import style
 from tvsysid.figures.results import estimates, truth, unique
-from tvsysid.figures.style import Array
 from tvsysid.figures.words import TRAITS, differing, wrapped
+from tvsysid.numerics import Array
 
 if TYPE_CHECKING:
     import pandas as pd

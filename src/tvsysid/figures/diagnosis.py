@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tvsysid.figures.saving import Illustration
-from tvsysid.figures.style import PALETTE, REALIZATION_TIME, TRUTH, Array, panels, styled
+from tvsysid.figures.style import PALETTE, REALIZATION_TIME, TRUTH, panels, styled
+from tvsysid.numerics import Array
 from tvsysid.quality import Curves, Diagnosis
 
 if TYPE_CHECKING:

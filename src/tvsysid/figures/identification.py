@@ -11,10 +11,10 @@ import numpy as np
 from tvsysid.errors import DataQualityWarning
 from tvsysid.estimates import IMPEDANCE, UNITS
 from tvsysid.figures import style
-from tvsysid.figures.style import Array
 from tvsysid.figures.words import unit_name
 from tvsysid.methods import Evidence
 from tvsysid.models import Model
+from tvsysid.numerics import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -22,8 +22,8 @@ from tvsysid.figures.results import (
     unique,
     usual_range,
 )
-from tvsysid.figures.style import Array
 from tvsysid.figures.words import perturbation_name, wrapped
+from tvsysid.numerics import Array
 from tvsysid.numerics.bands import mean_and_spread
 
 if TYPE_CHECKING:

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.figures.style import PALETTE, REALIZATION_TIME, TRUTH, Array, blank, legend_below, line_key, styled
+from tvsysid.figures.style import PALETTE, REALIZATION_TIME, TRUTH, blank, legend_below, line_key, styled
+from tvsysid.numerics import Array
 from tvsysid.preprocess import Preparation, Step
 
 if TYPE_CHECKING:

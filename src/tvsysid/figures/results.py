@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tvsysid.figures.style import Array
 from tvsysid.figures.words import wrapped
+from tvsysid.numerics import Array
 from tvsysid.numerics.bands import mean_and_spread
 
 if TYPE_CHECKING:

@@ -9,8 +9,9 @@ import numpy as np
 
 from tvsysid.errors import InputError
 from tvsysid.figures.results import covered, truth, unique
-from tvsysid.figures.style import REALIZATION_TIME, TRUTH, Array, hues, legend_below, line_key, lines, panels, styled
+from tvsysid.figures.style import REALIZATION_TIME, TRUTH, hues, legend_below, line_key, lines, panels, styled
 from tvsysid.figures.words import perturbation_name, wrapped
+from tvsysid.numerics import Array
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid.methods import METHODS, key_of
+from tvsysid.numerics import Array
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
 P = ParamSpec("P")
 
 # Okabe and Ito's palette and two of Tol's: told apart by people who are colour-blind.

@@ -8,15 +8,12 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
 from tvsysid.estimates import IMPEDANCE, UNITS, Estimate
 from tvsysid.methods.base import Input
 from tvsysid.models import Diagnostics, Model
-from tvsysid.signals import Ensemble
-
-Array = NDArray[np.float64]
+from tvsysid.signals import Array, Ensemble
 
 
 class Identifies(Protocol):

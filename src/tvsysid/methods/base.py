@@ -22,7 +22,6 @@ from tvsysid.signals import Ensemble
 if TYPE_CHECKING:
     from tvsysid.methods.tuning.evidence import Evidence
 
-Array = NDArray[np.float64]
 Number = TypeVar("Number", np.float64, np.complex128)
 Chosen = TypeVar("Chosen", bound="Method")
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tvsysid.methods.base import (
     EXCITED_ABOVE,
@@ -41,9 +40,8 @@ from tvsysid.methods.shared import (
 from tvsysid.methods.tuning import Evidence, evidence_of_bases
 from tvsysid.models import Diagnostics, ImpulseResponseModel, Model, SecondOrderModel
 from tvsysid.numerics.bases import Basis, CubicBSplines, check_basis, evaluate
-from tvsysid.signals import Ensemble
+from tvsysid.signals import Array, Ensemble
 
-Array = NDArray[np.float64]
 Prior = Literal["ard", "ridge", "none"]
 Structure = Literal["parametric", "irf"]
 

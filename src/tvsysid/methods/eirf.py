@@ -6,9 +6,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
 from tvsysid.methods.base import EXCITED_ABOVE, Method, check_choice, check_positive, fitting_lags, whole_samples
 from tvsysid.methods.shared import (
     Solver,
@@ -23,10 +20,9 @@ from tvsysid.methods.shared import (
 )
 from tvsysid.methods.tuning import Evidence, evidence_by_halves
 from tvsysid.models import ImpulseResponseModel
-from tvsysid.numerics import pseudoinverse
+from tvsysid.numerics import Array, pseudoinverse
 from tvsysid.signals import Ensemble
 
-Array = NDArray[np.float64]
 Solving = Literal["mdl", "full", "lstsq"]
 
 LAGS = (0.03, 0.04, 0.06, 0.08, 0.10, 0.12, 0.16)  # s, of which tuned ones are the best

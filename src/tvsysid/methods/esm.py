@@ -45,9 +45,8 @@ from tvsysid.methods.shared import (
 )
 from tvsysid.methods.tuning import Evidence, evidence_by_halves
 from tvsysid.models import Diagnostics, FrequencyResponseModel
-from tvsysid.signals import Ensemble
+from tvsysid.signals import Array, Ensemble
 
-Array = NDArray[np.float64]
 Stiffness = Literal["dc", "fit"]
 
 FEWEST = 10  # realizations below which averaged spectra say little

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
 from tvsysid.methods.base import EXCITED_ABOVE, Method, check_positive, fitting_lags, whole_samples
@@ -23,9 +22,7 @@ from tvsysid.methods.shared import (
 )
 from tvsysid.methods.tuning import Evidence, evidence_by_halves
 from tvsysid.models import ImpulseResponseModel
-from tvsysid.signals import Ensemble
-
-Array = NDArray[np.float64]
+from tvsysid.signals import Array, Ensemble
 
 LAGS = (0.03, 0.04, 0.06, 0.08, 0.12, 0.16)  # s, of which tuned ones are the best
 WINDOWS = (0.02, 0.04, 0.06, 0.08, 0.10, 0.14, 0.20, 0.30, 0.40)  # s, of which a tuned one is the best

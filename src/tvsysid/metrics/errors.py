@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tvsysid.errors import InputError
+from tvsysid.numerics import Array
 
-Array = NDArray[np.float64]
 Value = Any
 """A number; with many sets of weights an array with one for each."""
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.signal import butter, sosfiltfilt
 
 from tvsysid.errors import InputError
-
-Array = NDArray[np.float64]
+from tvsysid.numerics import Array
 
 
 def _pair(torque: ArrayLike, predicted: ArrayLike) -> tuple[Array, Array]:

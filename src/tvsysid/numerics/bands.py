@@ -8,12 +8,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtr, stdtrit
 
 from tvsysid.errors import InputError
-
-Array = NDArray[np.float64]
+from tvsysid.numerics import Array
 
 
 def critical_value(level: float, freedom: Array) -> Array:

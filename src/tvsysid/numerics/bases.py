@@ -15,12 +15,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.polynomial import chebyshev, legendre
-from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
 from tvsysid.errors import InputError
+from tvsysid.numerics import Array
 
-Array = NDArray[np.float64]
 Basis = Callable[[Array], Array]
 
 

@@ -5,11 +5,9 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tvsysid.numerics import Array
 from tvsysid.numerics.moments import convolve_lags
-
-Array = NDArray[np.float64]
 
 HALF_WIDTH = 12  # samples to either side; with 12 the error stays under 0.1 % up to 80 % of the Nyquist frequency
 

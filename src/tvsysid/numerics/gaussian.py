@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import blas, lapack
 
-Array = NDArray[np.float64]
+from tvsysid.numerics import Array
 
 STANDS = 2e-3  # relative change of the noise variance from which on another step, some 1e-4 of it, needs no new factors
 ITERATIONS = 30  # noise variances tried at most

@@ -12,10 +12,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ive
 
-Array = NDArray[np.float64]
+from tvsysid.numerics import Array
 
 # Share of the prior variance below which a feature is left out. Small, because a prior that suits stiffness is immense
 # for inertia: at 1e-9, what is left out changes stiffness by 1 N·m/rad.

@@ -6,12 +6,10 @@ import math
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from tvsysid.numerics import Array
 from tvsysid.numerics.differentiation import BAND, HALF_WIDTH
-
-Array = NDArray[np.float64]
 
 
 @lru_cache(maxsize=64)

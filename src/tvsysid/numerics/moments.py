@@ -11,9 +11,8 @@ from collections.abc import Iterator
 
 import numpy as np
 from numpy.lib.stride_tricks import as_strided, sliding_window_view
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from tvsysid.numerics import Array
 
 BLOCK = 32  # samples a block: larger ones waste products far from the diagonal, smaller ones waste calls
 

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.signal import welch
 
+from tvsysid.numerics import Array
 from tvsysid.numerics.moments import diagonal_moments
-
-Array = NDArray[np.float64]
 
 ROUNDING = 1e-9  # share of a regressor's power that is rounding
 FAINT = 1e-13  # share of the power that filters could pass below which a filtered angle is rounding

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from tvsysid.numerics import Array
+
 Order = Literal["natural", "output"]
 
 

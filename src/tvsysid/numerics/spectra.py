@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from scipy.fft import rfft
 from scipy.linalg import hankel
 
+from tvsysid.numerics import Array
 from tvsysid.numerics.moments import diagonal_moments
 
-Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 TRANSFORMS = 30.0  # time of a segment's transform, R N log N, over that of its share of the moments, N² (measured)

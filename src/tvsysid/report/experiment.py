@@ -12,8 +12,8 @@ import numpy as np
 
 from tvsysid.figures import Picture
 from tvsysid.figures.results import truth, unique
-from tvsysid.figures.style import Array
 from tvsysid.figures.words import count, perturbation_name
+from tvsysid.numerics import Array
 from tvsysid.report import page, sections
 
 if TYPE_CHECKING:

@@ -7,13 +7,11 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.signal import bessel, lfilter
 
+from tvsysid.numerics import Array
 from tvsysid.simulate.setup import BANDWIDTH, LowPassedNoise, Setup
-
-Array = NDArray[np.float64]
 
 BLOCK = 16384
 

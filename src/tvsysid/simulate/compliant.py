@@ -6,16 +6,14 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
+from tvsysid.numerics import Array
 from tvsysid.simulate.actuator import Actuator
 from tvsysid.simulate.joint import Joint
 from tvsysid.simulate.settings import positive
 from tvsysid.simulate.setup import BANDWIDTH, LowPassedNoise, Setup
 from tvsysid.simulate.simulation import Simulation
-
-Array = NDArray[np.float64]
 
 BLOCK = 512
 

@@ -11,14 +11,13 @@ from numpy.typing import NDArray
 from scipy.signal import bilinear, lfilter
 
 from tvsysid.errors import InputError
+from tvsysid.numerics import Array
 from tvsysid.simulate.actuator import answer
 from tvsysid.simulate.perturbations import Perturbation
 from tvsysid.simulate.profiles import Profile, SineWave, SquareWave, checked_profile, over_time
 from tvsysid.simulate.settings import not_negative, positive
 from tvsysid.simulate.setup import Setup
 from tvsysid.simulate.simulation import Seed, Simulation
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.signal import butter, lfilter
 
 from tvsysid.errors import InputError
-from tvsysid.signals import Recording
+from tvsysid.signals import Array, Recording
 from tvsysid.simulate.actuator import Actuator
 from tvsysid.simulate.joint import StretchReflex
 from tvsysid.simulate.perturbations import PERTURBATIONS, PRBS, Perturbation
@@ -18,8 +18,6 @@ from tvsysid.simulate.profiles import SineWave
 from tvsysid.simulate.settings import not_negative, positive
 from tvsysid.simulate.setup import BANDWIDTH, RMS_ANGLE, LowPassedNoise
 from tvsysid.simulate.simulation import Simulation
-
-Array = NDArray[np.float64]
 
 RATE = 1024.0
 TRIALS = 10

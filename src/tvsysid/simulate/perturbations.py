@@ -7,13 +7,11 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import butter, lfilter
 
 from tvsysid.errors import InputError
+from tvsysid.numerics import Array
 from tvsysid.simulate.settings import positive
-
-Array = NDArray[np.float64]
 
 
 class Perturbation(Protocol):

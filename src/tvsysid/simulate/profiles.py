@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
+from tvsysid.numerics import Array
 from tvsysid.simulate.settings import finite, is_number, positive
 
-Array = NDArray[np.float64]
 Profile = Callable[[Array], Array]
 """Of times in s, to one number for each."""
 

@@ -12,12 +12,10 @@ from numpy.typing import NDArray
 from scipy.signal import butter, lfilter
 
 from tvsysid.errors import InputError
-from tvsysid.signals import Recording, checked_rate
+from tvsysid.signals import Array, Recording, checked_rate
 from tvsysid.simulate.perturbations import Perturbation
 from tvsysid.simulate.settings import positive
 from tvsysid.simulate.simulation import Seed, Simulation
-
-Array = NDArray[np.float64]
 
 RMS_ANGLE = math.radians(0.5)
 BANDWIDTH = 40.0  # cut-off in Hz of the actuator's (Bessel) filter and of the measurement noise's (Butterworth)

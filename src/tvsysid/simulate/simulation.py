@@ -9,13 +9,11 @@ from types import MappingProxyType
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
-from tvsysid.signals import Ensemble, Recording, checked_array
+from tvsysid.signals import Array, Ensemble, Recording, checked_array
 from tvsysid.simulate.perturbations import Perturbation
 
-Array = NDArray[np.float64]
 Seed = int | np.random.Generator | np.random.SeedSequence
 
 

@@ -9,7 +9,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tvsysid.estimates import UNITS
 from tvsysid.study.prepared import Prepared
@@ -21,7 +20,6 @@ from tvsysid.study.trial import STAGES
 if TYPE_CHECKING:
     import xarray as xr
 
-Array = NDArray[np.float64]
 
 SIMULATIONS = "Simulation study of methods that identify joint impedance over time"
 EXPERIMENT = "Experimental study of methods that identify joint impedance over time"

@@ -11,19 +11,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods import deviating_channels
 from tvsysid.methods.apply import inputs_of
 from tvsysid.preprocess import Account, Preparation, prepare
 from tvsysid.recordings import read_usable_trials
-from tvsysid.signals import Ensemble, Recording
+from tvsysid.signals import Array, Ensemble, Recording
 from tvsysid.simulate import PERTURBATIONS, Participant, Simulation
 from tvsysid.study.recorded import Experiment, Recorded
 from tvsysid.study.task import Known, single_thread
-
-Array = NDArray[np.float64]
 
 NOTHING = "nothing"  # digest of what could not be prepared, for whatever reason
 EXCERPT = 10.0  # seconds of a recording that are shown

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from tvsysid import metrics
 from tvsysid.estimates import UNITS as UNITS_OF
 from tvsysid.metrics import weighted_mean
+from tvsysid.numerics import Array
 from tvsysid.simulate import SquareWave
 
 if TYPE_CHECKING:
     import xarray as xr
 
-Array = NDArray[np.float64]
 Weights = Array | None
 
 DRAWS = 1000

@@ -11,18 +11,15 @@ from functools import cached_property
 from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
 from tvsysid.errors import InputError, describe_error
 from tvsysid.estimates import IMPEDANCE
 from tvsysid.methods import METHODS, label_of, parse
-from tvsysid.signals import Ensemble
+from tvsysid.signals import Array, Ensemble
 from tvsysid.simulate import PERTURBATIONS, PROFILES, SYSTEMS, CovaryingViscosity, Perturbation, Simulation, System
 from tvsysid.study.settings import AnyMethod, Listed, Settings, StudySettings, Whole, found_as, spawn_key, unique
 from tvsysid.study.trial import Setting, true_values
-
-Array = NDArray[np.float64]
 
 VISCOSITIES = ("constant", "covarying")
 """The system's own (2.2 N·m·s/rad), or between 1 and 3 N·m·s/rad with the stiffness."""

@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tvsysid.numerics import Array
 from tvsysid.study.prepared import Prepared
 from tvsysid.study.scores import MAIN, OF_SWITCHES, unit_of
 
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-Array = NDArray[np.float64]
 
 COLUMNS = (
     *("stiffness", "perturbation", "duration_s", "snr_db", "method", "trials"),

@@ -28,9 +28,8 @@ from tvsysid.errors import DataQualityWarning, InputError, describe_error, libra
 from tvsysid.methods import apply
 from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_known
-from tvsysid.signals import Ensemble
+from tvsysid.signals import Array, Ensemble
 
-Array = NDArray[np.float64]
 Outcome = dict[str, NDArray[Any]]
 """What a task measured: an array for each variable of its study's layout."""
 Row = dict[str, Any]

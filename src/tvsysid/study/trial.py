@@ -9,17 +9,14 @@ from typing import NamedTuple
 
 import cloudpickle
 import numpy as np
-from numpy.typing import NDArray
 
 from tvsysid.errors import DataQualityWarning
 from tvsysid.models import Model
 from tvsysid.preprocess import decimate, segment
-from tvsysid.signals import Ensemble, Recording
+from tvsysid.signals import Array, Ensemble, Recording
 from tvsysid.simulate import Perturbation, Simulation, System
 from tvsysid.study import task
 from tvsysid.study.task import Known, Outcome, Row
-
-Array = NDArray[np.float64]
 
 STAGES = ("simulation", "preprocessing", "bands", "scoring")
 """What takes time beside the methods."""

@@ -44,9 +44,8 @@ from tvsysid.methods.shared import (
     residual,
 )
 from tvsysid.models import Diagnostics, SecondOrderModel
-from tvsysid.signals import Ensemble
+from tvsysid.signals import Array, Ensemble
 
-Array = NDArray[np.float64]
 Preset = Literal["simulation", "experiment"]
 
 PRESETS: dict[str, dict[str, float]] = {

@@ -9,9 +9,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from tvsysid.numerics import Array
 from tvsysid.numerics.kernels import TOLERANCE, DecayFeatures, harmonic_features, harmonic_variances
-
-Array = NDArray[np.float64]
 
 ENDLESS = 120_000.0  # decay in s that stands for none: the paper's for its simulated study
 VISIBLE = 0.03  # share of the noise that a feature's part of the torque must be able to reach to be fitted at all

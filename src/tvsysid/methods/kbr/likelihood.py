@@ -11,10 +11,9 @@ from scipy.optimize import minimize
 
 from tvsysid.methods.kbr.kernel import ENDLESS, Kernel
 from tvsysid.methods.kbr.record import Record
+from tvsysid.numerics import Array
 from tvsysid.numerics.gaussian import Statistics, log_evidence, of_columns, of_share, unit_information, without_nuisance
 from tvsysid.numerics.kernels import log_harmonic_variances
-
-Array = NDArray[np.float64]
 
 LENGTHS = np.geomspace(0.002, 30.0, 12)  # periodic lengths of which a tuned one is the best
 NOISES = 20  # steps of the noise variance at most, for settings that are given

@@ -20,9 +20,8 @@ from tvsysid.numerics.gaussian import Statistics
 from tvsysid.numerics.kernels import harmonic_features
 from tvsysid.numerics.lowpass import low_pass
 from tvsysid.numerics.spectra import half_cosine_spectrum
-from tvsysid.signals import Ensemble
+from tvsysid.signals import Array, Ensemble
 
-Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 Chosen = NDArray[np.bool_]
 

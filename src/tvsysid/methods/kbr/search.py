@@ -8,16 +8,13 @@ from dataclasses import dataclass
 from operator import attrgetter
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from tvsysid.methods.kbr.kernel import VISIBLE, Kernel
 from tvsysid.methods.kbr.likelihood import LENGTHS, Likelihood, Tried
 from tvsysid.methods.kbr.record import Record, lagged
 from tvsysid.methods.tuning.evidence import Evidence
-from tvsysid.signals import Ensemble
-
-Array = NDArray[np.float64]
+from tvsysid.signals import Array, Ensemble
 
 HIGHEST = 2  # order of an impedance: inertia, viscosity and stiffness
 DECAYS = (4.0, 2.0, 1.0, 0.5, 0.25, 0.125)  # decays that are tried, in lengths of the record

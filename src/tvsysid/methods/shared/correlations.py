@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import toeplitz
 
 from tvsysid.estimates import ErrorStatistics, StandardError, impedance_estimates, standard_errors
@@ -23,9 +22,8 @@ from tvsysid.numerics.moments import (
 )
 from tvsysid.numerics.noise import autocovariance
 from tvsysid.numerics.pseudoinverse import Solution, truncated
-from tvsysid.signals import Ensemble
+from tvsysid.signals import Array, Ensemble
 
-Array = NDArray[np.float64]
 Solver = Callable[[slice, Array, Array, Array, Array], Solution]
 
 

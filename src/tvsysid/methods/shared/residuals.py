@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import toeplitz
 
 from tvsysid.estimates import IMPEDANCE, StandardError
@@ -25,9 +24,7 @@ from tvsysid.numerics.noise import (
     regressor_covariances,
     white_share,
 )
-from tvsysid.signals import Ensemble
-
-Array = NDArray[np.float64]
+from tvsysid.signals import Array, Ensemble
 
 LONGEST_COLOUR = 0.25  # seconds up to which the noise's autocorrelation counts; the angle's own hardly reaches further
 LEAST_LEFT = 0.1  # share of the noise that a residual is taken to hold at least

@@ -22,15 +22,12 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
 from tvsysid.methods.base import Method, fitting_lags, missing_edge, padded
 from tvsysid.methods.shared.correlations import solve_windows
 from tvsysid.methods.tuning.evidence import Evidence
-from tvsysid.signals import Ensemble
-
-Array = NDArray[np.float64]
+from tvsysid.signals import Array, Ensemble
 
 DEALS = 6  # how often the realizations are dealt into halves
 BEYOND = 1.0  # standard deviations over deals by which settings must be better than those given to be chosen

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from tvsysid.figures.results import estimates, unique
+from tvsysid.numerics import Array
 from tvsysid.studies.verdicts import COLUMNS, RATIO, Claim, judged, log_ratio
 from tvsysid.study.contents import STEPS
 from tvsysid.study.summary import mean_over_draws, measured
@@ -25,7 +25,6 @@ from tvsysid.study.summary import mean_over_draws, measured
 if TYPE_CHECKING:
     import xarray as xr
 
-Array = NDArray[np.float64]
 
 FOUR, FIVE = ("eirf", "sds", "birf", "esm"), ("eirf", "sds", "birf", "esm", "kbr")
 FEWEST = 3  # participants below which nothing is decided

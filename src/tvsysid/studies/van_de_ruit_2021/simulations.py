@@ -11,15 +11,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.stats import beta
 
+from tvsysid.numerics import Array
 from tvsysid.studies.verdicts import COLUMNS, FAILS, HOLDS, NOT_STUDIED, RATIO, UNDECIDED, Claim, judged, log_ratio
 
 if TYPE_CHECKING:
     import xarray as xr
 
-Array = NDArray[np.float64]
 
 FIVE = ("eirf", "sds", "birf", "esm", "kbr")
 THE_FIVE = "all five methods with their own settings"

@@ -117,7 +117,9 @@ class _Signals:
         found = {"angle": self.angle, "torque": self.torque, **self.channels}
         if name not in found:
             there = ", ".join(map(repr, found))
-            raise InputError(f"signal: there is no {name!r}; the signals are {there}; read it as a further channel")
+            raise InputError(
+                f"signal: there is no {name!r}; the signals are {there}; read it as a channel (--channel {name}=…)"
+            )
         return found[name]
 
 
@@ -277,7 +279,7 @@ class Ensemble(_Signals):
         object.__setattr__(self, "trials", trials)
 
     def __repr__(self) -> str:
-        left_out = f", {self.left_out} left out for want of context" if self.left_out else ""
+        left_out = f", {self.left_out} left out: too near the ends for the context" if self.left_out else ""
         return (
             f"Ensemble({len(self)} realizations of {self.duration:g} s at {self.sampling_rate:g} Hz, "
             f"context {self.context / self.sampling_rate:g} s{left_out}; angle RMS {_rms(self.angle):.3g} rad, "

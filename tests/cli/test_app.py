@@ -16,6 +16,12 @@ def test_help(tvsysid, command):
     assert "Usage: tvsysid" in out
 
 
+def test_without_a_command_the_help_is_shown(tvsysid):
+    code, out, err = tvsysid()
+    assert (code, err) == (0, "")
+    assert "Usage: tvsysid" in out
+
+
 def test_version(tvsysid):
     assert tvsysid("--version")[:2] == (0, "tvsysid 0.1.0\n")
 
@@ -37,7 +43,8 @@ def test_version(tvsysid):
         (("identify", "joint.mat", *IDENTIFY, "--torque-sign", "3"), "torque_sign must be 1 or -1"),
         (("identify", "joint.mat", *IDENTIFY, "--angle-unit", "grad"), "grad"),
         (("identify", "joint.mat", *IDENTIFY, "--columns", "rows"), "rows"),
-        (("identify", "joint.mat", "--angle", "angle"), "Missing option"),
+        (("identify", "joint.mat", "--angle", "angle"), "--torque'. (see tvsysid identify --help)"),
+        (("identify", "joint.mat", *IDENTIFY, "--torque", "angle"), "angle and torque are both 'angle'; name the"),
         (("identify", "joint.mat", *IDENTIFY, "--rate", "0"), "positive number of hertz"),
         (("identify", "joint.mat", *IDENTIFY, "--out", "joint.mat"), "joint.mat"),
         (("inspect", "nowhere.mat"), "nowhere.mat: no such file"),
@@ -48,6 +55,7 @@ def test_version(tvsysid):
         (("inspect", "joint.mat", *IDENTIFY), "--angle: is used with --diagnose only; add --diagnose"),
         (("inspect", "joint.mat", "--diagnose", *IDENTIFY, "--decimate", "300"), "not a whole multiple of 300 Hz"),
         (("inspect", "joint.mat", "--plot", "joint.doc"), "unknown ending '.doc'; give one of .png, .pdf, .svg"),
+        (("simulate", "joint.mat"), "joint.mat exists already; give another name, or --overwrite"),
         (("simulate", "joint.docx"), "unknown ending '.docx'"),
         (("simulate", "other.mat", "--duration", "-1"), "duration must be a positive number"),
         (("benchmark", "--duration", "3"), "whole realizations of 2 s"),

@@ -14,7 +14,7 @@ def test_benchmark(tvsysid, tmp_path, request):
     assert (code, err) == (0, "")
     assert "square wave, filtered noise, 60 s, 10 dB, 2 trials" in out
     assert "esm:window=0.4" in out
-    assert "simulated s per s" in out
+    assert "s of data per s" in out
     folder = tmp_path / "tvsysid-benchmark"
     table = pd.read_csv(folder / "summary.csv")
     assert list(table.columns[:8]) == [

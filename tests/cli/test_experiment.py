@@ -114,7 +114,7 @@ def test_a_wrong_study_is_told_by_file_and_key(tvsysid, tmp_path):
 def test_a_virtual_participants_file_is_what_the_study_reads(tvsysid, tmp_path):
     code, out, _ = tvsysid("simulate", "P3-prbs.mat", "--participant", 3, "--perturbation", "prbs")
     assert code == 0
-    (tmp_path / "study.toml").write_text(out.split("a study of it:")[1])
+    (tmp_path / "study.toml").write_text(out.split("put this into study.toml:")[1])
     experiment = tv.study.Experiment.from_toml(tmp_path / "study.toml")
     (prepared,) = tv.study.prepared_recordings(experiment)
     virtual = tv.study.Experiment(virtual=3, perturbation="prbs")

@@ -27,6 +27,16 @@ class Hum:
         return np.sin(2 * np.pi * np.cumsum(3 + random.random(samples)) / rate)
 
 
+class Short:
+    def generate(self, samples, rate, random):
+        return np.zeros(3)
+
+
+class Empty:
+    def simulate(self, duration, **settings):
+        return 3
+
+
 class Rigid:
     def simulate(self, duration, *, perturbation, snr_db, seed, rate=1000.0):
         return tv.simulate.Joint(stiffness=tv.simulate.Constant(400.0)).simulate(
@@ -89,6 +99,8 @@ def test_ones_own_profile_perturbation_and_system(tvsysid):
         (("--stiffness", "step"), "unknown profile 'step'; expected one of square, sine, constant, or"),
         (("--perturbation", "pink"), "unknown perturbation 'pink'; expected one of noise, prbs, or"),
         (("--system", "own_systems:Hum"), "class Hum has no simulate"),
+        (("--perturbation", "own_systems:Short"), "each sample, shape (31000,); got shape (3,)"),
+        (("--system", "own_systems:Empty"), "simulate must return a tvsysid.simulate.Simulation, got int"),
         (("--system", "own_systems:Rigid", "--stiffness", "sine"), "is not a dataclass with a field stiffness"),
         (("--stiffness", "own_systems:broken"), "system joint: ZeroDivisionError: division by zero (own_systems.py"),
     ],
@@ -98,3 +110,15 @@ def test_errors_say_what_was_expected(tvsysid, words, message):
     assert code == 2
     assert message in err
     assert err.count("\n") == 1
+
+
+def test_a_file_that_exists_is_kept_unless_told(tvsysid, tmp_path):
+    words = ("simulate", "joint.csv", "--duration", 4)
+    assert tvsysid(*words)[0] == 0
+    before = (tmp_path / "joint.csv").read_bytes()
+    code, _, err = tvsysid(*words, "--seed", 1)
+    assert code == 2
+    assert "joint.csv exists already; give another name, or --overwrite" in err
+    assert (tmp_path / "joint.csv").read_bytes() == before
+    assert tvsysid(*words, "--seed", 1, "--overwrite")[0] == 0
+    assert (tmp_path / "joint.csv").read_bytes() != before

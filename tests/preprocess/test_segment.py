@@ -18,7 +18,7 @@ def test_context_comes_from_the_record():
     np.testing.assert_array_equal(ensemble.onsets, [2.0, 4.0, 6.0])
     for row, onset in enumerate(ensemble.onsets):
         np.testing.assert_array_equal(ensemble.angle[row], np.arange(100 * onset - 50, 100 * onset + 250))
-    assert "2 left out for want of context" in repr(ensemble)
+    assert "2 left out: too near the ends for the context" in repr(ensemble)
 
 
 def test_without_context_every_realization_is_kept():

@@ -196,6 +196,7 @@ def test_states_of_a_check():
     assert states == ["found", "uncertain", "in order", "not judged"]
     assert Finding("drift", 24.3, False, "").strength.endswith("but not significant")
     assert Finding("weak-answer", 0.0, True, "").strength == "0 %, at least 30 is in order"
+    assert Finding("drift", -16.1, True, "").strength == "-16.1 %, at most ±10 is in order"
 
 
 def test_it_takes_no_pictures():

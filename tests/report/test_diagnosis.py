@@ -65,7 +65,7 @@ def test_findings_with_effect_and_remedy(elements):
 
 
 def test_everything_that_was_looked_at_is_there(elements):
-    tables = [text for _, text in elements.of("table") if text.startswith("Everything that was looked for")]
+    tables = [text for _, text in elements.of("table") if text.startswith("All that was looked for")]
     assert len(tables) == 2
     for text in tables:
         assert all(name in text for name in FAULTS)

@@ -123,7 +123,7 @@ def test_outcome_says_who_is_best_and_how_surely(study):
     best = rows.loc[rows.value.idxmin()]
     first, second, third = outcome(results, summary, claims())
     assert f"{best.method} has the lowest bias error ({best.value:.2f} ± {best.standard_error:.2f} N·m/rad)" in first
-    assert second.startswith("Of all 3 scenarios the total error is lowest for ")
+    assert second.startswith("Lowest total error: ")
     assert third == "Of 4 claims of the paper: holds: 1, does not hold: 1, undecided: 1, not studied: 1."
 
 

@@ -53,11 +53,11 @@ BIAS = {(method, "debiased_bias_error"): level for method, level in zip(FIVE, (4
 def test_a_claim_holds_fails_or_is_undecided_as_the_figures_say():
     told = verdicts(scores_of(BIAS))
     assert told["eirf has the lowest bias"] == told["birf has the largest bias"] == "holds"
-    assert told["sds, esm, kbr lie between in bias"] == "holds"
+    assert told["sds, esm, kbr lie between eirf and birf in bias"] == "holds"
     told = verdicts(scores_of(BIAS | {("eirf", "debiased_bias_error"): 12.0}))
     assert told["eirf has the lowest bias"] == "does not hold"
     assert told["birf has the largest bias"] == "holds"
-    assert told["sds, esm, kbr lie between in bias"] == "does not hold"
+    assert told["sds, esm, kbr lie between eirf and birf in bias"] == "does not hold"
     told = verdicts(scores_of(BIAS | {("eirf", "debiased_bias_error"): 9.0}))
     assert told["eirf has the lowest bias"] == "undecided"
     assert verdicts(scores_of(BIAS, errors=0.8))["eirf has the lowest bias"] == "undecided"

@@ -23,13 +23,14 @@ class Check:
     """One thing that is expected of a method, which it ``passed``, or did not pass or reach.
 
     The ``message`` says what came and, if it did not pass, what was expected and what to do. What is not ``required``
-    is advice: a method may have reasons not to follow it.
+    is advice: a method may have reasons not to follow it. One whose foundation did not pass was not ``run``.
     """
 
     name: str
     passed: bool
     message: str
     required: bool = True
+    run: bool = True
 
 
 def check_method(method: object) -> list[Check]:
@@ -37,7 +38,7 @@ def check_method(method: object) -> list[Check]:
 
     It identifies simulated joints of known stiffness, which have the channels that it declares as ``inputs``. Nothing
     is raised, whatever the method does. All checks come in their order; one whose foundation did not pass is reported
-    as not reached.
+    as not run.
 
     Examples
     --------
@@ -96,7 +97,8 @@ def _states_inputs(subject: Subject) -> str:
 
 def _identifies(subject: Subject) -> str:
     subject.model("constant")
-    return f"it identifies {subject.case('constant').ensemble!r}"
+    given = subject.case("constant").ensemble
+    return f"identified {len(given)} realizations of {given.duration:g} s at {given.sampling_rate:g} Hz"
 
 
 def _untouched(subject: Subject) -> str:
@@ -283,7 +285,7 @@ def _own_warnings(subject: Subject) -> str:
         raise FailedError(
             f"it warned in other words than tvsysid.DataQualityWarning, which reports do not show: {shown}"
         )
-    return "none but tvsysid.DataQualityWarning"
+    return "no other warnings than tvsysid.DataQualityWarning"
 
 
 class _Rule(NamedTuple):
@@ -303,7 +305,7 @@ _RULES = (
     _Rule("leaves the ensemble untouched", _untouched, "identifies a joint"),
     _Rule(_MODEL, _returns_model, "leaves the ensemble untouched"),
     _Rule("has pathways that add up", _adds_up, _MODEL),
-    _Rule("tells intrinsic and reflex torque apart", _tells_pathways_apart, "has pathways that add up", required=False),
+    _Rule("separates intrinsic and reflex torque", _tells_pathways_apart, "has pathways that add up", required=False),
     _Rule("recovers a constant stiffness", _recovers_constant, _MODEL),
     _Rule("predicts the torque", _predicts, _MODEL),
     _Rule("follows a changing stiffness", _follows_change, _MODEL, required=False),
@@ -313,13 +315,20 @@ _RULES = (
     _Rule("works at another rate and length", _other_rate, _MODEL),
     _Rule("works without context", _without_context, "works at another rate and length"),
     _Rule("takes few realizations, or says that it does not", _few_realizations, _MODEL),
-    _Rule("warns as the package does", _own_warnings, _MODEL, required=False),
+    _Rule("uses the package's warning class", _own_warnings, _MODEL, required=False),
 )
 
 
 def _judged(rule: _Rule, subject: Subject, done: dict[str, Check]) -> Check:
     if rule.needs is not None and not done[rule.needs].passed:
-        return Check(rule.name, False, f"not reached, because of {rule.needs!r}", rule.required)
+        before = done[rule.needs]
+        return Check(
+            rule.name,
+            False,
+            f"not run: {before.name!r} failed" if before.run else before.message,
+            rule.required,
+            run=False,
+        )
     try:
         return Check(rule.name, True, rule.judge(subject), rule.required)
     except FailedError as error:

@@ -38,7 +38,7 @@ for command in (benchmark, experiment, report, identify, inspect, methods, check
 
 @app.callback(invoke_without_command=True)
 def tvsysid(
-    version: Annotated[bool, typer.Option("--version", help="Print the version and stop.")] = False,
+    version: Annotated[bool, typer.Option("--version", metavar="", help="Print the version and stop.")] = False,
 ) -> None:
     """Handle the options before the command."""
     if version:
@@ -71,7 +71,10 @@ def main() -> None:
         message = getattr(error, "format_message", None)
         if message is None:
             raise
-        _stop(f"{message()} (see tvsysid --help)")
+        if not (text := message().replace("Value error, ", "")):  # no command: the help was printed
+            sys.exit(0)
+        context = getattr(error, "ctx", None)
+        _stop(f"{text} (see {context.command_path if context else 'tvsysid'} --help)")
     else:
         if code == INTERRUPTED:
             errors.print("tvsysid: interrupted; the files that were written are complete")

@@ -83,7 +83,7 @@ def benchmark(
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Print what would be run, with an estimate of time and size, and stop.")
+        bool, option("", "Print what would be run, with an estimate of time and size, and stop.", "--dry-run")
     ] = False,
     out: OutOption = Path("tvsysid-benchmark"),
 ) -> None:
@@ -125,9 +125,9 @@ def benchmark(
     if dry_run:
         _print_plan(study, workers or cores())
         return
-    check_folder(out)
     count = len(study.scenarios)
-    title = f"{count} scenario{'s' if count > 1 else ''} x {study.trials} trials x {len(study.methods)} methods"
+    title = f"{count} scenario{'s' if count > 1 else ''} x {study.trials} trials x {len(study.named_methods)} methods"
+    check_folder(out)
     results = run_in(out, partial(run, study), title, "trials", workers, scheduler)
     if not write(results, out, command_line()):
         raise typer.Exit(1)
@@ -177,6 +177,7 @@ def write(results: xr.Dataset, out: Path, command: str) -> bool:
 
 def _scenario_title(row: Any) -> str:
     profile = {"square": "square wave", "sine": "sine wave"}.get(row.stiffness, row.stiffness)
+    profile = row.system if profile == "own" else profile
     perturbation = {"noise": "filtered noise", "prbs": "PRBS"}.get(row.perturbation, row.perturbation)
     repeats = "1 trial" if row.trials == 1 else f"{row.trials} trials"
     covarying = ", viscosity covarying" if row.viscosity == "covarying" else ""
@@ -219,5 +220,5 @@ def _show_times(results: xr.Dataset) -> None:
     for name, seconds in spent.items():
         rate = f"{simulated / seconds:,.0f}" if seconds else "-"
         rows.append((name, f"{seconds:.1f}", f"{100 * seconds / total if total else 0:.0f}", rate))
-    title = f"where the time went: {duration_text(total)} in all workers"
-    show_table(title, ["stage", "time (s)", "share (%)", "simulated s per s"], rows)
+    title = f"computing time by stage: {duration_text(total)} in all workers"
+    show_table(title, ["stage", "time (s)", "share (%)", "s of data per s"], rows)

@@ -23,7 +23,7 @@ def check_method(
         ),
     ],
 ) -> None:
-    """Check whether a method of your own does what a method must do.
+    """Check whether a method of your own works with the package.
 
     The method identifies simulated joints, which takes some seconds. Each check prints what was expected and what the
     method did. The exit code is 0 if it passes every required check, 1 if not, and 2 if it cannot be loaded.
@@ -34,14 +34,17 @@ def check_method(
     """
     checks = _checked_apart(name)
     for item in checks:
-        sign = ("✓", "green") if item.passed else ("✗", "red" if item.required else "yellow")
-        advice = "" if item.required or item.passed else " (recommended)"
+        sign = ("✓", "green") if item.passed else ("✗" if item.run else "–", "red" if item.required else "yellow")
+        advice = " (recommended)" if item.run and not (item.required or item.passed) else ""
         say(sign, " ", (item.name, "bold"), f"{advice}: {item.message}")
-    required, advised = (sum(not item.passed for item in checks if item.required is kind) for kind in (True, False))
+    failed = [item for item in checks if item.run and not item.passed]
+    required, advised = (sum(item.required is kind for item in failed) for kind in (True, False))
+    not_run = sum(not item.run for item in checks)
     recommended = f"{advised} recommended check{'s' * (advised > 1)}"
     if required:
-        also = f"; {recommended} too" if advised else ""
-        say(f"{name} does not pass: {required} of {len(checks)} checks failed or were not reached{also}")
+        also = f", {recommended} too" if advised else ""
+        also += f"; {not_run} of {len(checks)} were not run" if not_run else ""
+        say(f"{name} does not pass: {required} check{'s' * (required > 1)} failed{also}")
         raise typer.Exit(1)
     also = f"; {recommended} failed" if advised else ""
     say(f"{name} passes{also}; use it: tvsysid benchmark --method {name}")

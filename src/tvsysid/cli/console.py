@@ -18,6 +18,7 @@ from tvsysid.errors import DataQualityWarning
 output = Console(markup=False, emoji=False, highlight=False)
 errors = Console(markup=False, emoji=False, highlight=False, stderr=True)
 
+LONGEST_NAME = 32  # letters
 STYLES = {"note": "yellow", "warning": "yellow", "error": "red"}
 
 
@@ -46,9 +47,12 @@ def show_table(
 ) -> None:
     """Print a table; `align` has a letter, l or r, for each of the first columns, and the others are aligned right."""
     table = Table(title=title, title_justify="left", caption=caption, show_lines=lines)
-    for heading, letter in zip(headings, align.ljust(len(headings), "r"), strict=True):
-        table.add_column(heading, overflow="fold", justify="left" if letter == "l" else "right")
-    for row in rows:
+    told = list(rows)
+    short = all(len(row[0]) <= LONGEST_NAME for row in told)  # names such as those of methods are not broken
+    for number, (heading, letter) in enumerate(zip(headings, align.ljust(len(headings), "r"), strict=True)):
+        justify: Literal["left", "right"] = "left" if letter == "l" else "right"
+        table.add_column(heading, overflow="fold", justify=justify, no_wrap=number == 0 and short)
+    for row in told:
         table.add_row(*row)
     output.print(table)
 

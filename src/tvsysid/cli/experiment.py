@@ -37,14 +37,14 @@ def experiment(
         list[int] | None, option("N", "Realizations in a bootstrap; repeatable. [75 and 150; for kbr 20 and 40]")
     ] = None,
     bootstraps: Annotated[
-        int | None, option("N", "Bootstraps by each method of each number of realizations. [100]")
+        int | None, option("N", "Bootstrap samples for each method and number of realizations. [100]")
     ] = None,
     seed: SeedOption = None,
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
     out: OutOption = Path("tvsysid-experiment"),
 ) -> None:
-    """Identify the stiffness of several participants, and how much it varies.
+    """Identify the stiffness of several participants, with its variability over bootstraps.
 
     Reads each participant's trials, decimates them, cuts them into realizations, aligns these with the target torque,
     excludes realizations that differ too much from the others, and lets every method identify 100 bootstraps of 75 and

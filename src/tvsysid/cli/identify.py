@@ -37,7 +37,7 @@ def identify(
     start: options.StartOption = 0.0,
     context: options.ContextOption = 0.5,
     method: options.MethodOption = DEFAULT_METHODS,
-    tune: Annotated[bool, typer.Option("--tune", help="Choose each method's settings from the data.")] = False,
+    tune: Annotated[bool, options.option("", "Choose each method's settings from the data.", "--tune")] = False,
     out: options.OutOption = Path("tvsysid-identify"),
 ) -> None:
     """Identify stiffness over time from a recording.
@@ -79,7 +79,6 @@ def identify(
     from tvsysid.recordings import whole_file, write_models
 
     chosen = [parse(label) for label in method]
-    check_folder(out)
     with shown_warnings():
         recording = options.read(file, angle, torque, rate, columns, torque_sign, angle_unit, start, channel)
         if decimate is not None:
@@ -90,6 +89,7 @@ def identify(
         deviating = [name for name in deviating_channels(chosen) if name in recording.channels]
         ensemble = preprocess.subtract_mean(preprocess.segment(recording, period, context), deviating)
         say(f"{file.name}: {ensemble!r}")
+        check_folder(out)
         with progress("identifying") as advance:
             found = compare(ensemble, method, tune=tune, progress=advance)
     for label, reason in found.skipped.items():
@@ -107,7 +107,7 @@ def identify(
 
 
 def _show_impedance(found: Comparison) -> None:
-    headings = ["method", "mean\n(N·m/rad)", "95 % band\n(N·m/rad)", "lowest, at\n(N·m/rad,s)"]
+    headings = ["method", "mean\n(N·m/rad)", "95 % band\npointwise\n(N·m/rad)", "lowest, at\n(N·m/rad,s)"]
     headings += ["highest, at\n(N·m/rad,s)", "inertia\n(kg·m²)", "VAF\n(%)"]
     rows = [
         (

@@ -37,6 +37,7 @@ def inspect(
         bool,
         typer.Option(
             "--diagnose",
+            metavar="",
             help="Also read the recording and cut it into realizations as `tvsysid identify` does, and report what is "
             "wrong with it. Needs --angle, --torque, --rate and --period.",
         ),
@@ -45,7 +46,9 @@ def inspect(
     torque: Annotated[str | None, options.TORQUE] = None,
     rate: Annotated[float | None, options.RATE] = None,
     period: Annotated[float | None, options.PERIOD] = None,
-    decimate: options.DecimateOption = None,
+    decimate: Annotated[
+        float | None, options.option("HZ", "Rate to which `tvsysid identify` will decimate; only checked here.")
+    ] = None,
     channel: options.ChannelOption = [],
     columns: options.ColumnsOption = "contiguous",
     torque_sign: options.TorqueSignOption = 1,

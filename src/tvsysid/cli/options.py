@@ -44,7 +44,8 @@ TORQUE = option("NAME", "Name of the variable or column with the torque, in N·m
 RATE = option("HZ", "Sampling rate of the recording.")
 PERIOD = option("S", "Duration of one realization, that is, of one repetition of the behaviour.")
 DecimateOption = Annotated[
-    float | None, option("HZ", "Low-pass filter and decimate to this rate first; 100 Hz is usual, and much faster.")
+    float | None,
+    option("HZ", "Low-pass filter and decimate to this rate first; 100 Hz is usual, and makes it much faster."),
 ]
 ColumnsOption = Annotated[
     Columns,
@@ -70,7 +71,8 @@ ChannelOption = Annotated[
     ),
 ]
 ContextOption = Annotated[
-    float, option("S", "Seconds kept before and after each realization, which lags and windows need at its ends.")
+    float,
+    option("S", "Seconds kept before and after each realization, because lags and windows reach beyond its ends."),
 ]
 
 # How a study is run: `benchmark` and `experiment`.

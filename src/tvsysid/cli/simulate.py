@@ -47,6 +47,7 @@ def simulate(
     snr: Annotated[float, option("DB", "Signal-to-noise ratio of the torque in dB; inf for no noise.")] = 10.0,
     seed: Annotated[int, option("N", "Seed of the random numbers.")] = 0,
     rate: Annotated[float, option("HZ", "Sampling rate.")] = 1000.0,
+    overwrite: Annotated[bool, option("", "Replace FILE if it exists.", "--overwrite")] = False,
     participant: Annotated[
         int | None,
         option(
@@ -60,7 +61,8 @@ def simulate(
 
     The file holds `angle` (rad), `torque` (N·m, with noise) and the system's further channels, such as `emg`. It also
     holds the truth: `noiseless_torque` (N·m), that of each pathway if there are several (`torque_reflex`), and
-    `stiffness` (N·m/rad), `viscosity` (N·m·s/rad), `inertia` (kg·m²) and what else the system knows. The behaviour
+    `stiffness` (N·m/rad), `viscosity` (N·m·s/rad), `inertia` (kg·m²) and the system's other true quantities. The
+    behaviour
     repeats every 2 s. The file of a participant has a column for each trial of 70 s at 1024 Hz, and `target` (N·m), the
     torque that the participant was asked to produce.
 
@@ -73,8 +75,11 @@ def simulate(
     """
     from tvsysid.recordings import write_simulation
     from tvsysid.simulate import PERTURBATIONS, PROFILES, SYSTEMS
+    from tvsysid.simulate.simulation import checked_simulation
     from tvsysid.study.settings import found_as
 
+    if file.exists() and not overwrite:
+        raise InputError(f"{file} exists already; give another name, or --overwrite")
     perturbed = found_as(perturbation, PERTURBATIONS, "perturbation")
     if participant is not None:
         _write_participant(file, participant, perturbation, perturbed)
@@ -93,7 +98,8 @@ def simulate(
             ) from error
         period = period if stiffness in PROFILES else getattr(profile, "period", period)
     try:
-        simulation = simulated.simulate(duration, perturbation=perturbed, snr_db=snr, seed=seed, rate=rate)
+        made = simulated.simulate(duration, perturbation=perturbed, snr_db=snr, seed=seed, rate=rate)
+        simulation = checked_simulation(made, system)
     except InputError:
         raise
     except Exception as error:
@@ -143,7 +149,8 @@ def _write_participant(file: Path, number: int, name: str, perturbation: Perturb
     key = re.sub(r"\W", "-", name)
     say(
         f"wrote {file}: angle, torque, target and the true stiffness, {count} trials of "
-        f"{recording.duration / count:g} s at {recording.sampling_rate:g} Hz, a column each; a study of it:\n"
+        f"{recording.duration / count:g} s at {recording.sampling_rate:g} Hz, a column each; to "
+        "analyse it, put this into study.toml:\n"
         f'\n[participants.P{number}]\n{key} = "{file}"\n\n[reading]\nangle = "angle"\ntorque = "torque"\n'
         f'sampling_rate = {recording.sampling_rate:g}\ncolumns = "trials"\n'
     )

@@ -45,7 +45,7 @@ def diagnosis_illustration(diagnosis: Diagnosis, name: str) -> Illustration:
     """The six pictures of an ensemble of this name with a title, and in words what they show."""
     curves = diagnosis.curves
     measures = {key: f"{value:.3g} {unit}".removesuffix(" 1") for key, (value, unit) in diagnosis.measures.items()}
-    halves = [float(values.mean()) for values in curves.stiffness_halves]
+    drift = next(check.what for check in diagnosis.checks if check.name == "drift")
     farthest = [
         f"{np.abs(values).max():.2f} at {1000 * curves.lag[np.argmax(np.abs(values))]:.0f} ms"
         for values in curves.correlation
@@ -58,12 +58,11 @@ def diagnosis_illustration(diagnosis: Diagnosis, name: str) -> Illustration:
         f"{measures['explained torque']}.",
         f"Coherence of torque and angle over time and frequency, median {float(np.median(inside)):.2f} up to "
         f"{SHOWN:g} Hz.",
-        f"Stiffness over time in the first half of the experiment, on average {halves[0]:.3g} N·m/rad, and in the "
-        f"second, {halves[1]:.3g}.",
+        f"Stiffness over time in the first half of the experiment and in the second ({drift}).",
         f"Stiffness of each realization over what is usual, from {curves.stiffness.min():.2f} to "
         f"{curves.stiffness.max():.2f}, and its noise, from {curves.noise.min():.2f} to {curves.noise.max():.2f}.",
         f"Correlation of the torque left over with the angle, largest {farthest[0]}, and with the speed, largest "
-        f"{farthest[1]}; chance keeps 95 % of them below {float(curves.chance):.2f}, the grey band. What is beyond it "
+        f"{farthest[1]}; by chance 95 % of them lie below {float(curves.chance):.2f}, the grey band. What is beyond it "
         "at positive lags is a reflex, a slow answer or a delay, at negative ones feedback.",
     ]
     return Illustration(partial(diagnosis_panels, diagnosis, name), f"What was seen in {name}", " ".join(sentences))

@@ -8,7 +8,7 @@ from typing import Any
 
 PROFILES = {"square": "square-wave stiffness", "sine": "sinusoidal stiffness", "constant": "constant stiffness"}
 PERTURBATIONS = {"noise": "filtered noise", "prbs": "PRBS"}
-TRAITS = ("profile", "perturbation", "duration_s", "snr_db", "viscosity")
+TRAITS = ("system", "profile", "perturbation", "duration_s", "snr_db", "viscosity")
 """Settings in which scenarios differ."""
 
 
@@ -47,8 +47,10 @@ def differing(scenarios: Sequence[Mapping[str, Any]]) -> list[str]:
 def described(scenario: Mapping[str, Any], names: Sequence[str] = TRAITS) -> str:
     """Scenario, given by its traits, in words; viscosity is mentioned only where it varies with stiffness."""
     words = {name: trait(name, scenario[name]) for name in names}
+    if words.get("system") == "joint":
+        del words["system"]
     if "profile" in words:
-        words["profile"] = profile_name(scenario["profile"])
+        words["profile"] = profile_name(scenario["profile"]) if scenario["profile"] != "own" else ""
     if "perturbation" in words:
         words["perturbation"] = perturbation_name(scenario["perturbation"])
     if "viscosity" in words:

@@ -43,7 +43,9 @@ def reason_to_skip(method: object, ensemble: Ensemble) -> str | None:
     if missing:
         needed = ", ".join(f"{item.name!r} ({item.kind}, {item.unit})" for item in missing)
         there = ", ".join(map(repr, ensemble.channels)) or "no further channel"
-        return f"it needs the channel {needed}, the ensemble has {there}; read it as a further channel"
+        return (
+            f"it needs the channel {needed}, the ensemble has {there}; read it as a further channel (--channel NAME=…)"
+        )
     skip = getattr(method, "skip", None)
     return skip(ensemble) if callable(skip) else None
 

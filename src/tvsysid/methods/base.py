@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.models import Model
 from tvsysid.numerics.spectra import power_shares
+from tvsysid.quality.catalogue import FAULTS
 from tvsysid.quality.statistics import LEAST_POWER, MOSTLY_NEGATIVE, mean_left, still_samples
 from tvsysid.signals import Ensemble
 
@@ -199,14 +200,19 @@ def _common_warnings(ensemble: Ensemble, model: Model, low: float, high: float) 
     if len(known) and np.mean(known < 0) > MOSTLY_NEGATIVE:
         yield (
             f"stiffness is negative at {100 * np.mean(known < 0):.0f} % of the samples: "
-            "is the torque's sign reversed? (torque_sign=-1 when reading)"
+            "is the torque's sign reversed? (read it with torque_sign=-1, --torque-sign -1)"
+        )
+    if len(known) and FAULTS["torque-unit"].beyond(usual := float(np.median(known))):
+        yield (
+            f"the stiffness is {usual:.4g} N·m/rad in the median, stiffer than any joint: are the angle in rad and the "
+            "torque in N·m, and not swapped?"
         )
     shared = model.diagnostics.details.get("second_order_agreement", math.nan)
     error = model.diagnostics.details.get("second_order_agreement_error", 0.0)
     if shared + CERTAIN * error < AGREES:
         yield (
             f"inertia, viscosity and stiffness explain only {shared:.0f} % of the torque that answers to the angle: "
-            "the joint is not of second order, and viscosity and inertia mean little; look at the response itself"
+            "the joint is not of second order, so viscosity and inertia mean nothing; see model.impulse_response"
         )
     left = mean_left(ensemble.torque[:, ensemble.core])
     if left.found:

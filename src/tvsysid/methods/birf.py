@@ -96,8 +96,8 @@ class BasisIRF(Method):
     title: ClassVar[str] = "Basis impulse response function"
     assumptions: ClassVar[tuple[str, ...]] = (
         "Behaviour is the same in all realizations.",
-        "Its change in time is a sum of the basis functions chosen, which limits what is seen.",
-        "For stiffness: inertia, viscosity and stiffness are all there is (second order).",
+        "Its change over time is a sum of the basis functions chosen; faster changes are missed.",
+        "For stiffness: the joint is of second order (inertia, viscosity, stiffness).",
     )
 
     def __post_init__(self) -> None:

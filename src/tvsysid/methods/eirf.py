@@ -110,8 +110,8 @@ class EnsembleIRF(Method):
         if independent_realizations(ensemble) > unknowns:
             return window_errors(ensemble, windows)
         why = (
-            f"{counted(ensemble)} are no more than the {unknowns} lags: nothing tells the noise from what the joint "
-            "does; record more, or shorten max_lag"
+            f"{counted(ensemble)} are no more than the {unknowns} lags: the noise cannot be separated from the joint's "
+            "response; record more, or shorten max_lag"
         )
         return no_errors(ensemble.samples, why)
 
@@ -125,7 +125,7 @@ class EnsembleIRF(Method):
         unknowns = 2 * whole_samples(self.max_lag, ensemble) + 1
         if len(ensemble) < 2 * unknowns:
             few, fault = (
-                ("fewer than", "the fit at each time is not determined and its random error explodes")
+                ("fewer than", "the fit at each time is not determined and its random error is very large")
                 if len(ensemble) < unknowns
                 else ("less than twice", "the random error is large")
             )

@@ -364,7 +364,7 @@ def _contents(module: ModuleType, what: str) -> str:
     found = [
         name
         for name, value in vars(module).items()
-        if not name.startswith("_") and callable(getattr(value, verb, None)) and not inspect.isabstract(value)
+        if not name.startswith("_") and verb in dir(value) and not inspect.isabstract(value)
     ]
     return f"what it has with {verb}: {', '.join(found)}" if found else f"nothing in it has {verb}"
 

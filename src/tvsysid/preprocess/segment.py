@@ -189,7 +189,7 @@ def _whole_samples(period: float, rate: float) -> int:
     if abs(samples - round(samples)) > 1e-6 * max(1.0, samples):
         raise InputError(
             f"segment: period {period:g} s is not a whole number of samples at {rate:g} Hz ({samples:g}); "
-            "give a rate at which it is one, for with a period that is a little off realizations would drift"
+            "give a rate at which it is one (--decimate, or decimate); realizations of a rounded period would drift"
         )
     return round(samples)
 

@@ -44,7 +44,7 @@ FAULTS: dict[str, Fault] = {
         "below",
     ),
     "weak-answer": Fault(
-        "The torque hardly answers the angle",
+        "The torque hardly responds to the angle",
         "share of the torque that stiffness, viscosity and inertia explain",
         30,
         "%",
@@ -66,8 +66,8 @@ FAULTS: dict[str, Fault] = {
         "share of the angle's variance that is common to all realizations, or white as sensor noise is",
         30,
         "%",
-        "an answer to the angle cannot be told from what repeats anyway; once the mean is subtracted, only noise is "
-        "left",
+        "a response to the angle cannot be separated from what repeats anyway; once the mean is subtracted, only "
+        "noise is left",
         "draw a new random perturbation for every realization; data recorded like this cannot be repaired",
     ),
     "repeated-realizations": Fault(
@@ -150,7 +150,7 @@ FAULTS: dict[str, Fault] = {
     ),
     "clock-skew": Fault(
         "The channels' clocks run apart",
-        "delay of the torque in the second half of the experiment, less that in the first",
+        "delay of the torque in the second half of the experiment, minus that in the first",
         8,
         "ms",
         "a delay that grows: viscosity is wrong by another amount at each time of the experiment, and the rest is "
@@ -159,7 +159,7 @@ FAULTS: dict[str, Fault] = {
     ),
     "drift": Fault(
         "The behaviour drifts over the experiment",
-        "stiffness of the second half less that of the first, over the first",
+        "stiffness of the second half minus that of the first, over the first",
         10,
         "%",
         "the result is a mean of different behaviours, and describes none of them",
@@ -171,7 +171,7 @@ FAULTS: dict[str, Fault] = {
         100,
         "%",
         "the drift counts as a movement, which the torque does not answer: stiffness comes out too low",
-        "subtract a line, or what is slower than a realization, from the recording before cutting; check the sensor",
+        "subtract a line, or components slower than a realization, from the recording before cutting; check the sensor",
     ),
     "torque-offset": Fault(
         "The torque's offset drifts",
@@ -179,7 +179,7 @@ FAULTS: dict[str, Fault] = {
         100,
         "%",
         "the drift counts as torque that the angle does not explain: much more noise for the fits",
-        "subtract a line, or what is slower than a realization, from the recording before cutting; check the sensor",
+        "subtract a line, or components slower than a realization, from the recording before cutting; check the sensor",
     ),
     "unlike-realizations": Fault(
         "Some realizations are outliers",
@@ -274,16 +274,17 @@ FAULTS: dict[str, Fault] = {
     ),
     "reflex": Fault(
         "A reflex answers stretch",
-        "share of the residual torque that the speed 40 to 300 ms before predicts, whichever its direction",
+        "share of the residual torque that the speed 40 to 300 ms earlier predicts, regardless of its direction",
         2,
         "%",
         "intrinsic and reflex torque are identified as one: viscosity comes out too low and stiffness too high, both "
         "vary with the perturbation, and VAF is low",
-        "take the result as that of joint and reflex together, or use a method with a reflex pathway",
+        "take the result as that of joint and reflex together, or use a method of your own with a reflex pathway; the "
+        "package's have none",
     ),
     "slow-answer": Fault(
         "More than stiffness, viscosity and inertia",
-        "share of the residual torque that angles 40 to 300 ms before predict",
+        "share of the residual torque that angles 40 to 300 ms earlier predict",
         10,
         "%",
         "a model of second order (birf, kbr) misses this part; impulse responses hold it as far as their lags reach",

@@ -94,9 +94,10 @@ class Finding:
         fault, size = self.fault, abs(self.value)
         value = "0" if size < 1e-9 else f"{self.value:.3g}" if size < 1e4 else f"{self.value:.2g}"
         unit = fault.unit.removesuffix("s") if value == "1" else fault.unit
-        allowed = "at most" if fault.wrong == "above" else "at least"
+        sign = "±" if self.value < 0 else ""
+        allowed = f"at most {sign}" if fault.wrong == "above" else "at least "
         caveat = ", but not significant" if self.state == "uncertain" else ""
-        return f"{value} {unit}, {allowed} {fault.limit:g} is in order{caveat}"
+        return f"{value} {unit}, {allowed}{fault.limit:g} is in order{caveat}"
 
     def __repr__(self) -> str:
         return f"Finding({self.name}: {self.state}; {self.what})"

@@ -72,7 +72,7 @@ def _in_steps(data: FittedEnsemble) -> bool:
 
 def reflex(data: FittedEnsemble) -> Seen:
     """Whether the residual torque follows the size of a late velocity, which a linear joint cannot."""
-    return _late(data, np.abs(_velocity(data)), "the speed", ", whichever its direction,")
+    return _late(data, np.abs(_velocity(data)), "the speed", ", regardless of its direction,")
 
 
 def slow_answer(data: FittedEnsemble) -> Seen:

@@ -71,7 +71,7 @@ def clock_skew(data: FittedEnsemble) -> Seen:
     trades = zip(data.halves, (second_shift, first_shift), (first, second), strict=True)
     worse = [_shifted(half, others).squares - own.squares for half, others, own in trades]
     skew = 1000 * second_shift / data.rate - 1000 * first_shift / data.rate
-    what = f"the torque is {skew:+.3g} ms late in the second half of the experiment against the first"
+    what = f"the torque is {skew:.3g} ms late in the second half of the experiment against the first"
     return Seen(skew, what, p_value_of(np.concatenate(worse)) < SIGNIFICANT)
 
 

@@ -30,10 +30,7 @@ def contradictions(channels: Mapping[str, Channel], sampling_rate: float, units:
     for rate in sorted({channel.sampling_rate for channel in channels.values() if channel.sampling_rate is not None}):
         if abs(rate - sampling_rate) > SAME_RATE * sampling_rate:
             names = ", ".join(name for name, channel in channels.items() if channel.sampling_rate == rate)
-            yield (
-                f"the file states {rate:g} Hz for {names}, and is read at {sampling_rate:g} Hz as you say; is that "
-                "the right rate?"
-            )
+            yield (f"the file states {rate:g} Hz for {names}, you gave {sampling_rate:g} Hz; check the rate")
     for name, unit in units.items():
         told = channels[name].unit
         if told and re.sub(r"[\s·⋅.*\-_()\[\]]", "", told.lower()) not in SPELLINGS[unit]:
@@ -45,7 +42,11 @@ def implausible(recording: Recording, angle: str, torque: str, angle_unit: str) 
     with np.errstate(over="ignore"):  # of a damaged file's numbers
         size = float(np.std(recording.angle))
     if FAULTS["angle-unit"].beyond(size):
-        advice = "if it is in degrees, say so with angle_unit='deg'" if angle_unit == "rad" else "are these degrees?"
+        advice = (
+            "if it is in degrees, give angle_unit='deg' (--angle-unit deg)"
+            if angle_unit == "rad"
+            else "are these degrees?"
+        )
         yield f"{angle} has an RMS of {size:.3g} rad about its mean; {advice}"
     for name, values in recording.channels.items():
         if values.min() == values.max():

@@ -112,6 +112,8 @@ class _Request:
             raise InputError(f"angle_unit must be one of {', '.join(map(repr, ANGLE_UNITS))}; got {self.angle_unit!r}")
         if self.torque_sign not in (1, -1):
             raise InputError(f"torque_sign must be 1 or -1; got {self.torque_sign!r}")
+        if self.angle == self.torque:
+            raise InputError(f"angle and torque are both {self.angle!r}; name the channel of each (--angle, --torque)")
         if self.columns not in ("contiguous", "trials"):
             raise InputError(f"columns must be 'contiguous' or 'trials'; got {self.columns!r}")
         if not isinstance(self.channels, Mapping):

@@ -16,8 +16,8 @@ from tvsysid.report import page
 SYMBOLS = {"found": "✗", "uncertain": "?", "in order": "✓", "not judged": "–"}
 HOW = (
     "A joint of second order, with stiffness and viscosity free in bins of 50 ms, is fitted to the deviations from the "
-    "mean over realizations. What it explains tells of units, signs and rates; what it does not explain tells of "
-    "reflexes, feedback and lost signals; how both vary over realizations tells of drift and misalignment."
+    "mean over realizations. The fit reveals wrong units, signs and rates; its residual reveals reflexes, feedback "
+    "and lost signals; how both vary over realizations reveals drift and misalignment."
 )
 FOUND = page.columns(
     {
@@ -26,7 +26,7 @@ FOUND = page.columns(
     }
 )
 CHECKED = page.columns(
-    {"what": "label", "verdict": "verdict", "how strong": "", "what was seen": "long", "what its number is": "long"}
+    {"what": "label", "verdict": "verdict", "how strong": "", "what was seen": "long", "measure": "long"}
 )
 MEASURED = page.columns({"measure": "", "value": "number", "unit": ""})
 
@@ -61,8 +61,8 @@ def write_diagnosis(
         again: list[page.Block] = ["This command made the page:", page.Code("Command", command)]
         parts.append(page.Section("again", "How to repeat it", again))
     title = f"Diagnosis of {next(iter(diagnoses))}" if len(diagnoses) == 1 else "Diagnosis"
-    ensembles = count(len(diagnoses), "ensemble")
-    subtitle = f"What may be wrong with {ensembles} of realizations, before stiffness is identified."
+    recordings = count(len(diagnoses), "recording")
+    subtitle = f"Faults that would spoil the identified stiffness, looked for in {recordings}."
     page.write_page(path, page.Page(title, subtitle, parts))
 
 
@@ -107,8 +107,10 @@ def _one(name: str, diagnosis: Diagnosis, anchor: str, picture: Picture) -> list
         if math.isfinite(value)
     ]
     caption = f"What was found in {name}, what it does to the result, and what to do."
-    looked_at = f"All that was looked at in {name}"
-    limits = "Everything that was looked for. What is found is beyond its limit, and significant (p < 0.00001)."
+    looked_at = f"All checks of {name}"
+    limits = (
+        "All that was looked for. A fault is beyond its limit and, where noise reaches it, significant (p < 0.00001)."
+    )
     values = f"Useful values about {name}; its impedance is taken as constant over time, and fitted by least squares."
     return [
         page.Heading(name, anchor),

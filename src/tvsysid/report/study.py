@@ -52,6 +52,7 @@ BEST = {
     "vaf": "highest VAF",
 }
 TRAIT_COLUMNS = {
+    "system": page.Column("system"),
     "profile": page.Column("stiffness"),
     "perturbation": page.Column("perturbation"),
     "duration_s": page.Column("data (s)", kind="number"),
@@ -65,7 +66,7 @@ METRICS = (
     "time is the time from 10 to 90 % of a step in stiffness. VAF (variance accounted for) is the share of the "
     "noiseless torque that the identified model predicts. “In 95 % band” is the share of times and trials at which the "
     "method’s own band holds the true stiffness: a band covers noise, not what a method smooths away, so it misses the "
-    "truth near a switch. After ± stands one standard error of the Monte-Carlo estimate."
+    "truth near a switch. The value after ± is one standard error of the Monte-Carlo estimate."
 )
 CLAIMS = (
     "What van de Ruit et al. (2021) say, and whether this study finds it. Estimate and limits (95 %) are those of the "
@@ -203,8 +204,8 @@ def outcome(results: xr.Dataset, summary: pd.DataFrame, claims: pd.DataFrame) ->
     total = summary[(summary.metric == "total_error") & summary.value.notna()]
     if len(traits) > 1 and len(total):
         best = total.loc[total.groupby("scenario", sort=False).value.idxmin()].method.value_counts()
-        wins = ", ".join(f"{method} in {times}" for method, times in best.items())
-        sentences.append(f"Of all {len(traits)} scenarios the total error is lowest for {wins}.")
+        wins = ", ".join(f"{method} in {times} of {len(traits)}" for method, times in best.items())
+        sentences.append(f"Lowest total error: {wins} scenarios.")
     return [*sentences, *sections.verdicts(claims)]
 
 

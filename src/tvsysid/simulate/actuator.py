@@ -11,6 +11,7 @@ from scipy.linalg import expm
 from scipy.signal import bessel, lfilter
 
 from tvsysid.numerics import Array
+from tvsysid.simulate.perturbations import generated
 from tvsysid.simulate.setup import BANDWIDTH, LowPassedNoise, Setup
 
 BLOCK = 16384
@@ -31,7 +32,7 @@ def answer(setup: Setup, impedance: Mapping[str, Array], streams: list[np.random
     The impedance is ``stiffness``, ``viscosity`` and ``inertia`` over time. The noise still has any size.
     """
     samples, run_in = len(setup.index), setup.run_in
-    drive = np.asarray(setup.perturbation.generate(run_in + samples, setup.rate, streams[0]))
+    drive = generated(setup.perturbation, run_in + samples, setup.rate, streams[0])
     found = Answer(np.empty(samples), np.empty(run_in + samples), np.empty(samples), np.empty(samples))
     actuator, noise = Actuator(setup.rate), LowPassedNoise(streams[1], BANDWIDTH, setup.rate, run_in)
     found.velocity[:run_in] = actuator(drive[:run_in])[1]

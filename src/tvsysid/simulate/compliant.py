@@ -11,6 +11,7 @@ from tvsysid.errors import InputError
 from tvsysid.numerics import Array
 from tvsysid.simulate.actuator import Actuator
 from tvsysid.simulate.joint import Joint
+from tvsysid.simulate.perturbations import generated
 from tvsysid.simulate.settings import positive
 from tvsysid.simulate.setup import BANDWIDTH, LowPassedNoise, Setup
 from tvsysid.simulate.simulation import Simulation
@@ -79,7 +80,7 @@ class CompliantActuator(Joint):
         impedance = self._impedance(setup, setup.whole_index)
         for_drive, for_noise = setup.streams()
         samples, run_in = len(setup.whole_index), setup.run_in
-        drive = np.asarray(setup.perturbation.generate(samples, setup.rate, for_drive))
+        drive = generated(setup.perturbation, samples, setup.rate, for_drive)
         reference = np.stack(Actuator(setup.rate)(drive))  # with its derivatives
         noise = LowPassedNoise(for_noise, self._bandwidth(setup.rate), setup.rate, settling=0)(samples)
 

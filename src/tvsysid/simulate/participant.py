@@ -13,7 +13,7 @@ from tvsysid.errors import InputError
 from tvsysid.signals import Array, Recording
 from tvsysid.simulate.actuator import Actuator
 from tvsysid.simulate.joint import StretchReflex
-from tvsysid.simulate.perturbations import PERTURBATIONS, PRBS, Perturbation
+from tvsysid.simulate.perturbations import PERTURBATIONS, PRBS, Perturbation, generated
 from tvsysid.simulate.profiles import SineWave
 from tvsysid.simulate.settings import not_negative, positive
 from tvsysid.simulate.setup import BANDWIDTH, RMS_ANGLE, LowPassedNoise
@@ -196,7 +196,7 @@ class Participant:
 
         drive = np.zeros((TRIALS, samples))
         for trial in drive:
-            trial[rest:-rest] = perturbation.generate(samples - 2 * rest, RATE, for_angle)
+            trial[rest:-rest] = generated(perturbation, samples - 2 * rest, RATE, for_angle)
         angle, velocity, acceleration = Actuator(RATE)(drive.ravel())
         # Not by BLAS, whose last bits depend on the number of threads.
         scale = RMS_ANGLE / math.sqrt(float(np.sum(np.square(angle))) / (TRIALS * (samples - 2 * rest)))

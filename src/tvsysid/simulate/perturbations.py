@@ -22,6 +22,18 @@ class Perturbation(Protocol):
         ...  # pragma: no cover
 
 
+def generated(perturbation: Perturbation, samples: int, rate: float, random: np.random.Generator) -> Array:
+    """Angle that a perturbation generates, if it is one finite number for each sample."""
+    values = perturbation.generate(samples, rate, random)
+    if np.shape(values) != (samples,) or not np.isfinite(values).all():
+        came = "values that are not finite" if np.shape(values) == (samples,) else f"shape {np.shape(values)}"
+        raise InputError(
+            f"{type(perturbation).__name__}: generate(samples, rate, random) must return one finite number for each "
+            f"sample, shape ({samples},); got {came}"
+        )
+    return np.asarray(values)
+
+
 @dataclass(frozen=True)
 class FilteredNoise:
     """White noise through a second-order low-pass Butterworth filter, with its -3 dB frequency ``cutoff`` in Hz."""

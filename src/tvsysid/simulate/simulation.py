@@ -105,3 +105,10 @@ class Simulation:
             )
         index = np.array(recording.trial_starts)[trials, None] + within.astype(np.int64)
         return {name: values[index] for name, values in self.truth.items()}
+
+
+def checked_simulation(made: object, system: str) -> Simulation:
+    """Return what a system gave, if it is a simulation."""
+    if not isinstance(made, Simulation):
+        raise InputError(f"{system}: simulate must return a tvsysid.simulate.Simulation, got {type(made).__name__}")
+    return made

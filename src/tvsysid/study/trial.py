@@ -15,6 +15,7 @@ from tvsysid.models import Model
 from tvsysid.preprocess import decimate, segment
 from tvsysid.signals import Array, Ensemble, Recording
 from tvsysid.simulate import Perturbation, Simulation, System
+from tvsysid.simulate.simulation import checked_simulation
 from tvsysid.study import task
 from tvsysid.study.task import Known, Outcome, Row
 
@@ -38,7 +39,8 @@ class Setting(NamedTuple):
     def simulated(self, system: System, perturbation: Perturbation, seed: np.random.SeedSequence) -> Simulation:
         """Record a system."""
         rate = self.rate * max(1, -(-SIMULATED_HZ // self.rate))
-        return system.simulate(self.duration_s, perturbation=perturbation, snr_db=self.snr_db, seed=seed, rate=rate)
+        made = system.simulate(self.duration_s, perturbation=perturbation, snr_db=self.snr_db, seed=seed, rate=rate)
+        return checked_simulation(made, type(system).__name__)
 
     def cut(self, recording: Recording) -> Ensemble:
         """Realizations of a simulated recording."""

@@ -135,8 +135,8 @@ class KernelRegression(Method):
     title: ClassVar[str] = "Kernel-based regression"
     assumptions: ClassVar[tuple[str, ...]] = (
         "Stiffness, viscosity and inertia change smoothly and nearly periodically, as the kernel says.",
-        "Inertia, viscosity and stiffness are all there is (second order, or the order given), behind at most one lag.",
-        "The record is continuous; single realizations serve, more improve the estimate.",
+        "The joint is of second order (or of the order given), with at most one lag of the torque.",
+        "The record is continuous; one realization is enough, more are better.",
     )
 
     def __post_init__(self) -> None:

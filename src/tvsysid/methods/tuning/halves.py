@@ -112,7 +112,7 @@ def evidence_by_halves(
     axis = list(grids)[-1]
     others = [name for name in grids if name != axis]
     return Evidence(
-        criterion="mean square error of stiffness, by halves",
+        criterion="cross-validated mean square error of stiffness (two halves)",
         unit="(N·m/rad)²",
         better="lower",
         tried=tuple(tried),

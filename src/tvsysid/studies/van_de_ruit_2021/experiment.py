@@ -132,7 +132,7 @@ Margins = Callable[[Figures], Iterator[Paired]]
 def judge_experiment(results: xr.Dataset) -> pd.DataFrame:
     """Hold every claim of the paper's experiment against the results of one."""
     figures = Figures(results)
-    too_few = f"Takes at least {FEWEST} participants." if len(figures.participants) < FEWEST else ""
+    too_few = f"Needs at least {FEWEST} participants." if len(figures.participants) < FEWEST else ""
     rows = [judged(claim, list(claim.margins(figures)), too_few=too_few, more="participants") for claim in CLAIMS]
     return pd.DataFrame(rows, columns=list(COLUMNS))
 

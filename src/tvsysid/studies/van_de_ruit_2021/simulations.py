@@ -109,7 +109,7 @@ Pairs = Callable[[Scores], Iterator[tuple[Place, Place]]]
 def judge_simulations(scores: xr.Dataset) -> pd.DataFrame:
     """Hold every claim of the paper's simulation study against the scores of a study."""
     known = Scores(scores)
-    too_few = f"Takes at least {FEWEST} trials." if int(scores.trials.max()) < FEWEST else ""
+    too_few = f"Needs at least {FEWEST} trials." if int(scores.trials.max()) < FEWEST else ""
     # A draw of few trials may be of one alone, which has no spread to take the logarithm of.
     with np.errstate(divide="ignore", invalid="ignore"):
         rows = [
@@ -309,9 +309,12 @@ CLAIMS: tuple[Claim, ...] = (
     Claim("eirf has the shortest rise time", "3.4", _ranked(RISE, _below("eirf")), "s", SQUARE),
     Claim("birf has the largest bias", "3.4", _ranked(BIAS, _above("birf")), STIFFNESS, SQUARE),
     Claim("birf has the smallest random error", "3.4", _ranked(RANDOM, _below("birf")), RATIO, SQUARE),
-    Claim("sds, esm, kbr lie between in bias", "3.4", _ranked(BIAS, _between("eirf", "birf")), STIFFNESS, SQUARE),
-    Claim("sds, esm, kbr lie between in random error", "3.4", _ranked(RANDOM, _between("birf", "eirf")), RATIO, SQUARE),
-    Claim("sds, esm, kbr lie between in rise time", "3.4", _ranked(RISE, _between("eirf", "birf")), "s", SQUARE),
+    Claim("sds, esm, kbr lie between eirf and birf in bias", "3.4",
+          _ranked(BIAS, _between("eirf", "birf")), STIFFNESS, SQUARE),
+    Claim("sds, esm, kbr lie between birf and eirf in random error", "3.4",
+          _ranked(RANDOM, _between("birf", "eirf")), RATIO, SQUARE),
+    Claim("sds, esm, kbr lie between eirf and birf in rise time", "3.4",
+          _ranked(RISE, _between("eirf", "birf")), "s", SQUARE),
     Claim("eirf is most sensitive to the amount of data", "3.4", _falls_most, RATIO,
           "several durations of a square wave"),
     Claim("eirf improves strongly above 40 s", "3.4",

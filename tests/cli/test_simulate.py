@@ -99,7 +99,7 @@ def test_ones_own_profile_perturbation_and_system(tvsysid):
         (("--stiffness", "step"), "unknown profile 'step'; expected one of square, sine, constant, or"),
         (("--perturbation", "pink"), "unknown perturbation 'pink'; expected one of noise, prbs, or"),
         (("--system", "own_systems:Hum"), "class Hum has no simulate"),
-        (("--perturbation", "own_systems:Short"), "each sample, shape (31000,); got shape (3,)"),
+        (("--perturbation", "own_systems:Short"), "each sample, shape (11000,); got shape (3,)"),
         (("--system", "own_systems:Empty"), "simulate must return a tvsysid.simulate.Simulation, got int"),
         (("--system", "own_systems:Rigid", "--stiffness", "sine"), "is not a dataclass with a field stiffness"),
         (("--stiffness", "own_systems:broken"), "system joint: ZeroDivisionError: division by zero (own_systems.py"),

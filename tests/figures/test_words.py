@@ -1,6 +1,7 @@
 from tvsysid.figures.words import described, differing, perturbation_name, trait, unit_name, wrapped
 
-SCENARIO = {"profile": "square", "perturbation": "noise", "duration_s": 150.0, "snr_db": 10.0, "viscosity": "constant"}
+SCENARIO = {"system": "joint", "profile": "square", "perturbation": "noise", "duration_s": 150.0, "snr_db": 10.0}
+SCENARIO["viscosity"] = "constant"
 
 
 def test_perturbations_and_units_have_names():
@@ -14,6 +15,8 @@ def test_traits_in_words():
     assert differing([SCENARIO, SCENARIO | {"perturbation": "prbs"}]) == ["noise", "PRBS"]
     assert differing([SCENARIO]) == ["150 s"]
     assert described(SCENARIO) == "square-wave stiffness, filtered noise, 150 s, 10 dB"
+    own = SCENARIO | {"system": "mine:Ankle", "profile": "own"}
+    assert described(own) == "mine:Ankle, filtered noise, 150 s, 10 dB"
 
 
 def test_labels_are_broken_behind_punctuation():

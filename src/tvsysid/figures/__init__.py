@@ -14,29 +14,8 @@ from tvsysid.figures.simulations import coverage_over_time, error_against_amount
 from tvsysid.figures.spread import error_against_truth, variance_and_spread
 from tvsysid.figures.style import lines
 
-__all__ = [
-    "Illustration",
-    "Picture",
-    "coverage_over_time",
-    "diagnosis_illustration",
-    "diagnosis_panels",
-    "draw_all",
-    "drawn",
-    "error_against_amount",
-    "error_against_truth",
-    "helpers",
-    "identified_impedance",
-    "impulse_responses",
-    "lines",
-    "method_comparison",
-    "participant_in_detail",
-    "preparation_steps",
-    "recorded_channels",
-    "recorded_signals",
-    "save",
-    "share_out",
-    "stiffness_of_participants",
-    "stiffness_with_bands",
-    "tuning_curves",
-    "variance_and_spread",
-]
+__all__ = ["Illustration", "Picture", "coverage_over_time", "diagnosis_illustration", "diagnosis_panels", "draw_all"]
+__all__ += ["drawn", "error_against_amount", "error_against_truth", "helpers", "identified_impedance"]
+__all__ += ["impulse_responses", "lines", "method_comparison", "participant_in_detail", "preparation_steps"]
+__all__ += ["recorded_channels", "recorded_signals", "save", "share_out", "stiffness_of_participants"]
+__all__ += ["stiffness_with_bands", "tuning_curves", "variance_and_spread"]

@@ -7,37 +7,7 @@ from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 
-from tvsysid.methods.base import (
-    EXCITED_ABOVE,
-    Method,
-    check_choice,
-    check_positive,
-    check_window,
-    fitting_lags,
-    missing_edge,
-    padded,
-)
-from tvsysid.methods.shared import (
-    HALF_WIDTH,
-    PRIORS,
-    Colour,
-    DerivativeMoments,
-    Posterior,
-    PosteriorErrors,
-    agreement,
-    colour_products,
-    derivative_filters,
-    derivative_moments,
-    impedance_estimates,
-    impulse_response_model,
-    independent_realizations,
-    independent_share,
-    lagged_moments,
-    residual,
-    second_order_fit,
-    time_chunks,
-)
-from tvsysid.methods.tuning import Evidence, evidence_of_bases
+from tvsysid.methods import base, shared, tuning
 from tvsysid.models import Diagnostics, ImpulseResponseModel, Model, SecondOrderModel
 from tvsysid.numerics.bases import Basis, CubicBSplines, check_basis, evaluate
 from tvsysid.signals import Array, Ensemble
@@ -47,7 +17,7 @@ Structure = Literal["parametric", "irf"]
 
 
 @dataclass(frozen=True)
-class BasisIRF(Method):
+class BasisIRF(base.Method):
     r"""Time variation as a sum of basis functions, with sparse Bayesian coefficients.
 
     .. math:: h(t, \tau) = \sum_j \lambda_{\tau j} \Lambda_j(t) \qquad\text{or}\qquad
@@ -101,9 +71,9 @@ class BasisIRF(Method):
     )
 
     def __post_init__(self) -> None:
-        check_positive(self, max_lag=self.max_lag)
-        check_choice(self, "model", Structure)
-        check_choice(self, "prior", Prior)
+        base.check_positive(self, max_lag=self.max_lag)
+        base.check_choice(self, "model", Structure)
+        base.check_choice(self, "prior", Prior)
         check_basis(self, self.basis)
 
     def _identify(self, ensemble: Ensemble) -> Model:
@@ -111,7 +81,7 @@ class BasisIRF(Method):
         return self._parametric(ensemble, functions) if self.model == "parametric" else self._irf(ensemble, functions)
 
     def _parametric(self, ensemble: Ensemble, functions: Array) -> SecondOrderModel:
-        products = colour_products(ensemble)  # which the bands need too
+        products = shared.colour_products(ensemble)  # which the bands need too
         moments = self._derivative_moments(ensemble, products)
         missing = (len(functions) - len(moments.square)) // 2
         expansions = _expansions(functions[missing : len(functions) - missing])
@@ -123,17 +93,17 @@ class BasisIRF(Method):
         places = np.split(np.arange(len(coefficients)), (count, 2 * count))
         impedance = np.stack([e @ coefficients[at] for e, at in zip(expansions, places, strict=True)], axis=1)
         agreement = moments.second_order_agreement(impedance, len(ensemble))
-        filters = derivative_filters(HALF_WIDTH, ensemble.sampling_rate)
-        left = residual(ensemble, impedance @ filters)
+        filters = shared.derivative_filters(shared.HALF_WIDTH, ensemble.sampling_rate)
+        left = shared.residual(ensemble, impedance @ filters)
         covariances = tuple(covariance[np.ix_(at, at)] for at in places)
         errors = self._errors(ensemble, products, expansions, covariances, left, posterior.effective)
-        stiffness, viscosity, inertia = padded(impedance, missing).T
+        stiffness, viscosity, inertia = base.padded(impedance, missing).T
         names = [f"{name} {j}" for name in ("stiffness", "viscosity") for j in range(count)]
         return SecondOrderModel(
             method=repr(self),
             sampling_rate=ensemble.sampling_rate,
             time=ensemble.time,
-            estimates=impedance_estimates(stiffness, viscosity, inertia, errors),
+            estimates=shared.impedance_estimates(stiffness, viscosity, inertia, errors),
             coefficients=coefficients,
             covariance=covariance,
             labels=(*names, "inertia"),
@@ -141,8 +111,8 @@ class BasisIRF(Method):
         )
 
     def _irf(self, ensemble: Ensemble, functions: Array) -> ImpulseResponseModel:
-        lags = fitting_lags("BasisIRF", self.max_lag, ensemble)
-        missing = missing_edge(lags, ensemble)
+        lags = base.fitting_lags("BasisIRF", self.max_lag, ensemble)
+        missing = base.missing_edge(lags, ensemble)
         inner = functions[missing : len(functions) - missing]
         system, moments = _irf_system(ensemble, inner, lags)
         posterior = self._posterior(system, ensemble)
@@ -151,34 +121,34 @@ class BasisIRF(Method):
         weights = inner @ posterior.mean.reshape(unknowns, count).T * scale
         covariance = posterior.covariance.reshape(unknowns, count, unknowns, count) * scale**2
         # A second-order fit, weighted by the angle's mean correlations.
-        derivative = derivative_filters(lags, ensemble.sampling_rate)
+        derivative = shared.derivative_filters(lags, ensemble.sampling_rate)
         projected = derivative @ moments
-        fit = second_order_fit((projected @ derivative.T)[None], np.zeros((1, 3))).inverse[0] @ projected
+        fit = shared.second_order_fit((projected @ derivative.T)[None], np.zeros((1, 3))).inverse[0] @ projected
         beyond = moments - projected.T @ fit
-        shared = np.einsum("ajbk,jk->ab", covariance, inner.T @ inner / len(inner))
-        found = agreement(
+        uncertain = np.einsum("ajbk,jk->ab", covariance, inner.T @ inner / len(inner))
+        found = shared.agreement(
             np.einsum("ta,ab,tb->t", weights, moments - beyond, weights, optimize=True),
             np.einsum("ta,ab,tb->t", weights, beyond, weights, optimize=True),
-            np.full(len(weights), np.sum(beyond * shared)),
+            np.full(len(weights), np.sum(beyond * uncertain)),
         )
         readout = np.stack([np.ones(unknowns), fit[1], fit[2]])
         covariances = tuple(np.einsum("ma,ajbk,mb->mjk", readout, covariance, readout, optimize=True))
-        left, expansions = residual(ensemble, weights), (inner,) * 3
-        errors = self._errors(ensemble, colour_products(ensemble), expansions, covariances, left, posterior.effective)
+        left, products = shared.residual(ensemble, weights), shared.colour_products(ensemble)
+        errors = self._errors(ensemble, products, (inner,) * 3, covariances, left, posterior.effective)
         diagnostics = _diagnostics(posterior, found)
-        return impulse_response_model(repr(self), ensemble, weights, weights @ fit.T, diagnostics, errors)
+        return shared.impulse_response_model(repr(self), ensemble, weights, weights @ fit.T, diagnostics, errors)
 
-    def _posterior(self, system: System, ensemble: Ensemble, share: float = 1.0) -> Posterior:
+    def _posterior(self, system: System, ensemble: Ensemble, share: float = 1.0) -> shared.Posterior:
         """Coefficients as if only a share of the samples were there; all of them are, but weigh less."""
         count = len(ensemble) * share
         moments = (system.gram * count, system.cross * count, system.square * count)
-        return PRIORS[self.prior](*moments, round(count * system.times))
+        return shared.PRIORS[self.prior](*moments, round(count * system.times))
 
-    def _derivative_moments(self, ensemble: Ensemble, products: Array) -> DerivativeMoments:
-        check_window("BasisIRF: the derivatives of the angle", 2 * HALF_WIDTH + 1, ensemble)
-        first = max(0, ensemble.context - HALF_WIDTH)
+    def _derivative_moments(self, ensemble: Ensemble, products: Array) -> shared.DerivativeMoments:
+        base.check_window("BasisIRF: the derivatives of the angle", 2 * shared.HALF_WIDTH + 1, ensemble)
+        first = max(0, ensemble.context - shared.HALF_WIDTH)
         angle, torque = (x[:, first : x.shape[1] - first] for x in (ensemble.angle, ensemble.torque))
-        return derivative_moments(products, angle, torque, ensemble.sampling_rate)
+        return shared.derivative_moments(products, angle, torque, ensemble.sampling_rate)
 
     def _errors(
         self,
@@ -188,15 +158,15 @@ class BasisIRF(Method):
         covariances: tuple[Array, ...],
         left: Array,
         effective: float,
-    ) -> PosteriorErrors:
+    ) -> shared.PosteriorErrors:
         """Standard errors of what the coefficients of these expansions (time, function) make."""
-        filters = derivative_filters(HALF_WIDTH, ensemble.sampling_rate)
+        filters = shared.derivative_filters(shared.HALF_WIDTH, ensemble.sampling_rate)
         # The posterior counts all samples; where their mean was subtracted, there is less noise in them.
-        freedom = left.size * independent_realizations(ensemble) / len(ensemble) - effective
-        return PosteriorErrors(
+        freedom = left.size * shared.independent_realizations(ensemble) / len(ensemble) - effective
+        return shared.PosteriorErrors(
             expansions,
             covariances,
-            Colour.of(ensemble, left, effective / left.size, filters, products),
+            shared.Colour.of(ensemble, left, effective / left.size, filters, products),
             band=(0.0, 0.5),
             stronger=(left.size - effective) / max(freedom, 1.0),
             freedom=freedom,
@@ -204,27 +174,28 @@ class BasisIRF(Method):
             missing=0,
         )
 
-    def _evidence(self, ensemble: Ensemble, seed: int) -> Evidence:
+    def _evidence(self, ensemble: Ensemble, seed: int) -> tuning.Evidence:
         """Log evidence of bases; ``seed`` is not needed: nothing is drawn at random."""
-        per_function = 2 if self.model == "parametric" else 2 * fitting_lags("BasisIRF", self.max_lag, ensemble) + 1
+        parametric = self.model == "parametric"
+        per_function = 2 if parametric else 2 * base.fitting_lags("BasisIRF", self.max_lag, ensemble) + 1
         predicted = self._identify(ensemble).predict(ensemble)
-        share = independent_share(ensemble, predicted, (0.0, ensemble.sampling_rate / 2))
-        moments = self._derivative_moments(ensemble, colour_products(ensemble)) if self.model == "parametric" else None
+        share = shared.independent_share(ensemble, predicted, (0.0, ensemble.sampling_rate / 2))
+        moments = self._derivative_moments(ensemble, shared.colour_products(ensemble)) if parametric else None
 
         def log_evidence(basis: Basis) -> float:
             functions = evaluate(basis, ensemble.samples)
             if moments is None:
-                missing = missing_edge(per_function // 2, ensemble)
+                missing = base.missing_edge(per_function // 2, ensemble)
                 system, _ = _irf_system(ensemble, functions[missing : len(functions) - missing], per_function // 2)
             else:
                 missing = (len(functions) - len(moments.square)) // 2
                 system = _parametric_system(moments, _expansions(functions[missing : len(functions) - missing]))
             return self._posterior(system, ensemble, share).log_evidence
 
-        return evidence_of_bases(self.basis, self.prior, ensemble.samples, log_evidence, per_function)
+        return tuning.evidence_of_bases(self.basis, self.prior, ensemble.samples, log_evidence, per_function)
 
     def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
-        return 1 / (2 * self.max_lag), EXCITED_ABOVE
+        return 1 / (2 * self.max_lag), base.EXCITED_ABOVE
 
 
 class System(NamedTuple):
@@ -245,7 +216,7 @@ def _expansions(functions: Array) -> tuple[Array, Array, Array]:
     return functions, functions, np.ones((len(functions), 1))
 
 
-def _parametric_system(moments: DerivativeMoments, expansions: tuple[Array, ...]) -> System:
+def _parametric_system(moments: shared.DerivativeMoments, expansions: tuple[Array, ...]) -> System:
     power = np.mean(np.diagonal(moments.regressors, axis1=1, axis2=2), axis=0)
     rms = np.sqrt(np.maximum(power, np.finfo(float).tiny))
     regressors, cross = moments.regressors / np.outer(rms, rms), moments.cross / rms
@@ -264,10 +235,10 @@ def _irf_system(ensemble: Ensemble, functions: Array, lags: int) -> tuple[System
     """Normal equations of the impulse response, and the mean over time of the correlations of lagged angles."""
     first = max(0, ensemble.context - lags)
     angle, torque = (x[:, first : x.shape[1] - first] for x in (ensemble.angle, ensemble.torque))
-    phi_uu, phi_uy, square, _ = lagged_moments(angle, torque, lags)
+    phi_uu, phi_uy, square, _ = shared.lagged_moments(angle, torque, lags)
     unknowns, count = phi_uy.shape[1], functions.shape[1]
     gram = np.zeros((unknowns**2, count**2))
-    for chunk in time_chunks(len(functions), unknowns):
+    for chunk in shared.time_chunks(len(functions), unknowns):
         at = functions[chunk]
         gram += phi_uu[chunk].reshape(len(at), -1).T @ (at[:, :, None] * at[:, None, :]).reshape(len(at), -1)
     gram = gram.reshape(unknowns, unknowns, count, count).transpose(0, 2, 1, 3).reshape(unknowns * count, -1)
@@ -278,7 +249,7 @@ def _irf_system(ensemble: Ensemble, functions: Array, lags: int) -> tuple[System
     return System(gram / power, cross, float(square.sum()), len(functions), scale), moments / len(functions)
 
 
-def _diagnostics(posterior: Posterior, agreement: float) -> Diagnostics:
+def _diagnostics(posterior: shared.Posterior, agreement: float) -> Diagnostics:
     details = {
         "noise_variance": posterior.noise_variance,
         "log_evidence": posterior.log_evidence,

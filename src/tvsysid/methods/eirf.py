@@ -6,19 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
+from tvsysid.methods import shared, tuning
 from tvsysid.methods.base import EXCITED_ABOVE, Method, check_choice, check_positive, fitting_lags, whole_samples
-from tvsysid.methods.shared import (
-    Solver,
-    StandardError,
-    Windows,
-    counted,
-    independent_realizations,
-    no_errors,
-    solve_windows,
-    window_errors,
-    window_model,
-)
-from tvsysid.methods.tuning import Evidence, evidence_by_halves
 from tvsysid.models import ImpulseResponseModel
 from tvsysid.numerics import Array, pseudoinverse
 from tvsysid.signals import Ensemble
@@ -86,16 +75,16 @@ class EnsembleIRF(Method):
     def _identify(self, ensemble: Ensemble) -> ImpulseResponseModel:
         lags = fitting_lags("EnsembleIRF", self.max_lag, ensemble)
         solve = self._directly(ensemble, lags) if self.solver == "lstsq" else self._solve
-        windows = solve_windows(ensemble, lags, 0, solve)
+        windows = shared.solve_windows(ensemble, lags, 0, solve)
         errors = self._errors(ensemble, windows)
-        return window_model(repr(self), ensemble, windows, windows.noise_correlation(ensemble), errors)
+        return shared.window_model(repr(self), ensemble, windows, windows.noise_correlation(ensemble), errors)
 
     def _solve(self, at: slice, phi_uu: Array, phi_uy: Array, variance: Array, count: Array) -> pseudoinverse.Solution:
         if self.solver == "full":
             return pseudoinverse.full(phi_uu, phi_uy)
         return pseudoinverse.truncated(phi_uu, phi_uy, variance, count, self.order)
 
-    def _directly(self, ensemble: Ensemble, lags: int) -> Solver:
+    def _directly(self, ensemble: Ensemble, lags: int) -> shared.Solver:
         first = max(0, ensemble.context - lags)
         angle, torque = (x[:, first : x.shape[1] - first] for x in (ensemble.angle, ensemble.torque))
 
@@ -105,18 +94,18 @@ class EnsembleIRF(Method):
 
         return solve
 
-    def _errors(self, ensemble: Ensemble, windows: Windows) -> dict[str, StandardError]:
+    def _errors(self, ensemble: Ensemble, windows: shared.Windows) -> dict[str, shared.StandardError]:
         unknowns = 2 * windows.lags + 1
-        if independent_realizations(ensemble) > unknowns:
-            return window_errors(ensemble, windows)
+        if shared.independent_realizations(ensemble) > unknowns:
+            return shared.window_errors(ensemble, windows)
         why = (
-            f"{counted(ensemble)} are no more than the {unknowns} lags: the noise cannot be separated from the joint's "
-            "response; record more, or shorten max_lag"
+            f"{shared.counted(ensemble)} are no more than the {unknowns} lags: the noise cannot be separated from the "
+            "joint's response; record more, or shorten max_lag"
         )
-        return no_errors(ensemble.samples, why)
+        return shared.no_errors(ensemble.samples, why)
 
-    def _evidence(self, ensemble: Ensemble, seed: int) -> Evidence:
-        return evidence_by_halves(self, ensemble, seed, {"max_lag": LAGS}, self.max_lag)
+    def _evidence(self, ensemble: Ensemble, seed: int) -> tuning.Evidence:
+        return tuning.evidence_by_halves(self, ensemble, seed, {"max_lag": LAGS}, self.max_lag)
 
     def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
         return 1 / (2 * self.max_lag), EXCITED_ABOVE

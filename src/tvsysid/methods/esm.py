@@ -13,37 +13,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
-from tvsysid.methods.base import (
-    EXCITED_ABOVE,
-    Method,
-    check_choice,
-    check_positive,
-    check_window,
-    missing_edge,
-    padded,
-    whole_samples,
-)
-from tvsysid.methods.shared import (
-    HALF_WIDTH,
-    LONGEST_COLOUR,
-    Colour,
-    StandardError,
-    agreement_of,
-    angle_covariance,
-    colour_products,
-    convolve_lags,
-    counted,
-    derivative_filters,
-    differentiate,
-    hann,
-    impedance_estimates,
-    independent_realizations,
-    power_shares,
-    second_order_fit,
-    short_time_spectra,
-    standard_errors,
-)
-from tvsysid.methods.tuning import Evidence, evidence_by_halves
+from tvsysid.methods import base, shared, tuning
 from tvsysid.models import Diagnostics, FrequencyResponseModel
 from tvsysid.signals import Array, Ensemble
 
@@ -58,7 +28,7 @@ REFERENCE_LAG = 0.12  # s of the impulse response that tuning compares with
 
 
 @dataclass(frozen=True)
-class EnsembleSpectral(Method):
+class EnsembleSpectral(base.Method):
     r"""A frequency response at each time, from spectra of short segments averaged over realizations.
 
     .. math:: H(f, t) = \frac{\overline{S_{yu}(f, t)}}{\overline{S_{uu}(f, t)}}
@@ -108,25 +78,25 @@ class EnsembleSpectral(Method):
     )
 
     def __post_init__(self) -> None:
-        check_positive(self, window=self.window)
-        check_choice(self, "stiffness", Stiffness)
+        base.check_positive(self, window=self.window)
+        base.check_choice(self, "stiffness", Stiffness)
 
     def _identify(self, ensemble: Ensemble) -> FrequencyResponseModel:
-        length = whole_samples(self.window, ensemble)
+        length = base.whole_samples(self.window, ensemble)
         if length < 4:
             raise InputError(
                 f"EnsembleSpectral: a window of {self.window:g} s has {length} samples at "
                 f"{ensemble.sampling_rate:g} Hz; give at least {4 / ensemble.sampling_rate:g} s"
             )
-        check_window(f"EnsembleSpectral: windows of {self.window:g} s", length, ensemble)
+        base.check_window(f"EnsembleSpectral: windows of {self.window:g} s", length, ensemble)
         before, after = length // 2, (length - 1) // 2
-        missing = missing_edge(before, ensemble), missing_edge(after, ensemble)
+        missing = base.missing_edge(before, ensemble), base.missing_edge(after, ensemble)
         first = ensemble.context + missing[0] - before
         last = ensemble.context + ensemble.samples - missing[1] + after
         angle, torque = ensemble.angle[:, first:last], ensemble.torque[:, first:last]
-        products = colour_products(ensemble)
+        products = shared.colour_products(ensemble)
         mirrored = (len(products) - ensemble.angle.shape[1] + 1) // 2
-        spectra = short_time_spectra(angle, torque, length, products[first + mirrored : last + mirrored])
+        spectra = shared.short_time_spectra(angle, torque, length, products[first + mirrored : last + mirrored])
         excited = (spectra.uu > EXCITED * spectra.uu.max(axis=1, keepdims=True)).astype(np.float64)
         # A frequency without any input has no response; the smallest number keeps it finite.
         input_power = np.maximum(spectra.uu, np.finfo(float).tiny)
@@ -134,29 +104,29 @@ class EnsembleSpectral(Method):
         powers = input_power * np.maximum(spectra.yy, np.finfo(float).tiny)
         coherence = np.clip(np.abs(spectra.yu) ** 2 / powers, 0.0, 1.0)
         frequencies = np.asarray(np.fft.rfftfreq(length, 1 / ensemble.sampling_rate), dtype=np.float64)
-        segments, impedance, agreement = _segment_fit(ensemble, products, hann(length) ** 2, first, last)
+        segments, impedance, agreement = _segment_fit(ensemble, products, shared.hann(length) ** 2, first, last)
         at_rest = None
         if self.stiffness == "dc":
             impedance[:, 0] = response[:, 0].real
-            at_rest = _variance_at_rest(angle, torque, impedance[:, 0], independent_realizations(ensemble))
-        stiffness, viscosity, inertia = padded(impedance, *missing).T
-        errors = SegmentErrors(segments, at_rest, missing, counted(ensemble))
+            at_rest = _variance_at_rest(angle, torque, impedance[:, 0], shared.independent_realizations(ensemble))
+        stiffness, viscosity, inertia = base.padded(impedance, *missing).T
+        errors = SegmentErrors(segments, at_rest, missing, shared.counted(ensemble))
         return FrequencyResponseModel(
             method=repr(self),
             sampling_rate=ensemble.sampling_rate,
             time=ensemble.time,
-            estimates=impedance_estimates(stiffness, viscosity, inertia, errors),
-            frequency_response=padded(response, *missing),
+            estimates=shared.impedance_estimates(stiffness, viscosity, inertia, errors),
+            frequency_response=base.padded(response, *missing),
             frequencies=frequencies,
-            coherence=padded(coherence, *missing),
-            excited=padded(excited, *missing) > 0,
+            coherence=base.padded(coherence, *missing),
+            excited=base.padded(excited, *missing) > 0,
             segment=length,
             diagnostics=Diagnostics(float(length), details={"second_order_agreement": agreement}),
         )
 
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
         rate = ensemble.sampling_rate
-        (fast,) = power_shares(ensemble.angle[:: max(1, len(ensemble) // 64)], rate, (rate / 4, math.inf))
+        (fast,) = shared.power_shares(ensemble.angle[:: max(1, len(ensemble) // 64)], rate, (rate / 4, math.inf))
         if fast < OVERSAMPLED:
             yield (
                 f"the angle has hardly any power above {rate / 4:.4g} Hz: at {rate:g} Hz the response there is noise, "
@@ -168,11 +138,11 @@ class EnsembleSpectral(Method):
                 "record more, or use kbr"
             )
 
-    def _evidence(self, ensemble: Ensemble, seed: int) -> Evidence:
-        return evidence_by_halves(self, ensemble, seed, {"window": WINDOWS}, REFERENCE_LAG)
+    def _evidence(self, ensemble: Ensemble, seed: int) -> tuning.Evidence:
+        return tuning.evidence_by_halves(self, ensemble, seed, {"window": WINDOWS}, REFERENCE_LAG)
 
     def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
-        return 1 / self.window, EXCITED_ABOVE
+        return 1 / self.window, base.EXCITED_ABOVE
 
 
 class Segments(NamedTuple):
@@ -192,13 +162,13 @@ class Segments(NamedTuple):
     edges: tuple[int, int]
     power: Array
     realizations: int
-    colour: Colour
+    colour: shared.Colour
 
     def variances(self) -> Array:
         """Variances of stiffness, viscosity and inertia, shape (time, 3)."""
         sums, fourth = (window_sums(self.moments, self.power**n) for n in (1, 2))
         fourth = fourth[:, :3, :3]
-        impedance, inverse = second_order_fit(sums[:, :3, :3], sums[:, :3, 3])
+        impedance, inverse = shared.second_order_fit(sums[:, :3, :3], sums[:, :3, 3])
         known = np.pad(np.ones(len(self.moments) - sum(self.edges)), self.edges)
         weight = self.realizations * sliding_window_view(known, len(self.power)) @ self.power
         fitted = np.einsum("tmk,tkm->t", inverse, fourth)
@@ -220,9 +190,10 @@ def _segment_fit(
 ) -> tuple[Segments, Array, float]:
     """Segments from one sample to another, context counted; their impedance (time, 3) and its agreement in per cent."""
     rate, centre, samples = ensemble.sampling_rate, len(power) // 2, ensemble.angle.shape[1]
-    first, last = max(HALF_WIDTH, begin), min(samples - HALF_WIDTH, end)  # where the derivatives are known
+    reach = shared.HALF_WIDTH
+    first, last = max(reach, begin), min(samples - reach, end)  # where the derivatives are known
     signals = (
-        *differentiate(ensemble.angle[:, first - HALF_WIDTH : last + HALF_WIDTH], rate),
+        *shared.differentiate(ensemble.angle[:, first - reach : last + reach], rate),
         ensemble.torque[:, first:last],
     )
     moments = np.zeros((end - begin, 4, 4))
@@ -230,7 +201,7 @@ def _segment_fit(
         moments[first - begin : last - begin, a, b] = np.einsum("rt,rt->t", signals[a], signals[b])
         moments[:, b, a] = moments[:, a, b]
     sums = window_sums(moments, power)
-    impedance, _ = second_order_fit(sums[:, :3, :3], sums[:, :3, 3])
+    impedance, _ = shared.second_order_fit(sums[:, :3, :3], sums[:, :3, 3])
 
     # What the fit leaves at the segments' centres, as far as the derivatives are known there.
     start, stop = max(first, begin + centre), min(last, begin + centre + len(impedance))
@@ -240,14 +211,14 @@ def _segment_fit(
     fit += velocity * at_centre[1]
     fit += acceleration * at_centre[2]
     left = torque - fit
-    filters = derivative_filters(HALF_WIDTH, rate)
-    longest = round(LONGEST_COLOUR * rate)
-    colour = Colour.of(ensemble, left, _taken(power, len(ensemble), longest + 1), filters, products)
-    covariance = angle_covariance(ensemble, products, 2 * min(centre, longest))
+    filters = shared.derivative_filters(reach, rate)
+    longest = round(shared.LONGEST_COLOUR * rate)
+    colour = shared.Colour.of(ensemble, left, _taken(power, len(ensemble), longest + 1), filters, products)
+    covariance = shared.angle_covariance(ensemble, products, 2 * min(centre, longest))
     # The response itself would not do for a comparison, because leakage takes more from it than higher dynamics.
-    agreement = agreement_of(fit, left, angle, covariance)
+    agreement = shared.agreement_of(fit, left, angle, covariance)
     edges = first - begin, end - last
-    return Segments(moments, edges, power, independent_realizations(ensemble), colour), impedance, agreement
+    return Segments(moments, edges, power, shared.independent_realizations(ensemble), colour), impedance, agreement
 
 
 def window_sums(moments: Array, weights: Array) -> Array:
@@ -279,9 +250,9 @@ def _variance_at_rest(angle: Array, torque: Array, stiffness: Array, independent
     fitted too. It needs no equal variances: leakage makes the error larger in segments in which the angle moves
     (White 1980; MacKinnon & White 1985).
     """
-    window = hann(angle.shape[1] - len(stiffness) + 1)
+    window = shared.hann(angle.shape[1] - len(stiffness) + 1)
     weights = np.broadcast_to(window[::-1], (len(stiffness), len(window)))
-    sums, answers = convolve_lags(angle, weights), convolve_lags(torque, weights)
+    sums, answers = shared.convolve_lags(angle, weights), shared.convolve_lags(torque, weights)
     squares = sums * sums
     total = np.maximum(squares.sum(axis=0), np.finfo(float).tiny)
     # In place: what takes time here is memory.
@@ -310,7 +281,7 @@ class SegmentErrors:
     missing: tuple[int, int]
     counted: str
 
-    def standard_errors(self) -> dict[str, StandardError]:
+    def standard_errors(self) -> dict[str, shared.StandardError]:
         """By quantity."""
         variances = self.segments.variances()
         freedom, absent = np.full(variances.shape, self.segments.freedom), ""
@@ -323,4 +294,5 @@ class SegmentErrors:
                     "set stiffness to 'fit'"
                 )
                 variances[:, 0] = np.nan
-        return standard_errors(padded(np.sqrt(variances), *self.missing), padded(freedom, *self.missing), absent=absent)
+        values, freedom = (base.padded(each, *self.missing) for each in (np.sqrt(variances), freedom))
+        return shared.standard_errors(values, freedom, absent=absent)

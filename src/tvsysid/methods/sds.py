@@ -9,18 +9,8 @@ from typing import ClassVar
 import numpy as np
 
 from tvsysid.errors import InputError
+from tvsysid.methods import shared, tuning
 from tvsysid.methods.base import EXCITED_ABOVE, Method, check_positive, fitting_lags, whole_samples
-from tvsysid.methods.shared import (
-    StandardError,
-    Windows,
-    coloured_variances,
-    counted,
-    errors_of_variances,
-    no_errors,
-    solve_windows,
-    window_model,
-)
-from tvsysid.methods.tuning import Evidence, evidence_by_halves
 from tvsysid.models import ImpulseResponseModel
 from tvsysid.signals import Array, Ensemble
 
@@ -82,10 +72,11 @@ class ShortDataSegments(Method):
                 f"ShortDataSegments: a window of {self.window:g} s ({2 * half + 1} samples) is longer than a "
                 f"realization of {ensemble.samples} samples; give a shorter one"
             )
-        windows = solve_windows(ensemble, lags, half)
+        windows = shared.solve_windows(ensemble, lags, half)
         noise = windows.noise_correlation(ensemble)
-        errors = SegmentErrors(windows, windows.angle_products(ensemble), noise, ensemble.samples, counted(ensemble))
-        return window_model(repr(self), ensemble, windows, noise, errors)
+        products, counted = windows.angle_products(ensemble), shared.counted(ensemble)
+        errors = SegmentErrors(windows, products, noise, ensemble.samples, counted)
+        return shared.window_model(repr(self), ensemble, windows, noise, errors)
 
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
         unknowns = 2 * whole_samples(self.max_lag, ensemble) + 1
@@ -96,8 +87,8 @@ class ShortDataSegments(Method):
                 "determined; record more, or lengthen window"
             )
 
-    def _evidence(self, ensemble: Ensemble, seed: int) -> Evidence:
-        return evidence_by_halves(self, ensemble, seed, {"max_lag": LAGS, "window": WINDOWS}, self.max_lag)
+    def _evidence(self, ensemble: Ensemble, seed: int) -> tuning.Evidence:
+        return tuning.evidence_by_halves(self, ensemble, seed, {"max_lag": LAGS, "window": WINDOWS}, self.max_lag)
 
     def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
         return 1 / (2 * self.max_lag), EXCITED_ABOVE
@@ -111,13 +102,13 @@ class SegmentErrors:
     (distance,). A realization has so many ``times``; ``counted`` says in words how many realizations there are.
     """
 
-    windows: Windows
+    windows: shared.Windows
     products: Array
     noise: Array
     times: int
     counted: str
 
-    def standard_errors(self) -> dict[str, StandardError]:
+    def standard_errors(self) -> dict[str, shared.StandardError]:
         """By quantity."""
         windows, unknowns = self.windows, 2 * self.windows.lags + 1
         enough = (windows.independent >= FEWEST * unknowns) & (windows.realizations >= FEWEST_REALIZATIONS)
@@ -127,7 +118,7 @@ class SegmentErrors:
                 f"lags, where {FEWEST} for each and {FEWEST_REALIZATIONS} realizations are needed to tell the noise "
                 "from what the joint does; record more, shorten max_lag, or lengthen window"
             )
-            return no_errors(self.times, why)
-        variances = coloured_variances(windows, self.products, self.noise)
+            return shared.no_errors(self.times, why)
+        variances = shared.coloured_variances(windows, self.products, self.noise)
         variances[~enough] = np.nan
-        return errors_of_variances(windows, variances, (self.times - len(variances)) // 2)
+        return shared.errors_of_variances(windows, variances, (self.times - len(variances)) // 2)

@@ -4,18 +4,21 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from tvsysid.metrics.errors import bias_error as bias_error
-from tvsysid.metrics.errors import coverage as coverage
-from tvsysid.metrics.errors import debiased_bias_error as debiased_bias_error
-from tvsysid.metrics.errors import left_out as left_out
-from tvsysid.metrics.errors import random_error as random_error
-from tvsysid.metrics.errors import rise_time as rise_time
-from tvsysid.metrics.errors import share_covered as share_covered
-from tvsysid.metrics.errors import total_error as total_error
-from tvsysid.metrics.errors import weighted_mean as weighted_mean
-from tvsysid.metrics.variance import bandpassed_vaf as bandpassed_vaf
-from tvsysid.metrics.variance import time_varying_vaf as time_varying_vaf
-from tvsysid.metrics.variance import vaf as vaf
+from tvsysid.metrics.errors import (
+    bias_error,
+    coverage,
+    debiased_bias_error,
+    left_out,
+    random_error,
+    rise_time,
+    share_covered,
+    total_error,
+    weighted_mean,
+)
+from tvsysid.metrics.variance import bandpassed_vaf, time_varying_vaf, vaf
+
+__all__ = ["CATALOGUE", "Metric", "bandpassed_vaf", "bias_error", "coverage", "debiased_bias_error", "left_out"]
+__all__ += ["random_error", "rise_time", "share_covered", "time_varying_vaf", "total_error", "vaf", "weighted_mean"]
 
 
 @dataclass(frozen=True)

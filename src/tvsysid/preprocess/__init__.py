@@ -9,19 +9,5 @@ from tvsysid.preprocess.exclude import align, exclude_residual_outliers, exclude
 from tvsysid.preprocess.prepare import Preparation, prepare
 from tvsysid.preprocess.segment import decimate, segment, subtract_mean, trim
 
-__all__ = [
-    "Account",
-    "Preparation",
-    "Step",
-    "align",
-    "block_weights",
-    "bootstrap",
-    "bootstrap_weights",
-    "decimate",
-    "exclude_residual_outliers",
-    "exclude_task_outliers",
-    "prepare",
-    "segment",
-    "subtract_mean",
-    "trim",
-]
+__all__ = ["Account", "Preparation", "Step", "align", "block_weights", "bootstrap", "bootstrap_weights", "decimate"]
+__all__ += ["exclude_residual_outliers", "exclude_task_outliers", "prepare", "segment", "subtract_mean", "trim"]

@@ -13,20 +13,6 @@ from tvsysid.recordings.write import (
     write_simulation,
 )
 
-__all__ = [
-    "Channel",
-    "UsableTrials",
-    "describe_file",
-    "join_trials",
-    "load_ensemble",
-    "load_recording",
-    "outline",
-    "read_recording",
-    "read_trials",
-    "read_usable_trials",
-    "whole_file",
-    "write_ensemble",
-    "write_models",
-    "write_recording",
-    "write_simulation",
-]
+__all__ = ["Channel", "UsableTrials", "describe_file", "join_trials", "load_ensemble", "load_recording", "outline"]
+__all__ += ["read_recording", "read_trials", "read_usable_trials", "whole_file", "write_ensemble", "write_models"]
+__all__ += ["write_recording", "write_simulation"]

@@ -9,24 +9,6 @@ from tvsysid.study.simulated import Study
 from tvsysid.study.summary import exclusions, of_quantity, stiffness_over_time, summarize
 from tvsysid.study.workers import cores, processes
 
-__all__ = [
-    "EXPERIMENT",
-    "SIMULATIONS",
-    "Experiment",
-    "Prepared",
-    "Recorded",
-    "Study",
-    "cores",
-    "exclusions",
-    "of_quantity",
-    "plan",
-    "prepared_recordings",
-    "processes",
-    "read_results",
-    "run",
-    "score",
-    "shown",
-    "stiffness_over_time",
-    "summarize",
-    "time_spent",
-]
+__all__ = ["EXPERIMENT", "SIMULATIONS", "Experiment", "Prepared", "Recorded", "Study", "cores", "exclusions"]
+__all__ += ["of_quantity", "plan", "prepared_recordings", "processes", "read_results", "run", "score", "shown"]
+__all__ += ["stiffness_over_time", "summarize", "time_spent"]

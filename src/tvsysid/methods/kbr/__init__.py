@@ -6,6 +6,3 @@ from tvsysid.methods.kbr.record import DEGREES, LARGEST, Record, clocks_of, lagg
 from tvsysid.methods.kbr.search import Search
 from tvsysid.methods.tuning.evidence import Evidence
 from tvsysid.numerics.gaussian import Fit, fit
-
-__all__ = ["DEGREES", "ENDLESS", "LARGEST", "VISIBLE", "Evidence", "Fit", "Kernel", "Record", "Search", "Tried"]
-__all__ += ["clocks_of", "fit", "lagged", "times_of"]

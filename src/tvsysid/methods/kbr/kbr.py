@@ -12,44 +12,15 @@ from numpy.typing import NDArray
 from scipy.signal import firwin
 
 from tvsysid.errors import InputError
+from tvsysid.methods import kbr, shared
 from tvsysid.methods.base import EXCITED_ABOVE, Method, check_positive, missing_edge, padded
-from tvsysid.methods.kbr import (
-    DEGREES,
-    ENDLESS,
-    LARGEST,
-    VISIBLE,
-    Evidence,
-    Fit,
-    Kernel,
-    Record,
-    Search,
-    Tried,
-    clocks_of,
-    fit,
-    lagged,
-    times_of,
-)
-from tvsysid.methods.shared import (
-    HALF_WIDTH,
-    IMPEDANCE,
-    Colour,
-    PosteriorErrors,
-    agreement_of,
-    autocovariance,
-    colour_products,
-    derivative_filters,
-    impedance_estimates,
-    independent_realizations,
-    independent_share,
-    residual,
-)
 from tvsysid.models import Diagnostics, SecondOrderModel
 from tvsysid.signals import Array, Ensemble
 
 Preset = Literal["simulation", "experiment"]
 
 PRESETS: dict[str, dict[str, float]] = {
-    "simulation": {"length_periodic": math.exp(-2), "length_decay": ENDLESS, "gamma": 4.5},
+    "simulation": {"length_periodic": math.exp(-2), "length_decay": kbr.ENDLESS, "gamma": 4.5},
     "experiment": {"length_periodic": math.exp(-1), "length_decay": 30.0, "gamma": 13.8},
 }  # The paper's settings for its simulated (section 3.2.5) and its experimental study (section 4.2).
 
@@ -93,7 +64,9 @@ class KernelRegression(Method):
         a_1 in s: a constant first-order lag of the torque behind what the joint does, as a sensor or a filter makes it;
         0 for none (Na = 0).
 
-    Notes ----- The lag is fitted as output error, since an equation error with the derivative of a noisy torque is
+    Notes
+    -----
+    The lag is fitted as output error, since an equation error with the derivative of a noisy torque is
     biased: the angle passes the lag (:func:`tvsysid.numerics.lowpass.low_pass`), and the impedance of what comes out is
     that of the joint. This takes the lag and the change of b in the other order, which errs by about
     :math:`a_1 \dot b_m / b_m` as a share of each term. :meth:`tuned` finds order and lag by evidence.
@@ -176,36 +149,36 @@ class KernelRegression(Method):
     def _identify(self, ensemble: Ensemble) -> KernelModel:
         period = self._period(ensemble)
         # An impedance behind a lag is the impedance of the lagged angle.
-        ensemble = lagged(ensemble, self.lag)
-        record = Record.of(ensemble, self.band, self.order)
+        ensemble = kbr.lagged(ensemble, self.lag)
+        record = kbr.Record.of(ensemble, self.band, self.order)
         kernel = record.kernel(period, self.length_periodic, self.length_decay)
         found, kept = self._fit(record, kernel)
 
         # Of coefficients that the data cannot see, the prior is all that is known.
         coefficients = np.zeros(kept.size)
-        coefficients[kept.ravel()] = found.mean * DEGREES
+        coefficients[kept.ravel()] = found.mean * kbr.DEGREES
         unseen = np.divide(1.0, kernel.precision, out=np.zeros(kernel.columns), where=kernel.precision > 0)
-        covariance = np.diag(0.5 * DEGREES**2 * np.outer(self._gammas, unseen).ravel())
-        covariance[np.ix_(kept.ravel(), kept.ravel())] = found.covariance * DEGREES**2
+        covariance = np.diag(0.5 * kbr.DEGREES**2 * np.outer(self._gammas, unseen).ravel())
+        covariance[np.ix_(kept.ravel(), kept.ravel())] = found.covariance * kbr.DEGREES**2
         features = mean_features(ensemble, kernel)
         impedance = features @ coefficients.reshape(self.order + 1, kernel.columns).T
 
         # Where the derivatives lack samples at the ends of every run, nothing was identified.
-        missing = missing_edge(HALF_WIDTH, ensemble) if all(len(run) == 1 for run in ensemble.runs) else 0
+        missing = missing_edge(shared.HALF_WIDTH, ensemble) if all(len(run) == 1 for run in ensemble.runs) else 0
         inner = with_zeros(impedance)[missing : len(impedance) - missing]
         stiffness, viscosity, inertia = padded(inner, missing).T
-        filters = derivative_filters(HALF_WIDTH, ensemble.sampling_rate)[: self.order + 1]
-        edge = missing_edge(HALF_WIDTH, ensemble)
-        left = residual(ensemble, impedance[edge : len(impedance) - edge] @ filters)
+        filters = shared.derivative_filters(shared.HALF_WIDTH, ensemble.sampling_rate)[: self.order + 1]
+        edge = missing_edge(shared.HALF_WIDTH, ensemble)
+        left = shared.residual(ensemble, impedance[edge : len(impedance) - edge] @ filters)
         errors = self._errors(ensemble, left, filters, features, covariance, found, missing)
         model = KernelModel(
             method=repr(self),
             sampling_rate=ensemble.sampling_rate,
             time=ensemble.time,
-            estimates=impedance_estimates(stiffness, viscosity, inertia, errors),
+            estimates=shared.impedance_estimates(stiffness, viscosity, inertia, errors),
             coefficients=coefficients,
             covariance=covariance,
-            labels=tuple(f"{name} {j}" for name in IMPEDANCE[: self.order + 1] for j in range(kernel.columns)),
+            labels=tuple(f"{name} {j}" for name in shared.IMPEDANCE[: self.order + 1] for j in range(kernel.columns)),
             kernel=kernel,
             phase=common_phase(ensemble, period),
             lag=self.lag,
@@ -223,22 +196,22 @@ class KernelRegression(Method):
     def _period(self, ensemble: Ensemble) -> float:
         return ensemble.duration if self.period is None else self.period
 
-    def _fit(self, record: Record, kernel: Kernel) -> tuple[Fit, NDArray[np.bool_]]:
+    def _fit(self, record: kbr.Record, kernel: kbr.Kernel) -> tuple[kbr.Fit, NDArray[np.bool_]]:
         """Fit the coefficients that the data can see, and say which these are, shape (coefficient, column)."""
         size, powers = record.size, record.powers
         bins = max(1.0, size * min(self.band[1] / record.rate, 0.5))
         noise = GUESS * 0.5 * record.power / bins
         while True:
-            kept = kernel.visible(self._gammas * powers, VISIBLE * noise)
+            kept = kernel.visible(self._gammas * powers, kbr.VISIBLE * noise)
             count = int(kept.sum())
-            if 8 * count**2 > LARGEST:
+            if 8 * count**2 > kbr.LARGEST:
                 raise InputError(
                     f"KernelRegression: a decay of {self.length_decay:g} s over a record of "
                     f"{size / record.rate:g} s needs {count} coefficients, too many to solve for; give fewer "
                     "realizations or a longer length_decay"
                 )
             precision = np.outer(1 / self._gammas, kernel.precision)[kept]
-            found = fit(record.statistics(kernel, kept), precision, record.weak_prior)
+            found = kbr.fit(record.statistics(kernel, kept), precision, record.weak_prior)
             if found.noise_variance >= noise or kept.all():
                 return found, kept
             noise = 0.5 * found.noise_variance
@@ -250,9 +223,9 @@ class KernelRegression(Method):
         filters: Array,
         features: Array,
         covariance: Array,
-        found: Fit,
+        found: kbr.Fit,
         missing: int,
-    ) -> PosteriorErrors:
+    ) -> shared.PosteriorErrors:
         """Standard errors of the coefficients' sums over features (time, column).
 
         The posterior takes the noise to be as strong as in the mean over the band that was fitted.
@@ -261,21 +234,21 @@ class KernelRegression(Method):
         parts = [slice(first, first + columns) for first in range(0, len(covariance), columns)]
         low, high = (min(frequency / rate, 0.5) for frequency in self.band)
         filters = _in_band(filters, self.band, rate)
-        return PosteriorErrors(
+        return shared.PosteriorErrors(
             (features,) * len(parts),
             tuple(covariance[part, part] for part in parts),
-            Colour.of(
-                ensemble, left, found.effective / left.size, filters, colour_products(ensemble, filters.shape[1])
+            shared.Colour.of(
+                ensemble, left, found.effective / left.size, filters, shared.colour_products(ensemble, filters.shape[1])
             ),
             band=(low, high),
             # Of a mean over realizations that was subtracted the posterior knows nothing.
-            stronger=len(ensemble) / independent_realizations(ensemble),
+            stronger=len(ensemble) / shared.independent_realizations(ensemble),
             freedom=max(1.0, 2 * left.size * (high - low) - found.effective),
             times=ensemble.samples,
             missing=missing,
         )
 
-    def _evidence(self, ensemble: Ensemble, seed: int) -> Evidence:
+    def _evidence(self, ensemble: Ensemble, seed: int) -> kbr.Evidence:
         """Marginal likelihood: of l1, gammas and decays, then of other orders and lags; nothing is drawn at random.
 
         Noise that is not white in the band makes a record worth less than as many independent numbers, as what the
@@ -284,13 +257,13 @@ class KernelRegression(Method):
         noise, share = self._noise(ensemble)
         gammas = np.broadcast_to(np.asarray(self.gamma, dtype=np.float64), 3)
         theta = np.array([math.log(self.length_periodic), *np.log(gammas), math.log(noise)])
-        given = Tried(self.order, self.lag, self.length_decay, theta, math.nan, "as given")
-        return Search(ensemble, self._period(ensemble), self.band, noise, share).evidence(given, self)
+        given = kbr.Tried(self.order, self.lag, self.length_decay, theta, math.nan, "as given")
+        return kbr.Search(ensemble, self._period(ensemble), self.band, noise, share).evidence(given, self)
 
     def _noise(self, ensemble: Ensemble) -> tuple[float, float]:
         """Variance of what these settings leave, without decay, and what one of its samples is worth in white ones."""
-        endless = replace(self, length_decay=ENDLESS)._identify(ensemble)
-        share = independent_share(ensemble, endless.predict(ensemble), self.band)
+        endless = replace(self, length_decay=kbr.ENDLESS)._identify(ensemble)
+        share = shared.independent_share(ensemble, endless.predict(ensemble), self.band)
         return endless.diagnostics.details["noise_variance"], share
 
     def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
@@ -322,7 +295,7 @@ class KernelModel(SecondOrderModel):
         Time constant in s of the lag that the torque has behind what the joint does.
     """
 
-    kernel: Kernel
+    kernel: kbr.Kernel
     phase: float
     lag: float = 0.0
 
@@ -330,9 +303,9 @@ class KernelModel(SecondOrderModel):
         """Stiffness, viscosity and inertia at the ensemble's own times, (time,) or (realization, time)."""
         if self.same_for_all(ensemble):
             return super().impedance(ensemble)
-        clocks = clocks_of(ensemble)
+        clocks = kbr.clocks_of(ensemble)
         values = np.stack(
-            [self.kernel.combined(*times_of(ensemble, r, clocks), self.coefficients) for r in range(len(ensemble))]
+            [self.kernel.combined(*kbr.times_of(ensemble, r, clocks), self.coefficients) for r in range(len(ensemble))]
         )
         stiffness, viscosity, inertia = np.moveaxis(with_zeros(values), -1, 0)
         return stiffness, viscosity, inertia
@@ -346,7 +319,7 @@ class KernelModel(SecondOrderModel):
         return super()._pathways(ensemble)["intrinsic"]
 
     def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
-        return {"intrinsic": self.torque(lagged(ensemble, self.lag))}
+        return {"intrinsic": self.torque(kbr.lagged(ensemble, self.lag))}
 
 
 def with_zeros(impedance: Array) -> Array:
@@ -361,13 +334,13 @@ def common_phase(ensemble: Ensemble, period: float) -> float:
     return float(phases[0]) if np.ptp(phases) < 1e-9 else math.nan
 
 
-def mean_features(ensemble: Ensemble, kernel: Kernel) -> Array:
+def mean_features(ensemble: Ensemble, kernel: kbr.Kernel) -> Array:
     """Features of a kernel over a realization, averaged over realizations, shape (time, column)."""
     same = kernel.decay is None and not math.isnan(common_phase(ensemble, kernel.period))
-    clocks, distinct = clocks_of(ensemble), 1 if same else len(ensemble)
+    clocks, distinct = kbr.clocks_of(ensemble), 1 if same else len(ensemble)
     total = np.zeros((ensemble.samples, kernel.columns))
     for realization in range(distinct):
-        total += kernel(*times_of(ensemble, realization, clocks))
+        total += kernel(*kbr.times_of(ensemble, realization, clocks))
     return total / distinct
 
 
@@ -381,7 +354,7 @@ def _agreement(model: KernelModel, ensemble: Ensemble, left: Array) -> float:
     angle, torque = ensemble.angle[:, known], ensemble.torque[:, known]
     if not model.same_for_all(ensemble):
         left = torque - model.torque(ensemble)[:, edge : ensemble.samples - edge]
-    return agreement_of(torque - left, left, angle, autocovariance(angle, 2 * HALF_WIDTH))
+    return shared.agreement_of(torque - left, left, angle, shared.autocovariance(angle, 2 * shared.HALF_WIDTH))
 
 
 def _in_band(filters: Array, band: tuple[float, float], rate: float) -> Array:
@@ -390,5 +363,5 @@ def _in_band(filters: Array, band: tuple[float, float], rate: float) -> Array:
     edges = [edge for edge in (low, high) if 0 < edge < rate / 2]
     if not edges:
         return filters
-    passing = firwin(2 * HALF_WIDTH + 1, edges, fs=rate, pass_zero=low == 0)
+    passing = firwin(2 * shared.HALF_WIDTH + 1, edges, fs=rate, pass_zero=low == 0)
     return np.stack([np.convolve(row, passing) for row in filters])

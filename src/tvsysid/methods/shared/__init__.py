@@ -29,20 +29,3 @@ from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.moments import convolve_lags, lagged_moments, time_chunks
 from tvsysid.numerics.noise import autocovariance
 from tvsysid.numerics.spectra import hann, power_shares, short_time_spectra
-
-__all__ = ["IMPEDANCE", "StandardError", "impedance_estimates", "no_errors", "standard_errors"]
-__all__ += ["DerivativeMoments", "agreement", "derivative_filters", "derivative_moments", "second_order_fit"]
-__all__ += ["Solver", "Windows", "coloured_variances", "errors_of_variances"]
-__all__ += ["impulse_response_model", "solve_windows", "window_errors", "window_model"]
-__all__ += [
-    "LONGEST_COLOUR",
-    "Colour",
-    "PosteriorErrors",
-    "agreement_of",
-    "angle_covariance",
-    "colour_products",
-    "counted",
-]
-__all__ += ["independent_realizations", "independent_share", "residual"]
-__all__ += ["HALF_WIDTH", "PRIORS", "Posterior", "convolve_lags", "differentiate", "lagged_moments", "time_chunks"]
-__all__ += ["autocovariance", "hann", "power_shares", "short_time_spectra"]

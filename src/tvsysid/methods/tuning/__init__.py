@@ -2,5 +2,3 @@
 
 from tvsysid.methods.tuning.evidence import Evidence, Tuned, evidence_of_bases
 from tvsysid.methods.tuning.halves import evidence_by_halves
-
-__all__ = ["Evidence", "Tuned", "evidence_by_halves", "evidence_of_bases"]

@@ -27,26 +27,13 @@ Progress = Callable[[int, int], object]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison:
-    """What several methods found in one ensemble.
+    """What several methods found in one ensemble; mappings are by the methods' labels.
 
-    Parameters
-    ----------
-    ensemble
-        That all identified from.
-    methods
-        By label, with the settings that were used.
-    models
-        By label, of the methods that could serve the ensemble.
-    skipped
-        Why the others could not, by label.
-    bands
-        Lower and upper limits of the 95 % bands by label and quantity, of estimates over time; NaN where there is none.
-    vaf
-        Variance of the recorded torque accounted for in each realization by label, in per cent, shape (realization,).
-    time_varying_vaf
-        The same at each time over realizations, shape (time,).
-    evidence
-        For the settings that were chosen from the data, by label.
+    ``methods`` have the settings that were used, ``evidence`` is for those that were chosen from the data; ``models``
+    are of the methods that could serve the ensemble, ``skipped`` says why the others could not. ``bands`` are lower and
+    upper limits of the 95 % bands of estimates over time, by quantity; NaN where there is none. ``vaf`` is the variance
+    of the recorded torque accounted for in each realization, in per cent, shape (realization,), ``time_varying_vaf``
+    that at each time over realizations, shape (time,).
 
     Notes
     -----

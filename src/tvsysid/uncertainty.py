@@ -28,17 +28,9 @@ FEWEST = 2  # draws, and realizations, without which there is no spread
 class Bootstrap:
     """Estimates from ensembles drawn with replacement, and the bands that follow.
 
-    Parameters
-    ----------
-    model
-        Identified from the ensemble as it is.
-    realizations
-        How many were drawn from.
-    draws
-        Of each quantity that the model estimates, what each draw gave, shape (draw, time); NaN where not identified.
-        Means over realizations, where the method tells these apart.
-    failed
-        How many draws could not be identified; they are all NaN.
+    ``model`` is identified from the ensemble as it is, of so many ``realizations``. ``draws`` holds what each draw gave
+    of each quantity, shape (draw, time): NaN where not identified, means over realizations where the method tells these
+    apart. So many draws ``failed``; they are all NaN.
     """
 
     model: Model

@@ -9,7 +9,7 @@ from benchmarks import plain
 from tests.conftest import standard_errors_of
 
 import tvsysid as tv
-from tvsysid.methods.kbr import kbr, record
+from tvsysid.methods.kbr import record
 from tvsysid.methods.kbr.kernel import Kernel
 from tvsysid.methods.kbr.record import lagged
 from tvsysid.numerics.differentiation import differentiate

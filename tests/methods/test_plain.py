@@ -7,7 +7,7 @@ import pytest
 from benchmarks import plain
 
 import tvsysid as tv
-from tvsysid.numerics import kernels, moments
+from tvsysid.numerics import moments
 from tvsysid.numerics.bases import evaluate
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 
@@ -90,9 +90,8 @@ def test_low_rank_kernel_regression_equals_the_dense_one(ensemble_of, monkeypatc
     assert np.abs(model.stiffness - mean_over_realizations(dense.stiffness)).max() < 0.01
     assert model.diagnostics.details["noise_variance"] == pytest.approx(dense.noise_variance, rel=1e-4)
     # With every feature that rounding leaves: the same.
-    monkeypatch.setattr(kernels, "TOLERANCE", 1e-15)
     monkeypatch.setattr("tvsysid.methods.kbr.kernel.TOLERANCE", 1e-15)
-    monkeypatch.setattr("tvsysid.methods.kbr.kbr.VISIBLE", 0.0)
+    monkeypatch.setattr("tvsysid.methods.kbr.VISIBLE", 0.0)
     variance = method.identify(ensemble).diagnostics.details["noise_variance"]
     model, dense = kernel_solutions(ensemble, method, l2, variance)
     agree(model.stiffness, mean_over_realizations(dense.stiffness), 1e-6)

@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from tvsysid.errors import InputError
 from tvsysid.numerics import Array
 
-Value = Any
-"""A number; with many sets of weights an array with one for each."""
+Value = Any  # a number; with many sets of weights an array with one for each
 
 
 def _trials(estimates: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:

@@ -33,36 +33,16 @@ MEMORY = 0.9  # how much of the drift in amplitude is left after a period
 class Traits:
     """What makes one person differ from another.
 
-    Parameters
-    ----------
-    maximal_torque
-        Maximal voluntary torque in N·m.
-    inertia
-        Of foot and footplate together in kg·m².
-    passive_stiffness
-        In N·m/rad, without voluntary torque.
-    stiffness_per_torque
-        Rise of the stiffness with voluntary torque in 1/rad.
-    damping_ratio
-        Share of critical damping; the viscosity is 2 · damping ratio · √(stiffness · inertia).
-    reflex_gain
-        Torque per velocity of stretch in N·m·s/rad; 0 for no stretch reflex.
-    delay
-        By how much the voluntary torque follows the target on average, in s.
-    delay_jitter
-        Standard deviation of the delay from period to period, in s.
-    amplitude_jitter, amplitude_drift
-        Standard deviation of the amplitude from period to period, and of its slow drift, as shares of it.
-    offset_jitter
-        Standard deviation of the mean torque from period to period, as a share of the amplitude.
-    fluctuation
-        Standard deviation of the torque's fluctuations up to some 3 Hz, as a share of the torque.
-    sensor_noise
-        Standard deviation of the torque sensor's noise in N·m.
-    late_noise, late_prbs
-        Share of the periods in which the rhythm is lost, for either perturbation.
-    weak, twitches
-        Share of the periods in which the amplitude lapses, and in which the foot twitches.
+    Maximal voluntary torque in N·m; ``inertia`` of foot and footplate together in kg·m²; stiffness without voluntary
+    torque in N·m/rad, and its rise with that torque in 1/rad; ``damping_ratio``, the share of critical damping: the
+    viscosity is 2 · damping ratio · √(stiffness · inertia); ``reflex_gain``, torque per velocity of stretch in
+    N·m·s/rad, 0 for no stretch reflex; ``delay`` in s by which the voluntary torque follows the target on average.
+
+    Jitters are standard deviations from period to period, of the delay in s, of the amplitude as a share of it, and of
+    the mean torque (offset) as a share of the amplitude, which also drifts slowly. ``fluctuation`` is the standard
+    deviation of the torque's fluctuations up to some 3 Hz as a share of the torque, ``sensor_noise`` in N·m. The last
+    four are shares of the periods: in which the rhythm is lost (under either perturbation), the amplitude lapses
+    (``weak``), and the foot twitches.
     """
 
     maximal_torque: float

@@ -84,5 +84,4 @@ class PRBS:
         return np.repeat(levels, lengths)
 
 
-PERTURBATIONS: dict[str, Perturbation] = {"noise": FilteredNoise(), "prbs": PRBS()}
-"""Perturbations by name."""
+PERTURBATIONS: dict[str, Perturbation] = {"noise": FilteredNoise(), "prbs": PRBS()}  # perturbations by name

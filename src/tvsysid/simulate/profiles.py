@@ -12,8 +12,7 @@ from tvsysid.errors import InputError
 from tvsysid.numerics import Array
 from tvsysid.simulate.settings import finite, is_number, positive
 
-Profile = Callable[[Array], Array]
-"""Of times in s, to one number for each."""
+Profile = Callable[[Array], Array]  # of times in s, to one number for each
 
 
 @dataclass(frozen=True)

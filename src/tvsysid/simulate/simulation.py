@@ -31,14 +31,9 @@ class System(Protocol):
 class Simulation:
     """A simulated recording and the truth about it, sample by sample.
 
-    Parameters
-    ----------
-    recording
-        Angle and noisy torque, with the channels that the system has.
-    truth
-        Quantities by name, such as ``stiffness`` in N·m/rad, each of shape (time,).
-    pathways
-        Noiseless torque by where it comes from, such as ``intrinsic``, in N·m, each of shape (time,).
+    The recording has the angle, the noisy torque and the channels of the system; ``truth`` holds quantities by name,
+    such as ``stiffness`` in N·m/rad, ``pathways`` the noiseless torque in N·m by where it comes from, such as
+    ``intrinsic``; each of shape (time,).
 
     Raises
     ------

@@ -23,8 +23,7 @@ if TYPE_CHECKING:
 
 SIMULATIONS = "Simulation study of methods that identify joint impedance over time"
 EXPERIMENT = "Experimental study of methods that identify joint impedance over time"
-NUMBERS = {SIMULATIONS: 5, EXPERIMENT: 3}
-"""Version of the layout of each kind of study, by its title."""
+NUMBERS = {SIMULATIONS: 5, EXPERIMENT: 3}  # version of the layout of each kind of study, by its title
 STEPS = {"alignment": "alignment", "task": "task component", "residual": "residual"}
 """Steps that exclude, by the ending of the variable that counts what they did."""
 

@@ -32,30 +32,12 @@ TORQUE, PATHWAY = "tvsysid: recorded torque", "tvsysid: pathway "
 class Prepared:
     """One recording, ready for identification.
 
-    Parameters
-    ----------
-    recorded
-        Which it is.
-    ensemble
-        The survivors, mean subtracted, with the channels that methods need; None where nothing could be prepared.
-    account
-        What became of each realization; None likewise.
-    target_torque, mean_torque
-        Over one realization: torque to be followed and mean torque of the survivors in N·m; shape (time,), NaN where
-        not known.
-    truth
-        Means over the survivors of what a simulation knows, by quantity, each of shape (time,).
-    pathways
-        Noiseless torque of each pathway that the experiment measures, shape (realization, time), less its mean; None
-        where it is not known.
-    trials
-        How many can be used.
-    refused
-        Why other trials cannot, by file.
-    warnings
-        What is doubtful about the recording.
-    failure
-        Why nothing could be prepared, or nothing.
+    ``ensemble`` holds the survivors, mean subtracted, with the channels that methods need, ``account`` what became of
+    each realization; both are None where nothing could be prepared, and ``failure`` says why. The torque to be followed
+    and the mean torque of the survivors are over one realization, in N·m, shape (time,); NaN where not known. ``truth``
+    has the survivors' means of what a simulation knows, by quantity; ``pathways`` the noiseless torques that the
+    experiment measures, shape (realization, time), less their mean. So many ``trials`` can be used; ``refused`` says
+    why others cannot, by file, and ``warnings`` what is doubtful.
     """
 
     recorded: Recorded
@@ -94,12 +76,7 @@ def prepared_recordings(
 ) -> tuple[Prepared, ...]:
     """Prepare every recording of an experiment; what cannot be used spoils nothing else.
 
-    Parameters
-    ----------
-    experiment
-        What to prepare.
-    progress
-        Called with the numbers of recordings done and in all.
+    ``progress`` is called with the numbers of recordings done and in all.
     """
     done: list[Prepared] = []
     for recorded in experiment.recordings:
@@ -111,13 +88,7 @@ def prepared_recordings(
 
 
 def shown(experiment: Experiment, recorded: Recorded) -> tuple[Recording, Preparation]:
-    """Excerpt of a recording and its whole preparation, for figures.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read or prepared.
-    """
+    """Excerpt of a recording and its whole preparation, for figures; raises if it cannot be read or prepared."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DataQualityWarning)  # told when it was prepared
         recording, _ = _recording(experiment, recorded, _simulated(recorded))

@@ -24,8 +24,7 @@ from tvsysid.study.workers import carry_out_missing
 if TYPE_CHECKING:
     import xarray as xr
 
-LONGEST_S = 600.0
-"""Seconds of data beyond which nothing is timed."""
+LONGEST_S = 600.0  # seconds of data beyond which nothing is timed
 
 
 def run(
@@ -65,16 +64,15 @@ def run(
     xarray.Dataset
         Read from the store; more than 1 GB when it is used. Of a simulation study over (scenario, trial, method_key)
         and, where it applies, quantity, time, statistic (over the realizations of a trial), pathway or stage:
-        ``estimate``, ``standard_error`` and ``covered`` (whether the 95 % band holds the truth), ``time_varying_vaf``,
-        ``vaf`` and ``bandpassed_vaf`` (against the noiseless torque), ``pathway_vaf`` and ``pathway_torque`` (where
-        there are several pathways), ``parameters`` (their effective number), ``seconds`` and ``stage_seconds`` (time
-        taken), ``warnings`` (those met, or nothing), ``failure`` (why there is no result, or nothing), and ``truth``
-        over (scenario, quantity, time); where it differs from trial to trial, also ``trial_truth``. Where a method says
-        that it estimates something over a variable of its own, ``scheduled_estimate``, ``scheduled_standard_error`` and
-        ``scheduling_variable`` over (scheduled, scheduling). Of an experiment over (recording, analysis), bootstrap,
-        quantity and time: the same without standard errors, with VAFs of the torque recorded in the very realizations
-        drawn; and over recording: numbers of realizations and trials, ``remarks``, and over time ``target_torque``,
-        ``mean_torque`` and ``truth`` (NaN for people).
+        ``estimate``, ``standard_error``, ``covered`` (whether the 95 % band holds the truth), ``time_varying_vaf``,
+        ``vaf``, ``bandpassed_vaf`` (against the noiseless torque), ``pathway_vaf``, ``pathway_torque`` (of several
+        pathways), ``parameters`` (their effective number), ``seconds``, ``stage_seconds``, ``warnings``, ``failure``
+        (why there is no result, or nothing), and ``truth`` over (scenario, quantity, time), with ``trial_truth`` where
+        it differs from trial to trial. Of methods that estimate something over a variable of their own also
+        ``scheduled_estimate``, ``scheduled_standard_error``, ``scheduling_variable`` over (scheduled, scheduling).
+        Of an experiment over (recording, analysis), bootstrap, quantity and time: the same without standard errors,
+        with VAFs of the torque recorded in the very realizations drawn; and over recording: numbers of realizations and
+        trials, ``remarks``, and over time ``target_torque``, ``mean_torque`` and ``truth`` (NaN for people).
 
     Raises
     ------
@@ -112,10 +110,7 @@ def run(
 def read_results(path: str | Path) -> xr.Dataset:
     """Results of a study of either kind from the folder of its store, finished or not.
 
-    Returns
-    -------
-    xarray.Dataset
-        As of :func:`tvsysid.study.run`. The attribute ``title`` says of which kind.
+    They are those of :func:`tvsysid.study.run`; the attribute ``title`` says of which kind.
 
     Raises
     ------
@@ -132,16 +127,8 @@ def read_results(path: str | Path) -> xr.Dataset:
 class Plan:
     """What a study will take.
 
-    Parameters
-    ----------
-    trials
-        Of all scenarios.
-    simulated_s, work_s
-        Seconds of data that they simulate, and seconds that they take one process.
-    size_bytes
-        Of the results.
-    failures
-        Methods that gave no result in the trials that were timed, and why.
+    Trials of all scenarios, the seconds of data that they simulate, the seconds that they take one process, the size of
+    the results; and methods that gave no result in the trials that were timed, and why.
     """
 
     trials: int

@@ -23,16 +23,12 @@ if TYPE_CHECKING:
 
 Weights = Array | None
 
-DRAWS = 1000
-"""Bootstrap draws."""
+DRAWS = 1000  # bootstrap draws
 WEIGHTS = 2_000_000
 """Weights of draws times trials that are held at a time: with very many trials there are fewer draws."""
-AT_SWITCH = 0.05
-"""Seconds to either side of a switch that are at it."""
-AWAY = 0.3
-"""Seconds from a switch beyond which no window or lag of the paper's methods reaches it."""
-MAIN = "stiffness"
-"""The quantity whose metrics go by their plain names."""
+AT_SWITCH = 0.05  # seconds to either side of a switch that are at it
+AWAY = 0.3  # seconds from a switch beyond which no window or lag of the paper's methods reaches it
+MAIN = "stiffness"  # the quantity whose metrics go by their plain names
 SCORED = (*("estimate", "covered", "time_varying_vaf", "vaf", "bandpassed_vaf", "seconds"), "truth", "trial_truth")
 """Variables of a study that metrics are made from."""
 
@@ -184,8 +180,7 @@ UNITS = {
     name: metric.unit for name, metric in metrics.CATALOGUE.items() if name != "time_varying_vaf"
 } | {name: unit for name, (unit, _) in OWN.items()}  # fmt: skip
 """Of every metric that is computed."""
-OF_SWITCHES = ("rise_time", "switch_dip", "coverage_at_switch", "coverage_away")
-"""Metrics of a stiffness that switches."""
+OF_SWITCHES = ("rise_time", "switch_dip", "coverage_at_switch", "coverage_away")  # metrics of a stiffness that switches
 ERRORS = ("bias_error", "debiased_bias_error", "random_error", "total_error")
 OF_QUANTITY = (*ERRORS, "coverage", "without_band", "left_out")
 """Metrics of each quantity that is both estimated and known."""

@@ -119,8 +119,7 @@ def _whole(value: Any) -> Any:
     return value
 
 
-AnyMethod = Annotated[Any, AfterValidator(_identifies)]
-"""Key of a method, or an object with ``identify``."""
+AnyMethod = Annotated[Any, AfterValidator(_identifies)]  # key of a method, or an object with ``identify``
 Whole = Annotated[int, BeforeValidator(_whole)]
 
 

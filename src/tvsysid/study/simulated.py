@@ -24,8 +24,7 @@ from tvsysid.study.trial import Setting, true_values
 VISCOSITIES = ("constant", "covarying")
 """The system's own (2.2 N·m·s/rad), or between 1 and 3 N·m·s/rad with the stiffness."""
 PERIOD, RATE = 2.0, 100.0  # s of a realization, and Hz after decimation, as in the paper
-OWN = "own"
-"""Stiffness and viscosity of a system that cannot be given any."""
+OWN = "own"  # stiffness and viscosity of a system that cannot be given any
 PROBED = 20  # realizations that are simulated to see what a system knows
 
 GRID = ("stiffness", "perturbation", "duration_s", "snr_db", "viscosity", "system")

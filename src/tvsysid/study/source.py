@@ -24,8 +24,7 @@ from tvsysid.study.trial import Trial
 if TYPE_CHECKING:
     import xarray as xr
 
-RECORDINGS = "recordings.nc"
-"""File in the store of an experiment that holds what became of each recording."""
+RECORDINGS = "recordings.nc"  # file in the store of an experiment that holds what became of each recording
 
 
 class Source(ABC):

@@ -35,13 +35,10 @@ from tvsysid.study.task import Outcome, differences
 if TYPE_CHECKING:
     import xarray as xr
 
-Place = tuple[int, int]
-"""Numbers of a task along the two dimensions of its store."""
-FAILURE = "failure"
-"""The variable that says why a method gave no result; every layout has it."""
+Place = tuple[int, int]  # numbers of a task along the two dimensions of its store
+FAILURE = "failure"  # the variable that says why a method gave no result; every layout has it
 CHECKSUMS = "checksums"
-IN_MEMORY = 1e9
-"""Bytes of results up to which they are read at once."""
+IN_MEMORY = 1e9  # bytes of results up to which they are read at once
 WHOLE, TORN, ABSENT = "whole", "torn", "absent"
 
 

@@ -34,8 +34,7 @@ UNITS = {
     "failed": "draws",
 }
 """Of every metric of an experiment; of those of a quantity, the stiffness."""
-OF_TRUTH = ("bias_error", "mean_bias")
-"""Known of virtual participants only."""
+OF_TRUTH = ("bias_error", "mean_bias")  # known of virtual participants only
 
 
 def summarize(found: xr.Dataset) -> pd.DataFrame:

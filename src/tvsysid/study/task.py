@@ -30,14 +30,12 @@ from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_known
 from tvsysid.signals import Array, Ensemble
 
-Outcome = dict[str, NDArray[Any]]
-"""What a task measured: an array for each variable of its study's layout."""
+Outcome = dict[str, NDArray[Any]]  # what a task measured: an array for each variable of its study's layout
 Row = dict[str, Any]
 """What one identification gave: numbers by name, ``warnings``, ``failure`` (empty if there is none), ``spent`` (s)."""
 Known = Mapping[str, Array | None]
 """Noiseless torque of each pathway that is measured, shape (realization, time), where it is known."""
-Shapes = Mapping[str, tuple[int, ...]]
-"""Numbers that are measured of each identification, and their shapes."""
+Shapes = Mapping[str, tuple[int, ...]]  # numbers that are measured of each identification, and their shapes
 
 
 @cache
@@ -201,8 +199,7 @@ def over_schedule(model: Model, lengths: Mapping[str, int]) -> Row:
     return dict(zip(("scheduled_estimate", "scheduled_standard_error", "scheduling_variable"), found, strict=True))
 
 
-STATISTICS = ("mean", "sd", "lowest")
-"""Of the VAFs of realizations."""
+STATISTICS = ("mean", "sd", "lowest")  # of the VAFs of realizations
 
 
 def statistics(values: Array) -> Array:

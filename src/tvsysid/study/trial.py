@@ -19,8 +19,7 @@ from tvsysid.simulate.simulation import checked_simulation
 from tvsysid.study import task
 from tvsysid.study.task import Known, Outcome, Row
 
-STAGES = ("simulation", "preprocessing", "bands", "scoring")
-"""What takes time beside the methods."""
+STAGES = ("simulation", "preprocessing", "bands", "scoring")  # what takes time beside the methods
 SIMULATED_HZ = 1000.0
 """Rate of a simulation, which is decimated; a little more where the rate after decimation is no part of it."""
 

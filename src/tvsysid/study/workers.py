@@ -161,19 +161,9 @@ def _in_one_process(task: Task) -> Outcome:
 
 @contextmanager
 def processes(workers: int, ready: bool = True) -> Iterator[Pool]:
-    """Local worker processes that end with this one, and leave an interruption to it.
+    """So many local worker processes, which end with this one and leave an interruption to it.
 
-    Parameters
-    ----------
-    workers
-        How many.
-    ready
-        Whether to wait until they have started.
-
-    Raises
-    ------
-    InputError
-        If they do not start.
+    They are waited for until ``ready``; an InputError says that they do not start.
     """
     # A fresh interpreter for each worker: forking one with BLAS and progress threads may hang.
     context = multiprocessing.get_context("spawn")

@@ -72,7 +72,7 @@ class KernelRegression(Method):
     :math:`a_1 \dot b_m / b_m` as a share of each term. :meth:`tuned` finds order and lag by evidence.
 
     The kernel is used in a low-rank form: Fourier series with known variances times eigenfunctions of the decay
-    (:mod:`tvsysid.numerics.kernels`), which makes the problem a ridge regression with some 110 unknowns. Where a run
+    (:mod:`tvsysid.methods.kbr.kernel`), which makes the problem a ridge regression with some 110 unknowns. Where a run
     holds whole periods, a product with a harmonic is a shift in frequency, so that only the signals times the
     eigenfunctions are ever transformed. The cost grows with the cube of the record where the decay is short against it:
     600 s at 30 s take 3800 coefficients and some 10 s.

@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from tvsysid.methods.kbr.kernel import ENDLESS, Kernel
+from tvsysid.methods.kbr.kernel import ENDLESS, Kernel, log_harmonic_variances
 from tvsysid.methods.kbr.record import Record
 from tvsysid.numerics import Array
 from tvsysid.numerics.gaussian import Statistics, log_evidence, of_columns, of_share, unit_information, without_nuisance
-from tvsysid.numerics.kernels import log_harmonic_variances
 
 LENGTHS = np.geomspace(0.002, 30.0, 12)  # periodic lengths of which a tuned one is the best
 NOISES = 20  # steps of the noise variance at most, for settings that are given

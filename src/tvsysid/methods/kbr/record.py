@@ -14,10 +14,9 @@ from scipy.fft import rfft
 from scipy.linalg import blas
 
 from tvsysid.errors import InputError
-from tvsysid.methods.kbr.kernel import Kernel
+from tvsysid.methods.kbr.kernel import Kernel, harmonic_features
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.gaussian import Statistics
-from tvsysid.numerics.kernels import harmonic_features
 from tvsysid.numerics.lowpass import low_pass
 from tvsysid.numerics.spectra import half_cosine_spectrum
 from tvsysid.signals import Array, Ensemble

@@ -34,22 +34,10 @@ CLEARLY = 3.0  # log evidence by which a basis must be better than the one given
 class Evidence:
     """What speaks for settings that were chosen from data.
 
-    Parameters
-    ----------
-    criterion, unit, better
-        What was compared, in which unit, and whether ``"higher"`` or ``"lower"`` values are better.
-    tried
-        Settings by name, for each trial; the first are those that the method had before.
-    values
-        The criterion for each, shape (trial,).
-    standard_errors
-        Of each value's difference from the first, shape (trial,); NaN where the criterion has none.
-    chosen
-        Which was chosen.
-    axis, positions
-        What the trials are drawn against, with its unit, and where on it, shape (trial,).
-    lines
-        What else they differ in, for each: trials of one name make one line.
+    The ``criterion``, in a ``unit``, of which ``"higher"`` or ``"lower"`` values are better; the settings ``tried`` by
+    name, the first being those that the method had before, and which were ``chosen``; the ``values`` of the criterion,
+    and the ``standard_errors`` of their differences from the first, NaN where it has none. To be drawn against an
+    ``axis`` at ``positions`` in ``lines``: trials of one name make one line. All of shape (trial,).
     """
 
     criterion: str

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tvsysid.numerics import kernels
+from tvsysid.methods.kbr import kernel as kernels
 
 
 def locally_periodic(time, other, period, l1, l2):

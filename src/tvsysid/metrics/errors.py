@@ -33,19 +33,9 @@ def _against(estimates: ArrayLike, truth: ArrayLike) -> tuple[Array, Array]:
 
 
 def weighted_mean(values: ArrayLike, weights: ArrayLike | None = None) -> Array:
-    """Mean over trials, the first axis.
+    """Mean over trials, the first axis; shape (...), or (draw, ...) for many sets of weights.
 
-    Parameters
-    ----------
-    values
-        Shape (trial, ...).
-    weights
-        Of the trials, of any sum: shape (trial,), or (draw, trial) for many sets of them; None weighs all alike.
-
-    Returns
-    -------
-    Array
-        Shape (...), or (draw, ...).
+    Weights may have any sum, and the shape (trial,), or (draw, trial) for many sets; None weighs all alike.
 
     Examples
     --------
@@ -100,19 +90,8 @@ def bias_error(estimates: ArrayLike, truth: ArrayLike, weights: ArrayLike | None
 
     Equation 22 of van de Ruit et al. 2021. With M trials its square contains the random error's square over M.
 
-    Parameters
-    ----------
-    estimates
-        Shape (trial, time).
-    truth
-        Shape (time,).
-    weights
-        Of the trials, see :func:`weighted_mean`.
-
-    Returns
-    -------
-    float or Array
-        In the unit of the estimates; NaN if no time has an estimate in every trial. For many sets of weights one each.
+    From estimates (trial, time) and truth (time,), in their unit; NaN if no time has an estimate in every trial. The
+    weights are those of :func:`weighted_mean`; for many sets of them there is one value each.
 
     Examples
     --------
@@ -129,7 +108,7 @@ def debiased_bias_error(estimates: ArrayLike, truth: ArrayLike, weights: ArrayLi
     .. math:: \sqrt{\max\left(0, Err_{bias}^2 - Err_{random}^2 / (M - 1)\right)}
 
     The mean of M trials has their variance over M, and the random error, which divides by M, is that variance times
-    (M - 1) / M. Parameters and result are those of :func:`bias_error`; NaN for a single trial, which does not tell, and
+    (M - 1) / M. Arguments and result are those of :func:`bias_error`; NaN for a single trial, which does not tell, and
     where no time has an estimate in every trial.
     """
     trials = len(_trials(estimates)[0])
@@ -144,7 +123,7 @@ def random_error(estimates: ArrayLike, weights: ArrayLike | None = None) -> Valu
 
     .. math:: \sqrt{\frac{1}{M T} \sum_{i, r} \left(\hat K(i, r) - \overline{\hat K}(i)\right)^2}
 
-    Equation 23 of van de Ruit et al. 2021. Parameters and result are those of :func:`bias_error`.
+    Equation 23 of van de Ruit et al. 2021. Arguments and result are those of :func:`bias_error`.
 
     Examples
     --------
@@ -161,7 +140,7 @@ def total_error(estimates: ArrayLike, truth: ArrayLike, weights: ArrayLike | Non
 
     .. math:: \sqrt{\frac{1}{M T} \sum_{i, r} \left(\hat K(i, r) - K(i)\right)^2}
 
-    Equation 24 of van de Ruit et al. 2021. Parameters and result are those of :func:`bias_error`.
+    Equation 24 of van de Ruit et al. 2021. Arguments and result are those of :func:`bias_error`.
 
     Examples
     --------
@@ -183,28 +162,11 @@ def rise_time(
 ) -> Value:
     """Time from where the mean estimate first exceeds one level to where it first exceeds another.
 
-    Searched around the known upward switch only, and the lower crossing is the last one before the upper, for noise
-    makes early crossings that mean nothing (van de Ruit et al. 2021, section 3.3).
+    Searched only so many seconds (``within``) about the known upward ``switch``, and the lower crossing is the last one
+    before the upper, for noise makes early crossings that mean nothing (van de Ruit et al. 2021, section 3.3).
 
-    Parameters
-    ----------
-    time
-        In s, shape (time,).
-    estimates
-        Shape (trial, time).
-    low, high
-        Levels, 10 and 90 % of the step.
-    switch
-        Time of the true upward switch in s.
-    within
-        Seconds about the switch that are searched.
-    weights
-        Of the trials, see :func:`weighted_mean`.
-
-    Returns
-    -------
-    float or Array
-        In s; NaN if a level is not crossed there. For many sets of weights one each.
+    From times in s (time,) and estimates (trial, time), in s; NaN if a level is not crossed there. The levels are 10
+    and 90 % of the step; weights are those of :func:`weighted_mean`, and for many sets there is one value each.
 
     Examples
     --------
@@ -229,22 +191,11 @@ def rise_time(
 
 
 def coverage(lower: ArrayLike, upper: ArrayLike, truth: ArrayLike, weights: ArrayLike | None = None) -> Value:
-    """Share of trials and times at which a band holds the truth, its edges included.
+    """Share in per cent of trials and times at which a band holds the truth, its edges included.
 
-    Parameters
-    ----------
-    lower, upper
-        Edges of the band in each trial, shape (trial, time); where either is NaN there is no band, and the time is left
-        out in that trial.
-    truth
-        Shape (time,).
-    weights
-        Of the trials, see :func:`weighted_mean`.
-
-    Returns
-    -------
-    float or Array
-        In per cent; NaN where there is no band at all. Best is the band's own level: more says that it is too wide.
+    The band's edges have the shape (trial, time), the truth (time,). Where either edge is NaN there is no band, and the
+    time is left out in that trial; NaN where there is no band at all. Best is the band's own level: more says that it
+    is too wide. The weights are those of :func:`weighted_mean`.
 
     Raises
     ------

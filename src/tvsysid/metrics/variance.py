@@ -40,17 +40,8 @@ def vaf(torque: ArrayLike, predicted: ArrayLike) -> Array:
 
     Equation 25 of van de Ruit et al. 2021. The sums are not centred: subtract the mean over realizations before.
 
-    Parameters
-    ----------
-    torque
-        Measured (or noiseless simulated) torque in N·m, shape (realization, time).
-    predicted
-        Of the same shape; samples where it is NaN are left out.
-
-    Returns
-    -------
-    Array
-        In per cent, shape (realization,); NaN where no sample is left, or the torque is zero.
+    Measured (or noiseless simulated) and predicted torque have the shape (realization, time); samples where the latter
+    is NaN are left out. In per cent, shape (realization,); NaN where no sample is left, or the torque is zero.
 
     Examples
     --------
@@ -65,8 +56,8 @@ def time_varying_vaf(torque: ArrayLike, predicted: ArrayLike) -> Array:
 
     .. math:: \max\left(0, 1 - \frac{\sum_r (y_r(i) - \hat y_r(i))^2}{\sum_r y_r(i)^2}\right) \cdot 100\,\%
 
-    Equation 26 of van de Ruit et al. 2021; in per cent (time,), NaN where there is no prediction. Parameters are those
-    of :func:`vaf`.
+    Equation 26 of van de Ruit et al. 2021; in per cent (time,), NaN where there is no prediction. Torques are those of
+    :func:`vaf`.
     """
     return _accounted(*_pair(torque, predicted), axis=0)
 
@@ -83,19 +74,8 @@ def bandpassed_vaf(
     are continued by even reflection for a cycle of the band's lower edge, which comes closest to filtering the
     whole record: within 0.5 percentage points for a realization of 2 s, where odd reflection is off by 4.
 
-    Parameters
-    ----------
-    torque, predicted
-        As of :func:`vaf`; times at which any realization has no prediction are left out.
-    sampling_rate
-        In Hz.
-    band
-        Edges in Hz.
-
-    Returns
-    -------
-    Array
-        In per cent, shape (realization,); NaN where no more than 18 samples are left to filter.
+    Torques are those of :func:`vaf`, rate and band in Hz; times at which any realization has no prediction are left
+    out. In per cent, shape (realization,); NaN where no more than 18 samples are left to filter.
     """
     measured, model = _pair(torque, predicted)
     if not 0 < band[0] < band[1] < sampling_rate / 2:

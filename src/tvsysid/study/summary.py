@@ -22,6 +22,8 @@ COLUMNS = (
     *("metric", "value", "unit", "standard_error", "viscosity", "scenario", "system", "quantity"),
 )
 """Of the summary of a simulation study."""
+OF_RECORDING = ("recording", "participant", "perturbation")
+LABELS = ("participant", "perturbation", "method", "realizations")
 UNITS = {
     "mean_stiffness": "N·m/rad",
     "random_error": "N·m/rad",
@@ -118,8 +120,7 @@ def _of_experiment(results: xr.Dataset) -> pd.DataFrame:
                 if (known or metric not in OF_TRUTH) and (quantity == MAIN or np.isfinite(value)):
                     own = quantity if unit == units[f"mean_{quantity}"] else ""
                     rows.append((*labels, metric, value, unit, own))
-    columns = ["participant", "perturbation", "method", "realizations", "metric", "value", "unit", "quantity"]
-    return pd.DataFrame(rows, columns=columns)
+    return pd.DataFrame(rows, columns=[*LABELS, "metric", "value", "unit", "quantity"])
 
 
 def measured(results: xr.Dataset) -> dict[str, Any]:
@@ -160,11 +161,8 @@ def mean_over_draws(values: Array) -> Array:
 def stiffness_over_time(results: xr.Dataset) -> pd.DataFrame:
     """Stiffness over time: mean and standard deviation over bootstraps.
 
-    Returns
-    -------
-    pandas.DataFrame
-        Columns participant, perturbation, method, realizations, time_s, stiffness, standard_deviation (N·m/rad) and
-        time_varying_vaf (%).
+    Columns are participant, perturbation, method, realizations, time_s, stiffness, standard_deviation (N·m/rad) and
+    time_varying_vaf (%).
     """
     chosen = results[["estimate", "time_varying_vaf"]].sel(quantity=MAIN, drop=True).rename(estimate="stiffness")
     chosen = chosen.drop_vars("unit", errors="ignore")
@@ -172,27 +170,15 @@ def stiffness_over_time(results: xr.Dataset) -> pd.DataFrame:
     means["standard_deviation"] = chosen.stiffness.std("bootstrap", ddof=1)
     table = means.to_dataframe().reset_index()
     table = table.rename(columns={"method_key": "method", "time": "time_s"})
-    return table[
-        [
-            *("participant", "perturbation", "method", "realizations", "time_s"),
-            *("stiffness", "standard_deviation", "time_varying_vaf"),
-        ]
-    ]
+    columns = [*LABELS, "time_s", "stiffness", "standard_deviation", "time_varying_vaf"]
+    return table[columns]
 
 
 def exclusions(prepared: Sequence[Prepared]) -> pd.DataFrame:
-    """What became of every realization that was recorded.
+    """What became of every realization that was recorded, from what :func:`prepared_recordings` gives.
 
-    Parameters
-    ----------
-    prepared
-        As of :func:`tvsysid.study.prepared_recordings`.
-
-    Returns
-    -------
-    pandas.DataFrame
-        A row for each: recording, participant, perturbation, realization, trial, onset_s, shift_s, excluded_by (empty
-        for one that was kept), reached, limit, unit.
+    A row for each: recording, participant, perturbation, realization, trial, onset_s, shift_s, excluded_by (empty for
+    one that was kept), reached, limit, unit.
     """
     import pandas as pd  # noqa: PLC0415  # heavy
 
@@ -201,15 +187,11 @@ def exclusions(prepared: Sequence[Prepared]) -> pd.DataFrame:
         if item.account is None:
             continue
         table = item.account.table.reset_index()
-        of_recording = {
-            "recording": item.recorded.label,
-            "participant": item.recorded.participant,
-            "perturbation": item.recorded.perturbation,
-        }
-        for place, (name, value) in enumerate(of_recording.items()):
-            table.insert(place, name, value)
+        recorded = item.recorded
+        for place, value in enumerate((recorded.label, recorded.participant, recorded.perturbation)):
+            table.insert(place, OF_RECORDING[place], value)
         tables.append(table)
-    columns = ("realization", "trial", "onset_s", "shift_s", "excluded_by", "reached", "limit", "unit")
     if not tables:
-        return pd.DataFrame(columns=["recording", "participant", "perturbation", *columns])
+        columns = ("realization", "trial", "onset_s", "shift_s", "excluded_by", "reached", "limit", "unit")
+        return pd.DataFrame(columns=[*OF_RECORDING, *columns])
     return pd.concat(tables, ignore_index=True)

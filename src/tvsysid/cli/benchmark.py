@@ -75,7 +75,7 @@ def benchmark(
     ] = None,
     viscosity: Annotated[
         list[Viscosity] | None,
-        option(None, "2.2 N·m·s/rad, or from 1 to 3 N·m·s/rad with the stiffness; repeatable. [constant]"),
+        option("NAME", "`constant`: 2.2 N·m·s/rad; `covarying`: 1 to 3 with the stiffness; repeatable. [constant]"),
     ] = None,
     method: MethodOption = [],
     trials: Annotated[int | None, option("N", "Monte-Carlo trials of each scenario. [20]")] = None,

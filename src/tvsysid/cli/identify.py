@@ -79,6 +79,7 @@ def identify(
     from tvsysid.recordings import whole_file, write_models
 
     chosen = [parse(label) for label in method]
+    check_folder(out)
     with shown_warnings():
         recording = options.read(file, angle, torque, rate, columns, torque_sign, angle_unit, start, channel)
         if decimate is not None:
@@ -89,7 +90,6 @@ def identify(
         deviating = [name for name in deviating_channels(chosen) if name in recording.channels]
         ensemble = preprocess.subtract_mean(preprocess.segment(recording, period, context), deviating)
         say(f"{file.name}: {ensemble!r}")
-        check_folder(out)
         with progress("identifying") as advance:
             found = compare(ensemble, method, tune=tune, progress=advance)
     for label, reason in found.skipped.items():

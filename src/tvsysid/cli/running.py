@@ -26,12 +26,12 @@ STORE = "results.zarr"
 
 
 def check_folder(out: Path) -> None:
-    """Make the folder, so that one that cannot be written to is reported before the work, not after it."""
-    if out.exists() and not out.is_dir():
-        raise InputError(f"{out}: expected a folder, this is a file; give a folder with --out")
-    out.mkdir(parents=True, exist_ok=True)
-    if not os.access(out, os.W_OK):
-        raise InputError(f"{out}: no permission to write to this folder; give another with --out")
+    """Report a folder that cannot be made or written to before the work, not after it."""
+    there = next(each for each in (out, *out.resolve().parents) if each.exists())
+    if not there.is_dir():
+        raise InputError(f"{there}: expected a folder, this is a file; give a folder with --out")
+    if not os.access(there, os.W_OK):
+        raise InputError(f"{there}: no permission to write to this folder; give another with --out")
 
 
 def command_line() -> str:

@@ -296,7 +296,7 @@ def _compare(path: Path, kept: dict[str, Any], layout: Layout) -> None:
         if theirs != here:
             raise InputError(
                 f"{path}: the store is of {what}: {differences(theirs, here)}; "
-                "give another folder, or remove this one to start afresh"
+                "give another folder (--out), or remove this one to start afresh"
             )
 
 

@@ -44,7 +44,7 @@ def counted(ensemble: Ensemble) -> str:
     """How many realizations there are and what they are worth, in words."""
     count, independent = len(ensemble), independent_realizations(ensemble)
     words = f"{count} realization{'s' * (count > 1)}"
-    return words if independent == count else f"{words}, worth {independent} with their mean subtracted,"
+    return words if independent == count else f"{words} ({independent} independent, as their mean is subtracted)"
 
 
 def independent_share(ensemble: Ensemble, predicted: Array, band: tuple[float, float]) -> float:

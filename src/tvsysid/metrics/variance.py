@@ -63,10 +63,7 @@ def time_varying_vaf(torque: ArrayLike, predicted: ArrayLike) -> Array:
 
 
 def bandpassed_vaf(
-    torque: ArrayLike,
-    predicted: ArrayLike,
-    sampling_rate: float,
-    band: tuple[float, float] = (1.0, 10.0),
+    torque: ArrayLike, predicted: ArrayLike, sampling_rate: float, band: tuple[float, float] = (1.0, 10.0)
 ) -> Array:
     """Variance accounted for in each realization, after a band-pass that takes away most of the inertia's part.
 

@@ -53,10 +53,7 @@ def write_diagnosis(
         found = "; ".join(f"{_lower(one.fault.title)} ({one.strength})" for one in each.findings)
         text = f"{each.verdict}{': ' if found else ''}{found}."
         lines.append(Markup('<a href="#{}">{}</a>: {}').format(anchor, name, text))
-    parts = [
-        page.Section("outcome", "Outcome", [page.Box(lines), HOW]),
-        page.Section("seen", "What was seen", blocks),
-    ]
+    parts = [page.Section("outcome", "Outcome", [page.Box(lines), HOW]), page.Section("seen", "What was seen", blocks)]
     if command:
         again: list[page.Block] = ["This command made the page:", page.Code("Command", command)]
         parts.append(page.Section("again", "How to repeat it", again))

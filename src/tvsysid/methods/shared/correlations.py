@@ -13,13 +13,7 @@ from tvsysid.impedance import agreement, second_order_readout, static_stiffness
 from tvsysid.methods.base import missing_edge, padded
 from tvsysid.methods.shared.residuals import independent_realizations, noise_correlation, residual
 from tvsysid.models import Diagnostics, ImpulseResponseModel
-from tvsysid.numerics.moments import (
-    coloured_moments,
-    diagonal_moments,
-    lagged_moments,
-    sliding_sum,
-    time_chunks,
-)
+from tvsysid.numerics.moments import coloured_moments, diagonal_moments, lagged_moments, sliding_sum, time_chunks
 from tvsysid.numerics.noise import autocovariance
 from tvsysid.numerics.pseudoinverse import Solution, truncated
 from tvsysid.signals import Array, Ensemble

@@ -11,31 +11,22 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tvsysid import simulate
 from tvsysid.errors import DataQualityWarning, describe_error
 from tvsysid.methods.apply import apply, inputs_of
 from tvsysid.methods.base import Input
 from tvsysid.preprocess import decimate, segment
 from tvsysid.signals import Array, Ensemble, Recording
-from tvsysid.simulate import (
-    CompliantActuator,
-    Constant,
-    FilteredNoise,
-    Joint,
-    Profile,
-    ReflexJoint,
-    ScheduledJoint,
-    SineWave,
-    System,
-)
 
 LEVEL = 100.0  # stiffness of the constant joint in N·m/rad
 SNR = 30.0  # signal-to-noise ratio of the simulated torque in dB
-CASES: dict[str, tuple[float, Profile, float, float, int]] = {  # duration, stiffness, rate in Hz, period in s, seed
-    "constant": (150.0, Constant(LEVEL), 100.0, 2.0, 1),
-    "changing": (150.0, SineWave(), 100.0, 2.0, 2),
-    "unseen": (40.0, Constant(LEVEL), 100.0, 2.0, 3),
-    "other rate": (120.0, SineWave(period=1.5), 128.0, 1.5, 4),
-    "reflex": (150.0, Constant(LEVEL), 100.0, 2.0, 5),
+# Duration in s, stiffness, rate in Hz, period in s, seed.
+CASES: dict[str, tuple[float, simulate.Profile, float, float, int]] = {
+    "constant": (150.0, simulate.Constant(LEVEL), 100.0, 2.0, 1),
+    "changing": (150.0, simulate.SineWave(), 100.0, 2.0, 2),
+    "unseen": (40.0, simulate.Constant(LEVEL), 100.0, 2.0, 3),
+    "other rate": (120.0, simulate.SineWave(period=1.5), 128.0, 1.5, 4),
+    "reflex": (150.0, simulate.Constant(LEVEL), 100.0, 2.0, 5),
 }
 
 
@@ -61,8 +52,8 @@ def simulated_case(name: str, inputs: tuple[Input, ...]) -> Case:
         bare = Ensemble(cores.pop("angle"), cores.pop("torque"), seen.sampling_rate, channels=cores)
         return whole._replace(ensemble=bare)
     duration, profile, rate, period, seed = CASES[name]
-    system = ReflexJoint(stiffness=profile) if name == "reflex" else _system(profile, inputs)
-    simulation = system.simulate(duration, perturbation=FilteredNoise(), snr_db=SNR, seed=seed, rate=8 * rate)
+    system = simulate.ReflexJoint(stiffness=profile) if name == "reflex" else _system(profile, inputs)
+    simulation = system.simulate(duration, perturbation=simulate.FilteredNoise(), snr_db=SNR, seed=seed, rate=8 * rate)
     recording = replace(simulation.recording, channels=_channels(simulation.recording, inputs))
 
     def segmented(torque: Array) -> Ensemble:
@@ -74,12 +65,12 @@ def simulated_case(name: str, inputs: tuple[Input, ...]) -> Case:
     return Case(ensemble, np.asarray(sum(pathways.values())), stiffness, pathways)
 
 
-def _system(profile: Profile, inputs: tuple[Input, ...]) -> System:
+def _system(profile: simulate.Profile, inputs: tuple[Input, ...]) -> simulate.System:
     """What has channels of these kinds."""
     kinds = {item.kind for item in inputs}
     if "reference" in kinds:
-        return CompliantActuator(stiffness=profile)
-    return ScheduledJoint(stiffness=profile) if kinds else Joint(stiffness=profile)
+        return simulate.CompliantActuator(stiffness=profile)
+    return simulate.ScheduledJoint(stiffness=profile) if kinds else simulate.Joint(stiffness=profile)
 
 
 def _channels(recording: Recording, inputs: tuple[Input, ...]) -> dict[str, Array]:

@@ -53,14 +53,9 @@ def _check_count(basis: object, functions: int, least: int = 1) -> None:
 
 @dataclass(frozen=True)
 class CubicBSplines:
-    """Cubic B-splines on equal intervals.
+    """Cubic B-splines on equal intervals, four functions at least.
 
-    Parameters
-    ----------
-    functions
-        How many; at least 4.
-    periodic
-        Whether the last interval joins the first; otherwise the knots are clamped at both ends.
+    Of a ``periodic`` basis the last interval joins the first; otherwise the knots are clamped at both ends.
 
     Examples
     --------
@@ -91,14 +86,8 @@ class CubicBSplines:
 class GaussianBumps:
     """Gaussian bumps at equal distances; what the Kearney lab's toolbox uses.
 
-    Parameters
-    ----------
-    functions
-        How many.
-    width
-        Standard deviation in normalised time.
-    periodic
-        Whether bumps wrap round; otherwise the outer ones lie on the ends.
+    The ``width`` is their standard deviation in normalised time. ``periodic`` bumps wrap round; otherwise the outer ones
+    lie on the ends.
     """
 
     functions: int = 10
@@ -123,10 +112,7 @@ class GaussianBumps:
 class HaarWavelets:
     """The constant and the first Haar wavelets: steps, for behaviour that switches.
 
-    Parameters
-    ----------
-    functions
-        How many; a power of two gives as many equal steps.
+    A power of two gives as many equal steps as functions.
 
     Examples
     --------
@@ -157,13 +143,7 @@ class HaarWavelets:
 
 @dataclass(frozen=True)
 class FourierSeries:
-    """The constant, and a cosine and a sine for each harmonic of the period.
-
-    Parameters
-    ----------
-    harmonics
-        How many; there are 2 x harmonics + 1 functions.
-    """
+    """The constant, and a cosine and a sine for each harmonic of the period: 2 x harmonics + 1 functions."""
 
     harmonics: int = 4
     periodic: ClassVar[bool] = True

@@ -28,14 +28,8 @@ class Joint:
 
     Its truth holds ``stiffness``, ``viscosity`` and ``inertia``; its one pathway is ``intrinsic``.
 
-    Parameters
-    ----------
-    stiffness
-        Callable of time in s, to N·m/rad; one with an attribute ``period`` (in s) is evaluated over one period.
-    viscosity
-        In N·m·s/rad, or a callable as for the stiffness.
-    inertia
-        In kg·m².
+    Stiffness is a callable of time in s, to N·m/rad; one with an attribute ``period`` (in s) is evaluated over one
+    period. Viscosity is in N·m·s/rad, or such a callable; inertia in kg·m².
 
     Raises
     ------
@@ -114,16 +108,9 @@ class StretchReflex:
     .. math:: \ddot r(t) + 2 \zeta \omega\, \dot r(t) + \omega^2\, r(t) = \omega^2\, g(t)\, f(t - d), \qquad
               f = s \max(s\, \dot\theta - c, 0)
 
-    Parameters
-    ----------
-    delay
-        d in s, rounded to a sample.
-    frequency, damping
-        Natural frequency ω of the muscle in rad/s, and its damping ratio ζ.
-    threshold
-        Velocity c in rad/s below which nothing is answered.
-    direction
-        s: 1 where a positive velocity stretches the muscle, -1 where a negative one does.
+    The ``delay`` d is in s, rounded to a sample; ``frequency`` ω of the muscle in rad/s, ``damping`` its ratio ζ;
+    ``threshold`` c in rad/s, the velocity below which nothing is answered; ``direction`` s is 1 where a positive
+    velocity stretches the muscle, -1 where a negative one does.
     """
 
     delay: float = 0.040
@@ -159,12 +146,7 @@ class ReflexJoint(Joint):
 
     Truth: ``stiffness``, ``viscosity``, ``inertia``, ``reflex_gain``. Pathways: ``intrinsic``, ``reflex``.
 
-    Parameters
-    ----------
-    reflex_gain
-        g in N·m·s/rad, or a callable of time in s.
-    reflex
-        Delay, muscle and threshold.
+    The gain g is in N·m·s/rad, or a callable of time in s.
 
     Raises
     ------

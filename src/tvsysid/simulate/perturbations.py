@@ -55,14 +55,10 @@ class FilteredNoise:
 
 @dataclass(frozen=True)
 class PRBS:
-    """Pseudo-random binary sequence: each interval takes one of two levels with equal probability.
+    """Pseudo-random binary sequence: each ``switch_interval`` (s) takes one of two levels with equal probability.
 
-    Parameters
-    ----------
-    switch_interval
-        Clock of the sequence in s. The paper states a switching rate of 147 ms and a mean absolute velocity
-        of 0.08 rad/s, which do not go together: a 147-ms clock gives 0.06 rad/s, and 0.08 rad/s take
-        some 109 ms. The stated interval is the default.
+    The paper states a switching rate of 147 ms and a mean absolute velocity of 0.08 rad/s, which do not go together: a
+    147-ms clock gives 0.06 rad/s, and 0.08 rad/s take some 109 ms. The stated interval is the default.
     """
 
     switch_interval: float = 0.147

@@ -81,15 +81,10 @@ class SineWave:
 
 @dataclass(frozen=True)
 class CovaryingViscosity:
-    """Viscosity that rises and falls with a stiffness.
+    """Viscosity that rises and falls with a stiffness, a profile in N·m/rad.
 
-    Parameters
-    ----------
-    stiffness
-        Profile in N·m/rad.
-    low, high
-        Viscosity in N·m·s/rad where the stiffness is 50 and 150 N·m/rad; in proportion elsewhere. The defaults are the
-        range that van de Ruit et al. 2021 tried.
+    It is ``low`` and ``high``, in N·m·s/rad, where the stiffness is 50 and 150 N·m/rad; in proportion elsewhere. The
+    defaults are the range that van de Ruit et al. 2021 tried.
 
     Examples
     --------

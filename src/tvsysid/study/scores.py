@@ -193,11 +193,8 @@ def score(results: xr.Dataset) -> xr.Dataset:
     the uncertainty of a difference between methods, which see the same data, is that of the difference of their
     replicates.
 
-    Parameters
-    ----------
-    results
-        As of :func:`tvsysid.study.run` of a simulation study, finished or not. Trials in which a method failed are left
-        out for that method, and counted.
+    The results are those of :func:`tvsysid.study.run` of a simulation study, finished or not. Trials in which a method
+    failed are left out for that method, and counted.
 
     Returns
     -------

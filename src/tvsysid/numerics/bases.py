@@ -86,8 +86,8 @@ class CubicBSplines:
 class GaussianBumps:
     """Gaussian bumps at equal distances; what the Kearney lab's toolbox uses.
 
-    The ``width`` is their standard deviation in normalised time. ``periodic`` bumps wrap round; otherwise the outer ones
-    lie on the ends.
+    The ``width`` is their standard deviation in normalised time. Bumps that are ``periodic`` wrap round; otherwise the
+    outer ones lie on the ends.
     """
 
     functions: int = 10

@@ -359,7 +359,9 @@ def test_evidence_is_shown_in_words_and_as_a_table():
     assert str(evidence) in shown
     assert shown.count("<tr") == len(evidence.values) + 1
     unchanged = dataclasses.replace(evidence, chosen=0)
-    assert str(unchanged).startswith("max_lag=0.12, window=0.1 as given: nothing else has a clearly better mean square")
+    assert str(unchanged).startswith(
+        "max_lag=0.12, window=0.1 as given: nothing else has a clearly better cross-validated"
+    )
 
 
 def test_halves_are_identified_from_alone():

@@ -47,9 +47,7 @@ def test_what_is_stated_is_described_and_contradictions_warn(file):
         read(file, 500.0)
         return
     assert described["pos"].sampling_rate == 200.0
-    with pytest.warns(
-        tv.DataQualityWarning, match="the file states 200 Hz for pos, tq, and is read at 500 Hz as you say"
-    ):
+    with pytest.warns(tv.DataQualityWarning, match="the file states 200 Hz for pos, tq, you gave 500 Hz"):
         assert read(file, 500.0).sampling_rate == 500.0
     if file.suffix not in (".mat", ".npz"):
         assert described["pos"].unit == "rad"
@@ -139,20 +137,24 @@ def test_an_enormous_file_is_read_in_part(tmp_path, signals, name):
             # A terabyte that takes no place on disk.
             big = root.create_dataset("big", shape=(1000, 125_000_000), chunks=(1, 1_000_000), dtype="f8")
             big.attrs["MATLAB_class"] = np.bytes_("double")
+            root["vast"] = big
     tracemalloc.start()
     np.testing.assert_array_equal(read(file).angle, signals[0])
     assert tracemalloc.get_traced_memory()[1] < 20e6
     tracemalloc.stop()
     if file.suffix != ".npz":
-        with pytest.raises(tv.InputError, match=r"reading it takes 3e\+03 GB"):
-            read(file, angle="big", torque="big")
+        with pytest.raises(tv.InputError, match=r"reading it takes 6e\+03 GB"):
+            read(file, angle="big", torque="vast")
 
 
 def test_structures_of_every_mat_version(tmp_path, signals):
-    savemat(tmp_path / "v5.mat", {"run": {"pos": np.stack([signals[0], -signals[0]], axis=1)}})
+    columns = np.stack([signals[0], -signals[0]], axis=1)
+    savemat(tmp_path / "v5.mat", {"run": {"pos": columns, "copy": columns}})
     write_mat_73(tmp_path / "v73.mat", *signals)
+    with h5py.File(tmp_path / "v73.mat", "r+") as root:
+        root["run/copy"] = root["run/pos"]
     for name in ("v5.mat", "v73.mat"):
-        recording = read(tmp_path / name, angle="run.pos", torque="run.pos", columns="trials")
+        recording = read(tmp_path / name, angle="run.pos", torque="run.copy", columns="trials")
         np.testing.assert_array_equal(recording.angle, np.concatenate([signals[0], -signals[0]]))
         assert recording.trial_starts == (0, 600)
 
@@ -290,12 +292,13 @@ def test_nothing_in_an_npz_is_unpickled(tmp_path):
 def test_links_to_other_files_are_not_followed(tmp_path, signals):
     write_hdf5(tmp_path / "other.h5", *signals)
     with h5py.File(tmp_path / "ankle.h5", "w") as root:
+        root["real"] = signals[0]
         root["pos"] = h5py.ExternalLink("other.h5", "pos")
         layout = h5py.VirtualLayout(shape=(600,), dtype="f8")
         layout[:] = h5py.VirtualSource("missing.h5", "tq", shape=(600,))
         root.create_virtual_dataset("tq", layout)
-    with pytest.raises(tv.InputError, match="no channel 'pos'; it holds tq"):
+    with pytest.raises(tv.InputError, match=r"no channel 'pos'; it holds real .*, tq"):
         read(tmp_path / "ankle.h5")
     # HDF5 itself would fill in zeros.
     with pytest.raises(tv.InputError, match="tq: expected real numbers, got values in another file"):
-        read(tmp_path / "ankle.h5", angle="tq")
+        read(tmp_path / "ankle.h5", angle="real")

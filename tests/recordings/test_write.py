@@ -149,7 +149,7 @@ def test_a_written_recording_is_a_file_like_others(tmp_path, random, ending):
         tmp_path / f"ankle{ending}", angle="angle", torque="torque", sampling_rate=100.0, channels={"emg": "emg"}
     )
     np.testing.assert_array_equal(found.channels["emg"], emg)
-    with pytest.warns(tv.DataQualityWarning, match="the file states 100 Hz for angle, torque, and is read at 50 Hz"):
+    with pytest.warns(tv.DataQualityWarning, match="the file states 100 Hz for angle, torque, you gave 50 Hz"):
         tv.read_recording(tmp_path / f"ankle{ending}", angle="angle", torque="torque", sampling_rate=50.0)
 
 

@@ -62,11 +62,12 @@ def study_figures(
             shown[stem] = _comparison(results, summary, rows[rows.perturbation.isin(group)])
         here = summary[(summary.stiffness == profile) & (summary.viscosity == viscosity)]
         duration, snr = _middle(rows)
+        name = _name(rows.iloc[0])
         at_snr, at_duration = here[here.snr_db == snr], here[here.duration_s == duration]
         if at_snr.duration_s.nunique() > 1:
-            shown[f"amount-{profile}{ending}"] = _amount(at_snr, f"{_name(profile)}: errors against the amount of data")
+            shown[f"amount-{profile}{ending}"] = _amount(at_snr, f"{name}: errors against the amount of data")
         if at_duration.snr_db[at_duration.snr_db < float("inf")].nunique() > 1:
-            shown[f"amount-{profile}{ending}-snr"] = _amount(at_duration, f"{_name(profile)}: errors against noise")
+            shown[f"amount-{profile}{ending}-snr"] = _amount(at_duration, f"{name}: errors against noise")
         at = rows[(rows.duration_s == duration) & (rows.snr_db == snr)]
         if np.isfinite(covered(results.sel(scenario=list(at.index))).values).any():
             shown[f"coverage-{profile}{ending}"] = _coverage(results, summary, at)
@@ -75,9 +76,9 @@ def study_figures(
     return shown
 
 
-def _name(profile: Any) -> str:
-    name = profile_name(profile)
-    return name[:1].upper() + name[1:]
+def _name(traits: Any) -> str:
+    name = profile_name(traits["profile"] if traits["profile"] != "own" else traits["system"])
+    return name if ":" in name else name[:1].upper() + name[1:]
 
 
 def _covarying(traits: Any) -> str:
@@ -96,7 +97,7 @@ def _comparison(results: xr.Dataset, summary: pd.DataFrame, rows: pd.DataFrame) 
     bars = rows.sort_values(["perturbation", "snr_db", "duration_s"], kind="stable")
     scenarios: list[Any] = shown.to_dict("records")
     perturbations = " and ".join(map(perturbation_name, shown.perturbation))
-    title = f"{_name(scenarios[0]['profile'])}, {perturbations}{_covarying(scenarios[0])}"
+    title = f"{_name(scenarios[0])}, {perturbations}{_covarying(scenarios[0])}"
     labels = list(dict.fromkeys([*shown.index, *bars.index]))
     drawing = partial(
         method_comparison,
@@ -133,7 +134,7 @@ def _figures(summary: pd.DataFrame, labels: Sequence[str], scenarios: Sequence[d
 
 def _coverage(results: xr.Dataset, summary: pd.DataFrame, rows: pd.DataFrame) -> Illustration:
     first: Any = rows.iloc[0]
-    title = f"{_name(first.profile)}: how often the bands hold the truth, {first.duration_s:g} s{_covarying(first)}"
+    title = f"{_name(first)}: how often the bands hold the truth, {first.duration_s:g} s{_covarying(first)}"
     labels = list(rows.index)
     chosen = results[BANDS].sel(scenario=labels, quantity="stiffness")
     missed = ": about a switch bands miss the truth." if first.profile == "square" else "."

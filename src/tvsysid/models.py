@@ -63,20 +63,9 @@ class Diagnostics:
 class Model(ABC):
     """What was identified over one realization.
 
-    Parameters
-    ----------
-    method
-        The method and its settings, in words.
-    sampling_rate
-        In Hz.
-    time
-        Time within a realization in s, shape (time,).
-    estimates
-        Estimates by quantity: ``stiffness``, ``viscosity``, ``inertia``, ``reflex_gain`` …
-    diagnostics
-        How the identification went.
-    coordinates
-        Values along the estimates' axes other than time and realization, by axis.
+    By a ``method``, told in words with its settings; at a ``time`` in s within a realization, shape (time,). The
+    ``estimates`` are by quantity: ``stiffness``, ``viscosity``, ``inertia``, ``reflex_gain`` …; ``coordinates`` are the
+    values along their axes other than time and realization, by axis; ``diagnostics`` say how the identification went.
     """
 
     method: str

@@ -83,23 +83,15 @@ def bandpassed_vaf(
     count = int(np.count_nonzero(known))
     if count <= SHORTEST_FILTERED:
         return np.full(len(measured), np.nan)
-    filtered = (
-        _bandpassed(signals if count == len(known) else signals[:, known], sampling_rate, band)
-        for signals in (measured, model)
-    )
-    return vaf(*filtered)
+    signals = (measured, model) if count == len(known) else (measured[:, known], model[:, known])
+    if count <= LONGEST_MATRIX:
+        matrix = _bandpass_matrix(count, sampling_rate, tuple(band))
+        return vaf(*(torques @ matrix for torques in signals))
+    return vaf(*(_run_both_ways(torques, sampling_rate, band) for torques in signals))
 
 
 SHORTEST_FILTERED = 18  # samples that are too few to filter
 LONGEST_MATRIX = 512  # samples up to which the filter is applied as a matrix product, several times faster
-
-
-def _bandpassed(signals: Array, sampling_rate: float, band: tuple[float, float]) -> Array:
-    """Filter signals of shape (realization, time) forwards and backwards."""
-    count = signals.shape[1]
-    if count <= LONGEST_MATRIX:
-        return np.asarray(signals @ _bandpass_matrix(count, sampling_rate, tuple(band)))
-    return _run_both_ways(signals, sampling_rate, band)
 
 
 @lru_cache(maxsize=16)

@@ -34,16 +34,9 @@ class CompliantActuator(Joint):
     Truth: ``stiffness``, ``viscosity``, ``inertia`` (of the joint). Pathway: ``intrinsic``, which answers the whole
     angle. Channel: ``disturbance``, the reference d in rad.
 
-    Parameters
-    ----------
-    actuator_stiffness
-        A in N·m/rad.
-    actuator_viscosity
-        B in N·m·s/rad; None for 0.7 of what damps the actuator alone critically.
-    actuator_inertia
-        M in kg·m², with all that the actuator carries beside the joint.
-    noise_bandwidth
-        Cut-off in Hz of the noise's second-order Butterworth filter.
+    The actuator has a stiffness A in N·m/rad, a viscosity B in N·m·s/rad (None for 0.7 of what damps it critically,
+    alone) and an inertia M in kg·m², with all that it carries beside the joint. ``noise_bandwidth`` is the cut-off in
+    Hz of the noise's second-order Butterworth filter.
 
     Raises
     ------
@@ -82,7 +75,12 @@ class CompliantActuator(Joint):
         samples, run_in = len(setup.whole_index), setup.run_in
         drive = generated(setup.perturbation, samples, setup.rate, for_drive)
         reference = np.stack(Actuator(setup.rate)(drive))  # with its derivatives
-        noise = LowPassedNoise(for_noise, self._bandwidth(setup.rate), setup.rate, settling=0)(samples)
+        if self.noise_bandwidth >= setup.rate / 2:
+            raise InputError(
+                f"CompliantActuator: noise_bandwidth must be below half the sampling rate of {setup.rate:g} Hz, "
+                f"got {self.noise_bandwidth:g} Hz"
+            )
+        noise = LowPassedNoise(for_noise, self.noise_bandwidth, setup.rate, settling=0)(samples)
 
         weights = np.stack([impedance[name] for name in ("stiffness", "viscosity", "inertia")])
         damping = self.actuator_viscosity
@@ -114,14 +112,6 @@ class CompliantActuator(Joint):
             {"disturbance": scale * reference[0]},
             answered=imposed,
         )
-
-    def _bandwidth(self, rate: float) -> float:
-        if self.noise_bandwidth >= rate / 2:
-            raise InputError(
-                f"CompliantActuator: noise_bandwidth must be below half the sampling rate of {rate:g} Hz, "
-                f"got {self.noise_bandwidth:g} Hz"
-            )
-        return self.noise_bandwidth
 
 
 def driven_motion(stiffness: Array, damping: Array, forces: Array, rate: float) -> Array:

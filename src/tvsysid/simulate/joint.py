@@ -196,18 +196,9 @@ class ScheduledJoint(Joint):
 
     Truth: ``stiffness``, ``viscosity``, ``inertia``. Pathway: ``intrinsic``. Channel: the variable, by its name.
 
-    Parameters
-    ----------
-    stiffness
-        k₀; the others as for :class:`Joint`.
-    relation
-        k, callable of the variable, to N·m/rad; rises from 0 to 1 and covers the profile there.
-    variation
-        σ: standard deviation of the variable's strength, relative to its mean.
-    interval
-        Seconds after which the strength is drawn anew.
-    variable
-        Name of the channel.
+    ``stiffness`` is k₀; ``relation`` k, a callable of the variable, to N·m/rad, which rises from 0 to 1 and covers the
+    profile there; ``variation`` σ, the standard deviation of the variable's strength relative to its mean; ``interval``
+    the seconds after which the strength is drawn anew; ``variable`` the name of the channel.
 
     Raises
     ------

@@ -124,12 +124,8 @@ class Participant:
     Truth: ``stiffness``, ``viscosity``, ``inertia``, ``reflex_gain``. Pathways: ``intrinsic``, ``reflex`` and
     ``voluntary``. Channel: ``target``, the torque to be followed in N·m.
 
-    Parameters
-    ----------
-    number
-        Which person: 0 or more. The same number gives the same numbers.
-    traits
-        Instead of the person's own, for instance ``replace(Traits.of(1), reflex_gain=5.0)``.
+    The ``number``, 0 or more, says which person: the same one gives the same numbers. ``traits`` take the place of the
+    person's own, for instance ``replace(Traits.of(1), reflex_gain=5.0)``.
 
     Raises
     ------
@@ -163,11 +159,9 @@ class Participant:
 
         The trials come one after the other; rests let actuator and reflex settle between them.
 
-        Parameters
-        ----------
-        perturbation
-            :class:`FilteredNoise`, :class:`PRBS`, or anything with their ``generate``. A PRBS has random numbers of its
-            own and loses the person's rhythm more often (``late_prbs``) than anything else does (``late_noise``).
+        The perturbation is :class:`FilteredNoise`, :class:`PRBS`, or anything with their ``generate``. A PRBS has
+        random numbers of its own and loses the person's rhythm more often (``late_prbs``) than anything else does
+        (``late_noise``).
         """
         traits, prbs = self.traits, isinstance(perturbation, PRBS)
         for_angle, for_person, for_sensor = streams_of(self.number)[2 if prbs else 1].spawn(3)

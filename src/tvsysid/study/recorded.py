@@ -144,11 +144,9 @@ class Experiment(StudySettings):
         ``contiguous`` is).
     realizations
         How many are drawn, of all methods; by default 75 and 150, and 20 and 40 in one piece, as in the paper.
-    bootstraps
-        Number of draws.
-    seed
-        Of the draws. They depend on it, the recording and the number of realizations alone, so that all methods see
-        the same ones.
+    bootstraps, seed
+        Number of draws, and their seed. They depend on it, the recording and the number of realizations alone, so that
+        all methods see the same ones.
 
     Raises
     ------

@@ -123,10 +123,8 @@ class Study(_Grid, StudySettings):
         Stiffness profiles: ``"square"``, ``"sine"``, ``"constant"``, ``"module:Object"``, or callables of time.
     perturbation
         ``"noise"``, ``"prbs"``, ``"module:Object"``, or objects with ``generate``.
-    duration_s
-        Seconds of data; each a whole number of realizations.
-    snr_db
-        Signal-to-noise ratios in dB.
+    duration_s, snr_db
+        Seconds of data, each a whole number of realizations; signal-to-noise ratios in dB.
     viscosity
         ``"constant"`` (the system's own: 2.2 N·m·s/rad), ``"covarying"`` (1 to 3 N·m·s/rad with the stiffness).
     system
@@ -135,18 +133,15 @@ class Study(_Grid, StudySettings):
         has its own.
     also
         Further scenarios: mappings of the settings above, each a grid of its own; what is not given is as above.
-    rate
-        In Hz, to which the data are decimated.
-    period
-        Duration of a realization in s.
+    rate, period
+        Rate in Hz to which the data are decimated, and duration of a realization in s.
     methods
         Keys of methods, with settings if need be (``"sds:window=0.2"``), ``"mymodule:MyMethod"``, or objects with
         ``identify``; by default the package's own five.
-    trials
-        Monte-Carlo repetitions.
-    seed
-        Of the whole study. Each trial of each scenario has a stream of its own, so that adding a scenario, a trial or a
-        method changes no other number. Scenarios that differ in viscosity only share it, which pairs them.
+    trials, seed
+        Monte-Carlo repetitions, and the seed of the whole study. Each trial of each scenario has a stream of its own,
+        so that adding a scenario, a trial or a method changes no other number. Scenarios that differ in viscosity only
+        share it, which pairs them.
 
     Raises
     ------

@@ -283,16 +283,9 @@ class KernelModel(SecondOrderModel):
     """Impedance as a function of time that holds at any time.
 
     ``stiffness``, ``viscosity`` and ``inertia`` are means over the realizations that it was identified from. A
-    prediction uses the impedance at the time of each realization.
-
-    Parameters
-    ----------
-    kernel
-        Features of time that the coefficients multiply.
-    phase
-        Phase in s at which all realizations that it was identified from begin; NaN if they begin at different ones.
-    lag
-        Time constant in s of the lag that the torque has behind what the joint does.
+    prediction uses the impedance at the time of each realization. The coefficients multiply the features of the
+    ``kernel``. All realizations that it was identified from begin at the ``phase``, in s; it is NaN if they begin at
+    different ones. The torque lags behind what the joint does, with the time constant ``lag`` in s.
     """
 
     kernel: kbr.Kernel

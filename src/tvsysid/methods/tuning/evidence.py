@@ -154,10 +154,7 @@ class Tuned:
     What a study needs, in which each trial has data of its own; ``kbr:tuned=true`` on the command line. The model's
     ``method`` tells the settings chosen.
 
-    Parameters
-    ----------
-    method, seed
-        With the settings to begin with; of :meth:`tvsysid.methods.Method.tuned`.
+    The ``method`` has the settings to begin with; the ``seed`` is that of :meth:`tvsysid.methods.Method.tuned`.
 
     Examples
     --------

@@ -44,10 +44,10 @@ def read_only(values: ArrayLike) -> Array:
 class StandardError:
     """Random error of an estimate: what other noise of the same kind would have changed.
 
-    The ``values`` have the estimate's shape and unit; NaN where they are not known. ``freedom`` are the degrees of freedom
-    from which they were estimated, one number or an array of the same shape; ``arc`` says how far the estimate moves
-    over the period apart from its size (:func:`tvsysid.numerics.bands.simultaneous_value`), ``absent`` why there is no
-    standard error at any time, if so.
+    The ``values`` have the estimate's shape and unit; NaN where they are not known. ``freedom`` are the degrees of
+    freedom from which they were estimated, one number or an array of the same shape; ``arc`` says how far the estimate
+    moves over the period apart from its size (:func:`tvsysid.numerics.bands.simultaneous_value`), ``absent`` why there
+    is no standard error at any time, if so.
     """
 
     values: Array

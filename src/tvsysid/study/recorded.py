@@ -145,8 +145,8 @@ class Experiment(StudySettings):
     realizations
         How many are drawn, of all methods; by default 75 and 150, and 20 and 40 in one piece, as in the paper.
     bootstraps, seed
-        Number of draws, and their seed. They depend on it, the recording and the number of realizations alone, so that
-        all methods see the same ones.
+        Number of draws, and their seed. The draws depend on the seed, the recording and the number of realizations
+        alone, so that all methods see the same ones.
 
     Raises
     ------

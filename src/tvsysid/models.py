@@ -30,8 +30,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 ComplexArray = NDArray[np.complex128]
-Labelled = dict[str, tuple[tuple[str, ...], ArrayLike]]
-"""Values with the names of their axes, by name."""
+Labelled = dict[str, tuple[tuple[str, ...], ArrayLike]]  # values with the names of their axes, by name
 
 
 @dataclass(frozen=True, eq=False)

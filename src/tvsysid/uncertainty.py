@@ -112,18 +112,9 @@ def bootstrap(method: Any, ensemble: Ensemble, count: int, seed: int, progress: 
     hundred draws where percentiles need a thousand, and covers better: bands of percentiles are too narrow with few
     realizations, and move with the bias that a draw has against the whole (docs/uncertainty.md has figures).
 
-    Parameters
-    ----------
-    method
-        Anything with ``identify(ensemble)``.
-    ensemble
-        Realizations, as many of which are drawn each time.
-    count
-        Number of draws, B; 100 give the standard deviation to 7 %.
-    seed
-        The same one gives the same draws.
-    progress
-        Called after each draw with the draws done and their number.
+    The method is anything with ``identify(ensemble)``. Of the ensemble's realizations as many are drawn each time,
+    ``count`` times (B; 100 give the standard deviation to 7 %); the same ``seed`` gives the same draws. After each,
+    ``progress`` is called with the draws done and their number.
 
     Raises
     ------

@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from tvsysid.comparison import Comparison
 
 DEFAULT_METHODS = ["eirf", "sds", "birf", "esm", "kbr"]  # those of tvsysid.methods.names(), which takes long to import
-SLOW_RATE = 250.0
-"""Hz from which on identifying without decimation takes minutes."""
+SLOW_RATE = 250.0  # Hz from which on identifying without decimation takes minutes
 
 
 def identify(

@@ -19,10 +19,8 @@ if TYPE_CHECKING:
 
     from tvsysid.report.sections import Problem
 
-INTERRUPTED = 130
-"""Exit code after Ctrl-C."""
-STORE = "results.zarr"
-"""Where a study keeps its results, in its folder."""
+INTERRUPTED = 130  # exit code after Ctrl-C
+STORE = "results.zarr"  # where a study keeps its results, in its folder
 
 
 def check_folder(out: Path) -> None:

@@ -16,8 +16,7 @@ if TYPE_CHECKING:
 OVER_TIME = ["estimate", "truth", "time_varying_vaf"]
 """Variables of a study that are drawn over time; of an experiment, also those of :data:`TORQUES`."""
 TORQUES = ["target_torque", "mean_torque"]
-BANDS = ["covered", "truth"]
-"""Variables that :func:`tvsysid.figures.coverage_over_time` takes."""
+BANDS = ["covered", "truth"]  # variables that :func:`tvsysid.figures.coverage_over_time` takes
 SPIKE = 0.3  # how far beyond 98 % of a method's values an axis reaches, as a share of their range
 FAR = 0.75  # how far beyond the middle one of the methods' ranges an axis reaches, as a share of it
 

@@ -21,18 +21,10 @@ class Account:
 
     Accounts add up: ``first + second``, where the second step was given what the first one kept.
 
-    Parameters
-    ----------
-    trials, onsets
-        Its trial, and the time of its first sample within the trial in s, before any shift.
-    shifts
-        By how much it was moved in s; positive where the torque came late.
-    excluded_by
-        Step that excluded it; empty where it was kept.
-    reached, limits
-        How far out it was in that step, and could have been, in ``units``; NaN where it was kept.
-    units
-        ``"s"`` for shifts, ``"SD"`` for deviations from the mean.
+    Its trial, and the time of its first sample within the trial in s, before any shift; by how much it was moved in s,
+    positive where the torque came late; the step that excluded it, empty where it was kept; how far out it was in that
+    step, and could have been, NaN where it was kept, in ``units``: ``"s"`` for shifts, ``"SD"`` for deviations from the
+    mean.
     """
 
     trials: NDArray[np.int64]

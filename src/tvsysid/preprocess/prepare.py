@@ -17,14 +17,8 @@ from tvsysid.signals import Ensemble, Recording
 class Preparation:
     """An ensemble ready for identification, and how it came about.
 
-    Parameters
-    ----------
-    ensemble
-        Realizations that were kept, their mean subtracted.
-    recorded
-        All realizations as they were cut, for comparison.
-    alignment, task, residual
-        The three steps that exclude, in order; None for one that was not asked for.
+    ``ensemble`` holds the realizations that were kept, their mean subtracted, ``recorded`` all as they were cut, for
+    comparison. The three steps that exclude follow in order; None for one that was not asked for.
     """
 
     ensemble: Ensemble

@@ -55,12 +55,7 @@ class StudySettings(Settings):
     def from_toml(cls, path: str | Path, **settings: Any) -> Self:
         """Study from a TOML file whose keys are the settings; files that it names are sought beside it.
 
-        Parameters
-        ----------
-        path
-            The file.
-        **settings
-            Take the place of the file's, in its further scenarios too.
+        Settings that are given here take the place of the file's, in its further scenarios too.
 
         Raises
         ------

@@ -49,8 +49,7 @@ class Scenario(NamedTuple):
         return f"{'PRBS' if self.perturbation == 'prbs' else 'noise'}, {self.duration_s:g} s"
 
 
-Where = dict[str, tuple[Any, ...]]
-"""Values that the settings of a scenario may have."""
+Where = dict[str, tuple[Any, ...]]  # values that the settings of a scenario may have
 SQUARES: Where = {"profile": ("square",), "viscosity": ("constant",), "snr_db": (10.0,)}
 SINES: Where = SQUARES | {"profile": ("sine",)}
 
@@ -101,8 +100,7 @@ class Replicated:
 
 
 Margins = Callable[[Scores], Iterator[Replicated]]
-Place = tuple[Scenario, str, str]
-"""Scenario, method and metric."""
+Place = tuple[Scenario, str, str]  # scenario, method and metric
 Pairs = Callable[[Scores], Iterator[tuple[Place, Place]]]
 
 

@@ -161,7 +161,7 @@ def test_doubts_are_told_and_nothing_is_left_out(tmp_path):
     told = "\n".join(prepared.remarks)
     assert prepared.trials == 2
     assert "trial0.mat: angle has an RMS of 0.4" in told
-    assert "if it is in degrees, say so" in told
+    assert "if it is in degrees, give angle_unit='deg'" in told
     assert "torque stays at 0 for" in told
     assert "the file states 100 Hz" in told
 

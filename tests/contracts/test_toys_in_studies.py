@@ -106,6 +106,7 @@ def test_fails_with_the_reason_where_its_channel_is_missing(toy):
     assert str(failures.sel(method_key="sds").item()) == ""
 
 
+@pytest.mark.slow
 @every_toy
 def test_takes_part_in_an_experiment(toy, tmp_path):
     (item,) = getattr(toy, "inputs", None) or (None,)
@@ -179,6 +180,7 @@ def test_pathways_of_a_virtual_participant_are_compared_with_what_is_known(tmp_p
     assert np.isfinite(gain.value).all()
 
 
+@pytest.mark.slow
 def test_a_joint_a_profile_and_a_perturbation_of_ones_own_enter_a_benchmark(tmp_path, monkeypatch, capsys):
     (tmp_path / "myobjects.py").write_text(OBJECTS, encoding="utf-8")
     (tmp_path / "mytoys.py").write_bytes(Path(toys.__file__).read_bytes())

@@ -84,6 +84,7 @@ def test_the_script_compares_the_object(folder):
     assert "SlidingFit(window=0.1)" in done.stdout
 
 
+@pytest.mark.slow
 def test_the_method_that_reads_a_channel(folder):
     (folder / "scheduled.py").write_text(SCHEDULED, encoding="utf-8")
     commands, benchmark = blocks("sh")

@@ -49,6 +49,7 @@ def folder(tmp_path, monkeypatch):
     sys.modules.pop("mine", None)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [0, 1])
 def test_ones_own_profile_perturbation_and_joint_are_simulated(folder, monkeypatch, number):
     (commands,) = re.findall(r"^```\n(tvsysid .+?)\n^```", TEXT, re.MULTILINE | re.DOTALL)

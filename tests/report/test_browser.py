@@ -5,6 +5,8 @@ import re
 import pytest
 from tests.report.browsing import look
 
+pytestmark = pytest.mark.slow
+
 CHECKS = """
   seen.width = page.documentElement.scrollWidth;
   seen.columns = [...page.querySelectorAll("#ranking-table thead th")].map((cell) => cell.textContent);

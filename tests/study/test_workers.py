@@ -10,6 +10,8 @@ import pytest
 
 from tvsysid.study.workers import processes
 
+pytestmark = pytest.mark.slow
+
 LARGE = 50_000_000
 
 

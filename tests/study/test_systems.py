@@ -1,5 +1,6 @@
 """A study simulates any system, profile and perturbation, at any rate and period."""
 
+import dataclasses
 import sys
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 
 import tvsysid as tv
 from tvsysid.study import Study, of_quantity, run, score, summarize
+from tvsysid.study.scores import wave_of
 
 MODULE = """
 from dataclasses import dataclass
@@ -114,3 +116,64 @@ def test_a_truth_that_changes_from_trial_to_trial_is_scored_by_trial():
     scores = score(found)
     off = found.estimate.sel(quantity="stiffness").values[0, :, 0] - truth
     assert scores.value.sel(metric="total_error").item() == pytest.approx(np.sqrt(np.mean(off**2)))
+
+
+class Levels:
+    """Levels in turn, each for some seconds; named as it is told."""
+
+    def __init__(self, seconds, *levels, name="Levels"):
+        self.seconds, self.levels, self.name = seconds, np.array(levels), name
+
+    def __call__(self, time):
+        return self.levels[np.floor(np.asarray(time) / self.seconds + 1e-9).astype(int) % len(self.levels)]
+
+    def __repr__(self):
+        return self.name
+
+
+SHORT = {"perturbation": "noise", "trials": 1, "methods": "birf"}
+
+
+def test_the_truth_is_that_of_each_scenario_s_own_duration():
+    study = Study(stiffness=Levels(60, 50.0, 150.0), duration_s=[60, 120], **SHORT)
+    assert study.known.truth[study.scenarios[0]][0] == pytest.approx(50.0)
+    assert study.known.truth[study.scenarios[1]][0] == pytest.approx(100.0)
+    assert study.known.changes
+    found = run(study, workers=1)
+    np.testing.assert_array_equal(found.trial_truth.values[:, 0], found.truth.values)
+
+
+def test_parts_of_one_name_are_told_apart_or_refused():
+    alike = [Levels(1, 50.0, name="a/b"), Levels(1, 150.0, name="a*b")]
+    with pytest.raises(tv.InputError, match="two scenarios are called a_b-noise-40s-10dB"):
+        Study(stiffness=alike, duration_s=40, **SHORT)
+    soft, stiff = (lambda time: 50 + 0 * time), (lambda time: 150 + 0 * time)
+    with pytest.raises(tv.InputError, match="stiffness: two profiles have the same name"):
+        Study(stiffness=[soft, stiff], **SHORT)
+    with pytest.raises(tv.InputError, match="stiffness: two profiles have the same name"):
+        Study(stiffness=soft, also=[{"stiffness": stiff}], **SHORT)
+
+
+def test_what_cannot_be_simulated_in_a_study_is_refused():
+    with pytest.raises(tv.InputError, match="a virtual participant has a protocol of its own"):
+        Study(system=tv.simulate.Participant(1), **SHORT)
+    with pytest.raises(tv.InputError, match="covarying follows the profile"):
+        Study(system="scheduled", stiffness="sine", viscosity="covarying", **SHORT)
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Slotted:
+    stiffness: object = tv.simulate.SineWave()
+
+    def simulate(self, duration, **settings):
+        return tv.simulate.Joint(self.stiffness).simulate(duration, **settings)
+
+
+def test_a_system_with_slots():
+    assert not run(Study(system=Slotted(), duration_s=20, **SHORT), workers=1).failure.values.any()
+
+
+def test_two_levels_are_a_square_wave_only_where_each_lasts_half_the_period():
+    time = np.arange(200) / 100
+    assert wave_of(time, tv.simulate.SquareWave(offset=0.503)(time)) == tv.simulate.SquareWave(offset=0.51)
+    assert wave_of(time, np.where((time >= 0.5) & (time < 1.0), 150.0, 50.0)) is None

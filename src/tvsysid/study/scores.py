@@ -115,7 +115,9 @@ def wave_of(time: Array, truth: Array) -> SquareWave | None:
     low, high = map(float, levels)
     upward = np.flatnonzero((truth == high) & (np.roll(truth, 1) == low))
     whole = len(time) * float(time[1] - time[0])
-    return SquareWave(low, high, whole / len(upward), float(time[upward[0]]))
+    wave = SquareWave(low, high, whole / len(upward), float(time[upward[0]]))
+    beside = from_switch(time, wave) < 1.5 * float(time[1] - time[0])  # where a switch between two samples is rounded
+    return wave if (beside | (wave(time) == truth)).all() else None
 
 
 def from_switch(time: Array, wave: SquareWave) -> Array:

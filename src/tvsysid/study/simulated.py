@@ -17,7 +17,17 @@ from tvsysid.errors import InputError, describe_error
 from tvsysid.estimates import IMPEDANCE
 from tvsysid.methods import METHODS, label_of, parse
 from tvsysid.signals import Array, Ensemble
-from tvsysid.simulate import PERTURBATIONS, PROFILES, SYSTEMS, CovaryingViscosity, Perturbation, Simulation, System
+from tvsysid.simulate import (
+    PERTURBATIONS,
+    PROFILES,
+    SYSTEMS,
+    CovaryingViscosity,
+    Participant,
+    Perturbation,
+    ScheduledJoint,
+    Simulation,
+    System,
+)
 from tvsysid.study.settings import AnyMethod, Listed, Settings, StudySettings, Whole, found_as, spawn_key, unique
 from tvsysid.study.trial import Setting, true_values
 
@@ -88,7 +98,11 @@ class _Grid(Settings):
         for value in values or ():
             if not verb and value not in known:
                 raise ValueError(f"unknown {what} {value!r}; expected one of {', '.join(known)}")
-            if verb and not callable(getattr(found_as(value, known, what), verb, None)):
+            if verb and isinstance(found := found_as(value, known, what), Participant):
+                raise ValueError(
+                    "a virtual participant has a protocol of its own; give an Experiment virtual = its number"
+                )
+            if verb and not callable(getattr(found, verb, None)):
                 raise ValueError(
                     f"expected a name ({', '.join(known)}), module:Object, or an object "
                     + ("that is called with times" if verb == "__call__" else f"with {verb}()")
@@ -174,10 +188,31 @@ class Study(_Grid, StudySettings):
 
     @field_validator("methods")
     @classmethod
-    def _named_apart(cls, values: tuple[Any, ...]) -> tuple[Any, ...]:
-        if len(set(map(label_of, unique(values)))) < len(values):
-            raise ValueError("two methods have the same name; as dataclasses their settings tell them apart")
-        return values
+    def _given_once(cls, values: tuple[Any, ...]) -> tuple[Any, ...]:
+        return unique(values)
+
+    @model_validator(mode="after")
+    def _named_apart(self) -> Study:
+        for name, what in {"methods": "method", **{name: what for name, (_, what, _) in KINDS.items()}}.items():
+            values = [value for settings in (self, *self.also) for value in getattr(settings, name, None) or ()]
+            if len(set(map(label_of, values))) < len(set(map(repr, values))):
+                raise ValueError(
+                    f"{name}: two {what}s have the same name; as dataclasses their settings tell them apart"
+                )
+        labels = [scenario.label for scenario in self.scenarios]
+        if twice := next((label for label in labels if labels.count(label) > 1), ""):
+            raise ValueError(
+                f"two scenarios are called {twice}; give their parts names that differ in letters or digits"
+            )
+        for scenario in self.scenarios:
+            if scenario.viscosity == "covarying" and isinstance(
+                self.parts[f"system {scenario.system}"], ScheduledJoint
+            ):
+                raise ValueError(
+                    f"viscosity: covarying follows the profile, which the stiffness of system {scenario.system} does "
+                    "not; give constant, or another system"
+                )
+        return self
 
     @model_validator(mode="after")
     def _whole_realizations(self) -> Study:
@@ -248,28 +283,39 @@ class Study(_Grid, StudySettings):
 
     @cached_property
     def known(self) -> Known:
-        """What the simulations know, from two short ones of each system and profile."""
-        setting = Setting(PROBED * self.period, 10.0, self.rate, self.period, (), ())
-        kinds = {scenario: scenario._replace(duration_s=0.0, snr_db=0.0) for scenario in self.scenarios}
-        found: dict[Scenario, list[tuple[Simulation, Ensemble]]] = {}
-        for scenario, kind in kinds.items():
-            if kind not in found:
-                found[kind] = self._probed(scenario, setting)
-        first = [both[0][0] for both in found.values()]
+        """What the simulations know, from two of each system and profile, the second as long as the longest scenario.
+
+        Where these know other things from realization to realization, the truth is that of a simulation as long as the
+        scenario.
+        """
+        kinds: dict[Scenario, list[Scenario]] = {}
+        for scenario in self.scenarios:
+            kinds.setdefault(scenario._replace(duration_s=0.0, snr_db=0.0), []).append(scenario)
+        probes = [
+            [
+                self._probed(alike[0], PROBED * self.period, 0),
+                self._probed(alike[0], max(each.duration_s for each in alike), 1),
+            ]
+            for alike in kinds.values()
+        ]
+        first = [both[0][0] for both in probes]
         quantities = self.said("quantities", *IMPEDANCE, *(name for each in first for name in each.truth))
         pathways = self.said("pathway_names", *(name for each in first for name in each.pathways))
-        values = {kind: [true_values(*each, quantities) for each in both] for kind, both in found.items()}
-        return Known(
-            quantities,
-            pathways if len(pathways) > 1 else (),
-            {scenario: values[kind][0] for scenario, kind in kinds.items()},
-            any(not np.array_equal(one, other, equal_nan=True) for one, other in values.values()),
-        )
+        truth, changes = {}, False
+        for alike, both in zip(kinds.values(), probes, strict=True):
+            usual = true_values(*both[0], quantities)
+            steady = all(_is_always(dict(zip(quantities, usual, strict=True)), *each) for each in both)
+            changes |= not steady
+            for scenario in alike:
+                own = () if steady else self._probed(scenario, scenario.duration_s, 0)
+                truth[scenario] = true_values(*own, quantities) if own else usual
+        return Known(quantities, pathways if len(pathways) > 1 else (), truth, changes)
 
-    def _probed(self, scenario: Scenario, setting: Setting) -> list[tuple[Simulation, Ensemble]]:
+    def _probed(self, scenario: Scenario, duration_s: float, seed: int) -> tuple[Simulation, Ensemble]:
+        setting = Setting(duration_s, 10.0, self.rate, self.period, (), ())
         try:
-            simulations = [setting.simulated(*self.simulated(scenario), np.random.SeedSequence(n)) for n in (0, 1)]
-            return [(each, setting.cut(each.recording)) for each in simulations]
+            simulation = setting.simulated(*self.simulated(scenario), np.random.SeedSequence(seed))
+            return simulation, setting.cut(simulation.recording)
         except InputError:
             raise
         except Exception as error:
@@ -291,6 +337,14 @@ class Study(_Grid, StudySettings):
             ]
         others = {"rate": self.rate, "period": self.period, "trials": self.trials, "seed": self.seed}
         return json.dumps(settings | {"methods": list(self.named_methods)} | others)
+
+
+def _is_always(usual: Mapping[str, Array], simulation: Simulation, ensemble: Ensemble) -> bool:
+    """Whether a simulation knows these values of every realization, rounding aside."""
+    known = simulation.truth_of(ensemble)
+    return all(
+        np.allclose(known.get(name, np.nan), values, rtol=1e-6, equal_nan=True) for name, values in usual.items()
+    )
 
 
 def _labels(values: tuple[Any, ...]) -> list[Any]:

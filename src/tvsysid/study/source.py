@@ -6,7 +6,7 @@ import json
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import is_dataclass
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -50,7 +50,7 @@ class Simulations(Source):
     def __init__(self, study: Study) -> None:
         self.layout = layout_of(study)
         self._study, self._methods = study, pickled(study.named_methods)
-        self._simulated: dict[str, bytes] = {}
+        self._simulated: dict[Scenario, bytes] = {}
 
     def task_at(self, place: Place) -> Trial:
         """A trial of a scenario."""
@@ -59,14 +59,15 @@ class Simulations(Source):
     def trial(self, scenario: Scenario, number: int) -> Trial:
         """A trial of a scenario, which may be none of the study's own."""
         label = scenario.label
-        if label not in self._simulated:
+        if scenario not in self._simulated:
             system, perturbation = self._study.simulated(scenario)
-            parts = (system, perturbation, *(vars(system).values() if is_dataclass(system) else ()))
-            self._simulated |= pickled({label: (system, perturbation)}, "scenario", parts)
+            names = [item.name for item in fields(system)] if is_dataclass(system) else []
+            parts = (system, perturbation, *(getattr(system, name) for name in names))
+            self._simulated[scenario] = pickled({label: (system, perturbation)}, "scenario", parts)[label]
         return Trial(
             label=f"trial {number} of {label}",
             setting=self._study.setting_of(scenario),
-            simulated=self._simulated[label],
+            simulated=self._simulated[scenario],
             seed=self._study.seed_of(scenario, number),
             methods=self._methods,
             shapes=self.layout.shapes("method_key"),

@@ -61,7 +61,7 @@ class Simulations(Source):
         label = scenario.label
         if scenario not in self._simulated:
             system, perturbation = self._study.simulated(scenario)
-            names = [item.name for item in fields(system)] if is_dataclass(system) else []
+            names: list[str] = [item.name for item in fields(system)] if is_dataclass(system) else []
             parts = (system, perturbation, *(getattr(system, name) for name in names))
             self._simulated[scenario] = pickled({label: (system, perturbation)}, "scenario", parts)[label]
         return Trial(

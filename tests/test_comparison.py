@@ -1,6 +1,8 @@
 """Several methods on one ensemble."""
 
+import copy
 import dataclasses
+import pickle
 
 import numpy as np
 import pytest
@@ -104,3 +106,60 @@ def test_settings_are_chosen_from_the_data_if_asked():
 class OnlyStiffness:
     def identify(self, ensemble):
         raise AssertionError
+
+
+def test_two_methods_of_one_name_are_refused_and_none_is_told():
+    with pytest.raises(tv.InputError, match="two methods have the name OnlyStiffness"):
+        tv.compare(ensemble_of(), [OnlyStiffness(), OnlyStiffness()])
+    assert list(tv.compare(ensemble_of(), ["esm", "esm"]).models) == ["esm"]
+    with pytest.raises(tv.InputError, match="expected a method at least, got none"):
+        tv.compare(ensemble_of(), [])
+
+
+def test_an_error_of_skip_names_its_place():
+    class Broken(OnlyStiffness):
+        def skip(self, ensemble):
+            return {}["reason"]
+
+    with pytest.raises(tv.InputError, match=r"method Broken: KeyError: 'reason' \(test_comparison.py, line"):
+        tv.compare(ensemble_of(), [Broken()])
+
+
+def test_a_channel_either_keeps_its_mean_or_loses_it():
+    class Driven(OnlyStiffness):
+        inputs = (tv.Input("emg", "input", "V"),)
+
+    assert tv.methods.deviating_channels([Driven(), OnlyStiffness()]) == ("emg",)
+    with pytest.raises(tv.InputError, match="channel 'emg' is a scheduling variable, which keeps its mean, for one"):
+        tv.methods.deviating_channels([Driven(), Level()])
+
+
+def test_it_travels_pickled_and_cannot_be_changed():
+    found = tv.compare(ensemble_of(), ["sds"])
+    for again in (pickle.loads(pickle.dumps(found)), copy.deepcopy(found)):
+        assert again.over_time().equals(found.over_time())
+        with pytest.raises(TypeError, match="item assignment"):
+            again.vaf["sds"] = np.zeros(1)
+
+
+def test_names_in_a_dataset_are_told_apart():
+    class Confused(Level):
+        inputs = ()
+
+        def identify(self, ensemble):
+            values = ensemble.angle[:, ensemble.core]
+            error = tv.StandardError(np.ones(ensemble.samples), 9)
+            names = {"stiffness": ("realization", "time"), "offset": ("time",), "offset_lower": ("time",)}
+            return Found(
+                {
+                    name: tv.Estimate(values if axes[1:] else values[0], "V", axes, None if axes[1:] else error)
+                    for name, axes in names.items()
+                }
+            )
+
+    ensemble = ensemble_of()
+    with pytest.raises(tv.InputError, match="two variables have the name 'offset_lower'"):
+        tv.methods.apply(Confused(), ensemble).to_xarray()
+    model = tv.methods.apply(Level(), dataclasses.replace(ensemble, channels={"emg": ensemble.torque}))
+    with pytest.raises(tv.InputError, match=r"the model tells 20 realizations apart, the ensemble has 3"):
+        model.to_xarray(ensemble.select([0, 1, 2]))

@@ -1,5 +1,9 @@
+import copy
 import dataclasses
+import pickle
+import re
 
+import cloudpickle
 import numpy as np
 import pytest
 from tests.conftest import ensemble_of
@@ -142,3 +146,55 @@ def test_single_draws_do_not_warn():
 def test_what_cannot_be_drawn_is_refused(arguments, message):
     with pytest.raises(tv.InputError, match=message):
         tv.uncertainty.bootstrap(*arguments)
+
+
+@dataclasses.dataclass(frozen=True)
+class Scheduled:
+    """Stiffness over a measured variable, a gain over time, and an offset of each realization."""
+
+    quantities: tuple[str, ...] = ("stiffness", "gain", "offset")
+    step: float = 0.0
+
+    def identify(self, ensemble):
+        level = ensemble.torque.std()
+        estimates = {
+            "stiffness": tv.Estimate(np.full(3, level), "N m/rad", ("emg",)),
+            "gain": tv.Estimate(np.full(ensemble.samples, level), "N m/V"),
+            "offset": tv.Estimate(np.full(len(ensemble), level), "N m", ("realization",)),
+        }
+
+        class Found:
+            def predict(self, other):
+                return np.zeros((len(other), other.samples))
+
+        found = Found()
+        found.coordinates = {"emg": np.arange(3) * (1 + self.step * level)}
+        found.estimates = {name: estimates[name] for name in self.quantities}
+        return found
+
+
+def test_estimates_over_a_measured_variable_are_drawn():
+    ensemble = ensemble_of()
+    with pytest.warns(tv.DataQualityWarning, match="offset: the values that it is over depend on the draw"):
+        found = tv.uncertainty.bootstrap(Scheduled(), ensemble, 5, seed=1)
+    assert {name: draws.shape for name, draws in found.draws.items()} == {"stiffness": (5, 3), "gain": (5, 200)}
+    assert "stiffness ±" in repr(found)
+    for simultaneous in (False, True):
+        lower, upper = found.band("stiffness", simultaneous=simultaneous)
+        assert (lower < found.model.estimates["stiffness"].values).all()
+        assert (upper > lower).all()
+    gain = tv.uncertainty.bootstrap(Scheduled(("gain",)), ensemble, 5, seed=1)
+    assert re.search("5 draws.*: gain ±.* N·m/V", repr(gain))
+    with pytest.warns(tv.DataQualityWarning, match="stiffness: the values that it is over depend on the draw"):
+        moving = tv.uncertainty.bootstrap(Scheduled(("stiffness",), step=1.0), ensemble, 5, seed=1)
+    assert (len(moving), dict(moving.draws)) == (5, {})
+    assert "no quantity" in repr(moving)
+
+
+def test_it_travels_pickled():
+    found = tv.uncertainty.bootstrap(Mean(), ensemble_of(), 3, seed=1)
+    for again in (pickle.loads(cloudpickle.dumps(found)), tv.uncertainty.Bootstrap(found.model, 20, {}, 0, 3)):
+        assert len(again) == 3
+    again = copy.deepcopy(tv.uncertainty.bootstrap(tv.BasisIRF(), ensemble_of(), 3, seed=1))
+    with pytest.raises(ValueError, match="read-only"):
+        again.draws["stiffness"][0] = 0.0

@@ -5,8 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ParamSpec, TypeVar
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -17,16 +16,18 @@ from tvsysid.methods import METHODS, Choice, Evidence, Method, Tuned, apply, lab
 from tvsysid.methods.apply import Identifies
 from tvsysid.metrics import time_varying_vaf, vaf
 from tvsysid.models import Model
-from tvsysid.signals import Array, Ensemble
+from tvsysid.signals import Array, Ensemble, Frozen
 
 if TYPE_CHECKING:
     import pandas as pd
 
 Progress = Callable[[int, int], object]
+P = ParamSpec("P")
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Comparison:
+class Comparison(Frozen):
     """What several methods found in one ensemble; mappings are by the methods' labels.
 
     ``methods`` have the settings that were used, ``evidence`` is for those that were chosen from the data; ``models``
@@ -142,7 +143,15 @@ def compare(
     1   birf                 ...
     """
     given: list[str | Identifies] = [methods] if isinstance(methods, str) else list(methods)
-    chosen = {label_of(item): parse(item) if isinstance(item, str) else item for item in given}
+    named: dict[str, str | Identifies] = {}
+    for item in given:
+        if (same := named.setdefault(label_of(item), item)) is not item and same != item:
+            raise InputError(
+                f"compare: two methods have the name {label_of(item)}; as dataclasses their settings tell them apart"
+            )
+    if not named:
+        raise InputError("compare: expected a method at least, got none")
+    chosen = {label: parse(item) if isinstance(item, str) else item for label, item in named.items()}
     models: dict[str, Model] = {}
     skipped: dict[str, str] = {}
     evidence: dict[str, Evidence] = {}
@@ -151,12 +160,12 @@ def compare(
         for number, (label, method) in enumerate(list(chosen.items())):
             if progress is not None:
                 progress(number, len(chosen))
-            if reason := reason_to_skip(method, ensemble):
+            if reason := _guarded(label, reason_to_skip, method, ensemble):
                 skipped[label] = reason
                 continue
             if tune or isinstance(method, Tuned):
                 chosen[label], evidence[label] = _tuned(label, method, ensemble)
-            models[label] = _identified(label, chosen[label], ensemble)
+            models[label] = _guarded(label, apply, chosen[label], ensemble, label)
         bands = {label: _bands_of(label, model) for label, model in models.items()}
     if not models:
         raise InputError("; ".join(f"{label}: {reason}" for label, reason in skipped.items()))
@@ -164,20 +173,20 @@ def compare(
     predicted = {label: model.predict(ensemble) for label, model in models.items()}
     return Comparison(
         ensemble,
-        MappingProxyType(chosen),
-        MappingProxyType(models),
-        MappingProxyType(skipped),
-        MappingProxyType(bands),
+        chosen,
+        models,
+        skipped,
+        bands,
         {label: vaf(torque, values) for label, values in predicted.items()},
         {label: time_varying_vaf(torque, values) for label, values in predicted.items()},
-        MappingProxyType(evidence),
+        evidence,
     )
 
 
-def _identified(label: str, method: Identifies, ensemble: Ensemble) -> Model:
-    """Model; an error of a plugin names its place in the plugin's code."""
+def _guarded(label: str, verb: Callable[P, Result], *given: P.args, **named: P.kwargs) -> Result:
+    """What a verb gives; an error of a plugin names its place in the plugin's code."""
     try:
-        return apply(method, ensemble, label)
+        return verb(*given, **named)
     except InputError:
         raise
     except Exception as error:

@@ -6,15 +6,16 @@ import warnings
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.numerics import Array
 from tvsysid.numerics.bands import critical_value, simultaneous_value
 
+Scalar = TypeVar("Scalar", bound=np.generic)
 IMPEDANCE = ("stiffness", "viscosity", "inertia")
 """Quantities of a joint of second order, in the order of the angle's derivatives that they multiply."""
 UNITS = {
@@ -33,11 +34,16 @@ UNITS = {
 """Units of what the package itself estimates or simulates."""
 
 
-def read_only(values: ArrayLike) -> Array:
-    """View of an array as floating-point numbers that cannot be written to."""
-    array = np.asarray(values, dtype=np.float64).view()
+def frozen(array: NDArray[Scalar]) -> NDArray[Scalar]:
+    """The array, read-only: a copy of one that somebody can write to."""
+    array = array.copy(order="K") if array.flags.writeable else array.view()
     array.flags.writeable = False
     return array
+
+
+def read_only(values: ArrayLike) -> Array:
+    """Floating-point numbers that nobody can write to."""
+    return frozen(np.asarray(values, dtype=np.float64))
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +63,7 @@ class StandardError:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", read_only(self.values))
-        object.__setattr__(self, "freedom", read_only(np.broadcast_to(self.freedom, np.shape(self.values))))
+        object.__setattr__(self, "freedom", np.broadcast_to(read_only(self.freedom), np.shape(self.values)))
 
     def __reduce__(self) -> tuple[object, ...]:
         # Arrays that come out of a pickle can be written to; those of an object that is made anew cannot.
@@ -139,6 +145,8 @@ class Estimate:
             raise InputError(
                 f"estimate: expected real numbers, NaN where there is none, got values of type {values.dtype}{infinite}"
             )
+        if isinstance(self.axes, str):
+            raise InputError(f"estimate: expected a tuple of axes, got {self.axes!r}; write ({self.axes!r},)")
         if values.ndim != len(self.axes):
             raise InputError(
                 f"estimate: expected values over {', '.join(self.axes)}, got an array of shape {values.shape}"

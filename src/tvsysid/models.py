@@ -21,10 +21,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tvsysid.errors import DataQualityWarning, InputError
-from tvsysid.estimates import UNITS, Estimate
+from tvsysid.estimates import UNITS, Estimate, frozen
 from tvsysid.numerics.bands import mean_known
 from tvsysid.numerics.moments import convolve_lags
-from tvsysid.signals import Array, Ensemble
+from tvsysid.signals import Array, Ensemble, Frozen
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -34,7 +34,7 @@ Labelled = dict[str, tuple[tuple[str, ...], ArrayLike]]  # values with the names
 
 
 @dataclass(frozen=True, eq=False)
-class Diagnostics:
+class Diagnostics(Frozen):
     """How an identification went.
 
     The effective number of ``parameters`` is that of the whole model, or the mean over time where each time has its
@@ -49,13 +49,9 @@ class Diagnostics:
     details: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "details", MappingProxyType(dict(self.details)))
+        super().__post_init__()
         if self.rank is not None:
-            self.rank.flags.writeable = False
-
-    def __reduce__(self) -> tuple[object, ...]:
-        # A read-only mapping, unlike a dict, cannot be pickled.
-        return type(self), (self.parameters, self.rank, self.warnings, self.seconds, dict(self.details))
+            object.__setattr__(self, "rank", frozen(self.rank))
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -81,8 +77,9 @@ class Model(ABC):
                 value = value.view()
                 value.flags.writeable = False
                 object.__setattr__(self, item.name, value)
-        for name in ("estimates", "coordinates"):
-            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
+        coordinates = {name: frozen(np.asarray(values)) for name, values in self.coordinates.items()}
+        object.__setattr__(self, "coordinates", MappingProxyType(coordinates))
+        object.__setattr__(self, "estimates", MappingProxyType(dict(self.estimates)))
 
     def __getstate__(self) -> dict[str, object]:
         # A read-only mapping, unlike a dict, cannot be pickled.
@@ -163,26 +160,33 @@ class Model(ABC):
         variables: Labelled = {}
         units = dict(UNITS)
         for name, estimate in self.estimates.items():
-            parts = {name: estimate.values}
+            parts: Labelled = {name: (estimate.axes, estimate.values)}
             if (error := estimate.standard_error) is not None:
                 with warnings.catch_warnings():
                     warnings.simplefilter("ignore", DataQualityWarning)  # that there is none
                     lower, upper = estimate.band()
-                parts |= {f"{name}_standard_error": error.values, f"{name}_lower": lower, f"{name}_upper": upper}
-                variables[f"{name}_freedom"] = (estimate.axes, error.freedom)
-            variables |= {part: (estimate.axes, values) for part, values in parts.items()}
+                beside = {"standard_error": error.values, "lower": lower, "upper": upper}
+                parts |= {f"{name}_{what}": (estimate.axes, values) for what, values in beside.items()}
+                variables = _joined(variables, {f"{name}_freedom": (estimate.axes, error.freedom)})
+            variables = _joined(variables, parts)
             units |= dict.fromkeys(parts, estimate.unit)
         coordinates: Labelled = {"time": (("time",), self.time)}
-        coordinates |= {name: ((name,), values) for name, values in self.coordinates.items()}
+        coordinates = _joined(coordinates, {name: ((name,), values) for name, values in self.coordinates.items()})
         if self.diagnostics.rank is not None:
-            variables["rank"] = (("time",), self.diagnostics.rank)
+            variables = _joined(variables, {"rank": (("time",), self.diagnostics.rank)})
         extra, extra_coordinates = self._identified()
-        variables |= extra
-        coordinates |= extra_coordinates
+        variables, coordinates = _joined(variables, extra), _joined(coordinates, extra_coordinates)
         if ensemble is not None:
-            for name, torque in self.pathways(ensemble).items():
-                variables[f"torque_{name}"] = (("realization", "time"), torque)
-                units[f"torque_{name}"] = "N m"
+            torques = {f"torque_{name}": torque for name, torque in self.pathways(ensemble).items()}
+            units |= dict.fromkeys(torques, "N m")
+            variables = _joined(variables, {name: (("realization", "time"), each) for name, each in torques.items()})
+            told_apart = {len(each.values) for each in self.estimates.values() if each.axes[:1] == ("realization",)}
+            if told_apart - {len(ensemble)}:
+                raise InputError(
+                    f"to_xarray: the model tells {max(told_apart)} realizations apart, the ensemble has "
+                    f"{len(ensemble)}; give the one that it was identified from, or none"
+                )
+        _joined(variables, coordinates)
 
         def with_unit(items: Labelled) -> dict[str, tuple[tuple[str, ...], ArrayLike, dict[str, str]]]:
             return {
@@ -286,6 +290,13 @@ class SecondOrderModel(Model):
             "covariance": (("coefficient", "other_coefficient"), self.covariance),
         }
         return variables, {"coefficient": (("coefficient",), list(self.labels))}
+
+
+def _joined(items: Labelled, further: Labelled) -> Labelled:
+    """Both, none of which may have the name of another."""
+    if twice := items.keys() & further.keys():
+        raise InputError(f"to_xarray: two variables have the name {min(twice)!r}; give the estimate another name")
+    return items | further
 
 
 def _convolve(ensemble: Ensemble, weights: Array, before: int, after: int) -> Array:

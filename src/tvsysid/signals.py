@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
-from functools import partial
 from types import MappingProxyType
 from typing import Any
 
@@ -65,7 +64,21 @@ def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-class _Signals:
+class Frozen:
+    """Dataclass whose mappings are read-only."""
+
+    def __post_init__(self) -> None:
+        for item in fields(self):  # type: ignore[arg-type]
+            if isinstance(value := getattr(self, item.name), Mapping):
+                object.__setattr__(self, item.name, MappingProxyType(dict(value)))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # A read-only mapping, unlike a dict, cannot be pickled.
+        values = (getattr(self, item.name) for item in fields(self))  # type: ignore[arg-type]
+        return type(self), tuple(dict(each) if isinstance(each, MappingProxyType) else each for each in values)
+
+
+class _Signals(Frozen):
     """What recordings and ensembles have in common."""
 
     angle: Array
@@ -101,11 +114,6 @@ class _Signals:
     def __len__(self) -> int:
         return len(self.angle)
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        # A read-only mapping, unlike a dict, cannot be pickled.
-        values = {item.name: getattr(self, item.name) for item in fields(self)}  # type: ignore[arg-type]
-        return partial(type(self), **values | {"channels": dict(self.channels)}), ()
-
     def signal(self, name: str) -> Array:
         """``"angle"``, ``"torque"`` or a channel by its name, of the angle's shape: of an ensemble, with its context.
 
@@ -139,6 +147,8 @@ class Recording(_Signals):
         Further signals by name, each of shape (time,).
     trial_starts
         Index of the first sample of each trial; nothing is filtered or cut across these.
+    origin
+        Where time 0 lies within a trial as it was recorded, in s, if the ends were taken off and time begins anew.
 
     Raises
     ------
@@ -160,6 +170,7 @@ class Recording(_Signals):
     start: float = 0.0
     channels: Mapping[str, Array] = field(default_factory=dict)
     trial_starts: tuple[int, ...] = (0,)
+    origin: float = 0.0
 
     def __post_init__(self) -> None:
         self._check(("time",))
@@ -224,6 +235,8 @@ class Ensemble(_Signals):
     mean_subtracted
         Whether the mean over realizations was subtracted (:func:`tvsysid.preprocess.subtract_mean`): the noise of R
         realizations then counts as that of R - 1.
+    origin
+        That of the recording that it was cut from.
 
     Raises
     ------
@@ -248,6 +261,7 @@ class Ensemble(_Signals):
     channels: Mapping[str, Array] = field(default_factory=dict)
     left_out: int = 0
     mean_subtracted: bool = False
+    origin: float = 0.0
 
     def __post_init__(self) -> None:
         axes = ("realization", "time")
@@ -342,8 +356,11 @@ class Ensemble(_Signals):
             raise InputError(f"select: expected the indices of some realizations, got shape {index.shape}")
         if index.dtype.kind == "b" and len(index) != len(self):
             raise InputError(f"select: expected a mask of {len(self)} realizations, got {len(index)}")
-        if index.dtype.kind in "iu" and not (-len(self) <= index.min() and index.max() < len(self)):
-            raise InputError(f"select: expected indices below {len(self)}, got {index.max()}")
+        if index.dtype.kind not in "biu":
+            raise InputError(f"select: expected whole numbers or a boolean mask, got values of type {index.dtype}")
+        beyond = index[(index < -len(self)) | (index >= len(self))]
+        if index.dtype.kind != "b" and beyond.size:
+            raise InputError(f"select: expected indices from {-len(self)} to below {len(self)}, got {beyond[0]}")
         changes: dict[str, Any] = {name: getattr(self, name)[index] for name in ("angle", "torque", "onsets", "trials")}
         return replace(self, **changes, channels={name: values[index] for name, values in self.channels.items()})
 
@@ -364,5 +381,8 @@ class Ensemble(_Signals):
                 "onset": ("realization", self.onsets, {"units": "s"}),
                 "trial": ("realization", self.trials),
             },
-            attrs={"sampling_rate": self.sampling_rate, "context": self.context},
+            attrs={
+                **{name: getattr(self, name) for name in ("sampling_rate", "context", "left_out", "origin")},
+                "mean_subtracted": int(self.mean_subtracted),  # NetCDF has no truth values
+            },
         )

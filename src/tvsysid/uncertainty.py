@@ -17,7 +17,7 @@ from tvsysid.methods.apply import apply
 from tvsysid.models import Model
 from tvsysid.numerics.bands import critical_value, mean_and_spread
 from tvsysid.preprocess.bootstrap import bootstrap_weights
-from tvsysid.signals import Array, Ensemble
+from tvsysid.signals import Array, Ensemble, Frozen
 
 Progress = Callable[[int, int], Any]
 
@@ -25,35 +25,43 @@ FEWEST = 2  # draws, and realizations, without which there is no spread
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Bootstrap:
+class Bootstrap(Frozen):
     """Estimates from ensembles drawn with replacement, and the bands that follow.
 
     ``model`` is identified from the ensemble as it is, of so many ``realizations``. ``draws`` holds what each draw gave
-    of each quantity, shape (draw, time): NaN where not identified, means over realizations where the method tells these
-    apart. So many draws ``failed``; they are all NaN.
+    of each quantity, shape (draw, time), or over the measured variable that it is an estimate over: NaN where not
+    identified, means over realizations where the method tells these apart. So many draws of the ``count`` ``failed``;
+    they are all NaN.
     """
 
     model: Model
     realizations: int
     draws: Mapping[str, Array]
-    failed: int = 0
+    failed: int
+    count: int
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         draws = {name: read_only(values) for name, values in self.draws.items()}
         object.__setattr__(self, "draws", MappingProxyType(draws))
 
     def __len__(self) -> int:
-        return len(next(iter(self.draws.values())))
+        return self.count
 
     def __repr__(self) -> str:
-        _, deviation = mean_and_spread(self.draws["stiffness"])
-        known = np.isfinite(deviation)
-        size = f"±{deviation[known].mean():.2g} N·m/rad (standard deviation)" if known.any() else "not known"
         failed = f", {self.failed} failed," if self.failed else ""
-        return f"Bootstrap({len(self)} draws{failed} of {self.model.method}: stiffness {size})"
+        found = "no quantity"
+        if self.draws:
+            name = "stiffness" if "stiffness" in self.draws else next(iter(self.draws))
+            _, deviation = mean_and_spread(self.draws[name])
+            known = np.isfinite(deviation)
+            unit = self.model.estimates[name].unit.replace("N m", "N·m")
+            size = f"±{deviation[known].mean():.2g} {unit} (standard deviation)" if known.any() else "not known"
+            found = f"{name} {size}"
+        return f"Bootstrap({len(self)} draws{failed} of {self.model.method}: {found})"
 
     def band(self, quantity: str = "stiffness", level: float = 0.95, simultaneous: bool = False) -> tuple[Array, Array]:
-        r"""Lower and upper limits of the band about the model's estimate of one of the draws' quantities, each (time,).
+        r"""Lower and upper limits of the band about the model's estimate of a quantity, each of the shape of a draw.
 
         It holds the true value with the probability ``level``, between 0 and 1: at each time by itself, or, if it is
         ``simultaneous``, at all times together. NaN where fewer than two draws have an estimate.
@@ -88,11 +96,12 @@ class Bootstrap:
         if simultaneous:
             with np.errstate(divide="ignore", invalid="ignore"):
                 distances = np.abs(draws - mean) / deviation
-            identified = np.isfinite(draws).any(axis=1)
-            largest = np.max(distances, axis=1, where=np.isfinite(distances), initial=0.0)[identified]
+            axes = tuple(range(1, draws.ndim))
+            identified = np.isfinite(draws).any(axis=axes)
+            largest = np.max(distances, axis=axes, where=np.isfinite(distances), initial=0.0)[identified]
             at_one = float(critical_value(level, np.array(np.inf)))
             multiple *= max(1.0, float(np.quantile(largest, level)) / at_one) if len(largest) else 1.0
-        estimate = self.model.over_time(quantity)
+        estimate = _drawn(self.model, quantity)
         return estimate - multiple * deviation, estimate + multiple * deviation
 
 
@@ -157,8 +166,8 @@ def bootstrap(method: Any, ensemble: Ensemble, count: int, seed: int, progress: 
         raise InputError(f"bootstrap: expected at least {FEWEST} draws, got {count}")
     label = repr(method)
     model = apply(method, ensemble)
-    quantities = [name for name, estimate in model.estimates.items() if estimate.axes[-1:] == ("time",)]
-    found = {name: np.full((count, ensemble.samples), np.nan) for name in quantities}
+    quantities = [name for name in model.estimates if _alike(model, model, name)]
+    found = {name: np.full((count, *_drawn(model, name).shape), np.nan) for name in quantities}
     every = np.arange(len(ensemble))
     reasons = []
     for draw, times in enumerate(weights):
@@ -167,8 +176,9 @@ def bootstrap(method: Any, ensemble: Ensemble, count: int, seed: int, progress: 
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", DataQualityWarning)
                 own = apply(method, drawn)
+            found = {name: draws for name, draws in found.items() if _alike(own, model, name)}
             for name, draws in found.items():
-                draws[draw] = own.over_time(name)
+                draws[draw] = _drawn(own, name)
         # One draw may be what no other is, and a method of one's own may raise anything.
         except Exception as error:
             reasons.append(f"{type(error).__name__}: {error}")
@@ -179,4 +189,21 @@ def bootstrap(method: Any, ensemble: Ensemble, count: int, seed: int, progress: 
         if count - len(reasons) < FEWEST:
             raise InputError(f"bootstrap: {said}; at least {FEWEST} are needed")
         warnings.warn(f"bootstrap: {said}; they are left out", DataQualityWarning, stacklevel=2)
-    return Bootstrap(model, len(ensemble), found, len(reasons))
+    if missing := [name for name in model.estimates if name not in found]:
+        said = f"{', '.join(missing)}: the values that it is over depend on the draw, so that there is no band"
+        warnings.warn(f"bootstrap: {said}", DataQualityWarning, stacklevel=2)
+    return Bootstrap(model, len(ensemble), found, len(reasons), count)
+
+
+def _drawn(model: Model, quantity: str) -> Array:
+    """Estimate, over time where that is its axis, the mean over realizations where the method tells these apart."""
+    estimate = model.estimates.get(quantity)
+    return model.over_time(quantity) if estimate is None or estimate.axes[-1] == "time" else estimate.values
+
+
+def _alike(model: Model, other: Model, quantity: str) -> bool:
+    """Whether two models have an estimate over the same values of the same axes."""
+    axes = other.estimates[quantity].axes
+    return axes[-1] == "time" or all(
+        axis in model.coordinates and np.array_equal(model.coordinates[axis], other.coordinates[axis]) for axis in axes
+    )

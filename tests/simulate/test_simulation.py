@@ -157,3 +157,13 @@ def test_what_cannot_be_simulated_names_the_system(name):
         simulate(name, -1.0)
     with pytest.raises(tv.InputError, match=rf"^{type(SYSTEMS[name]).__name__}: inertia must be a positive number"):
         replace(SYSTEMS[name], inertia=0.0)
+
+
+@pytest.mark.parametrize("ends", [4.5, 5.0, 6.0])
+def test_truth_is_found_after_the_ends_are_taken_off(ends):
+    simulation = tv.simulate.Participant(1).simulate()
+    recording = replace(simulation.recording, channels={"stiffness": simulation.truth["stiffness"]})
+    trimmed = tv.preprocess.trim(recording, ends, margin=0.5)
+    ensemble = tv.preprocess.segment(tv.preprocess.trim(trimmed, 0.5), 2.0, context=0.0)
+    true = simulation.truth_of(ensemble.select([0, 40, 100]))["stiffness"]
+    np.testing.assert_array_equal(true, ensemble.channels["stiffness"][[0, 40, 100]])

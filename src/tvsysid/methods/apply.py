@@ -33,8 +33,14 @@ def inputs_of(method: object) -> tuple[Input, ...]:
 
 def deviating_channels(methods: Iterable[object]) -> tuple[str, ...]:
     """Channels that lose their mean with the angle, because they act on the joint: references and inputs."""
-    found = (item.name for method in methods for item in inputs_of(method) if item.kind != "scheduling")
-    return tuple(dict.fromkeys(found))
+    every = [item for method in methods for item in inputs_of(method)]
+    found = dict.fromkeys(item.name for item in every if item.kind != "scheduling")
+    if both := [item.name for item in every if item.kind == "scheduling" and item.name in found]:
+        raise InputError(
+            f"the channel {both[0]!r} is a scheduling variable, which keeps its mean, for one method, and for another "
+            "an input or reference, which loses it; identify by one of them at a time, or read it under two names"
+        )
+    return tuple(found)
 
 
 def reason_to_skip(method: object, ensemble: Ensemble) -> str | None:

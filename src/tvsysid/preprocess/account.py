@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
+from tvsysid.estimates import frozen
 from tvsysid.signals import Array, Ensemble
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ class Account:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            getattr(self, field.name).flags.writeable = False
+            object.__setattr__(self, field.name, frozen(getattr(self, field.name)))
 
     @classmethod
     def of(cls, ensemble: Ensemble, step: str, reached: Array, limit: float, unit: str) -> Account:

@@ -81,7 +81,7 @@ def decimate(recording: Recording, rate: float) -> Recording:
         return np.concatenate([_filter_and_keep(x[trial], taps, factor) for trial in recording.trials])
 
     starts = _starts(-(-(trial.stop - trial.start) // factor) for trial in recording.trials)
-    return Recording(**every_signal(recording, lower), sampling_rate=rate, start=recording.start, trial_starts=starts)
+    return replace(recording, **every_signal(recording, lower), sampling_rate=rate, trial_starts=starts)
 
 
 def _starts(lengths: Iterable[int]) -> tuple[int, ...]:
@@ -127,8 +127,12 @@ def trim(recording: Recording, ends: float, margin: float = 0.0) -> Recording:
         return np.concatenate([x[trial] for trial in inner])
 
     starts = _starts(trial.stop - trial.start for trial in inner)
-    return Recording(
-        **every_signal(recording, trimmed), sampling_rate=rate, start=-kept_outside / rate, trial_starts=starts
+    return replace(
+        recording,
+        **every_signal(recording, trimmed),
+        start=-kept_outside / rate,
+        trial_starts=starts,
+        origin=recording.origin + recording.start + outside / rate,
     )
 
 
@@ -181,6 +185,7 @@ def segment(recording: Recording, period: float, context: float = 0.5) -> Ensemb
         onsets=recording.start + within / rate,
         trials=trial_of,
         left_out=left_out,
+        origin=recording.origin,
     )
 
 

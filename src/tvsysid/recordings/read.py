@@ -257,6 +257,7 @@ def join_trials(recordings: Sequence[Recording]) -> Recording:
         trial_starts=tuple(
             int(before) + begin for before, item in zip(befores, recordings, strict=True) for begin in item.trial_starts
         ),
+        origin=first.origin,
     )
 
 

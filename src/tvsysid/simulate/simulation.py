@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import reduce
 from types import MappingProxyType
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from tvsysid.errors import InputError
-from tvsysid.signals import Array, Ensemble, Recording, checked_array
+from tvsysid.signals import Array, Ensemble, Frozen, Recording, checked_array
 from tvsysid.simulate.perturbations import Perturbation
 
 Seed = int | np.random.Generator | np.random.SeedSequence
@@ -28,7 +28,7 @@ class System(Protocol):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Simulation:
+class Simulation(Frozen):
     """A simulated recording and the truth about it, sample by sample.
 
     The recording has the angle, the noisy torque and the channels of the system; ``truth`` holds quantities by name,
@@ -59,10 +59,6 @@ class Simulation:
         if not self.pathways:
             raise InputError("pathways: expected the noiseless torque of one pathway at least, got none")
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        values = (getattr(self, item.name) for item in fields(self))
-        return type(self), tuple(value if isinstance(value, Recording) else dict(value) for value in values)
-
     def __repr__(self) -> str:
         ranges = {
             name: dict.fromkeys([f"{values.min():g}", f"{values.max():g}"]) for name, values in self.truth.items()
@@ -89,7 +85,8 @@ class Simulation:
         assert ensemble.onsets is not None
         assert ensemble.trials is not None
         recording, trials = self.recording, ensemble.trials
-        within = np.rint((ensemble.onsets[:, None] + ensemble.time - recording.start) * recording.sampling_rate)
+        first = recording.start + recording.origin - ensemble.origin  # time of a trial's first sample
+        within = np.rint((ensemble.onsets[:, None] + ensemble.time - first) * recording.sampling_rate)
         lengths = np.array([trial.stop - trial.start for trial in recording.trials])
         if not (trials.min() >= 0 and trials.max() < len(lengths)) or not (
             within.min() >= 0 and np.all(within[:, -1] < lengths[trials])

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from tvsysid.errors import InputError
+from tvsysid.estimates import frozen
 from tvsysid.methods.base import Method
 from tvsysid.models import Model
 from tvsysid.numerics.bases import Basis, CubicBSplines, FourierSeries, HaarWavelets, evaluate
@@ -52,8 +53,8 @@ class Evidence:
     lines: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        for values in (self.values, self.standard_errors, self.positions):
-            values.flags.writeable = False
+        for name in ("values", "standard_errors", "positions"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
 
     @property
     def settings(self) -> Mapping[str, Any]:

@@ -121,3 +121,13 @@ def test_a_system_a_profile_and_a_perturbation_of_one_s_own(tvsysid, tmp_path, m
         "unknown system 'ankle'; expected one of joint, reflex, compliant, scheduled, or your own as module:Object"
         in err
     )
+
+
+def test_the_titles_of_tables_tell_systems_apart(tvsysid):
+    code, out, _ = tvsysid(
+        *("benchmark", "--system", "joint", "--system", "reflex", "--trials", "1", "--duration", "20"),
+        *("--perturbation", "prbs", "--method", "birf", "--workers", "1"),
+    )
+    assert code == 0
+    assert "\nreflex, square wave, PRBS, 20 s, 10 dB, 1 trial" in out
+    assert out.startswith("square wave, PRBS, 20 s, 10 dB, 1 trial")

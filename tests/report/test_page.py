@@ -116,6 +116,18 @@ def test_what_was_run_can_be_run_again(elements, study):
     assert "9 of 36" in table(elements, "Settings of the study")
 
 
+def test_no_file_is_shown_that_could_not_name_an_object(tmp_path, study):
+    results, summary = study
+    for setting, shown in (
+        ({}, 1),
+        ({"stiffness": ["SquareWave(low=60.0)"]}, 0),
+        ({"also": [{"system": ["Mine"]}]}, 0),
+    ):
+        settings = json.loads(results.attrs["study"]) | setting
+        write_report(tmp_path / "r.html", results.assign_attrs(study=json.dumps(settings)), summary, claims(), {})
+        assert (tmp_path / "r.html").read_text().count("trials = 3") == shown
+
+
 def test_outcome_says_who_is_best_and_how_surely(study):
     results, summary = study
     label = main_scenario(traits_of(results))

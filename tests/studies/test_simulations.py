@@ -39,6 +39,7 @@ def scores_of(values, errors=0.01, study=None):
             "duration_s": ("scenario", [s.duration_s for s in study.scenarios]),
             "snr_db": ("scenario", [s.snr_db for s in study.scenarios]),
             "viscosity": ("scenario", [s.viscosity for s in study.scenarios]),
+            "system": ("scenario", [s.system for s in study.scenarios]),
         },
     )  # fmt: skip
 
@@ -48,6 +49,14 @@ def verdicts(scores):
 
 
 BIAS = {(method, "debiased_bias_error"): level for method, level in zip(FIVE, (4, 9, 15, 11, 10), strict=True)}
+
+
+def test_only_the_paper_s_joint_rate_and_period_are_judged():
+    study = Study(system=["joint", "reflex"], duration_s=[40, 150], trials=10)
+    bias = {name: lambda s, low=low: low if s.system == "joint" else 20 - low for (name, _), low in BIAS.items()}
+    scores = scores_of({(name, "debiased_bias_error"): value for name, value in bias.items()}, study=study)
+    assert verdicts(scores)["eirf has the lowest bias"] == "holds"
+    assert set(verdicts(scores.assign_attrs(study=Study(period=1.0).to_json()))) == {"not studied"}
 
 
 def test_a_claim_holds_fails_or_is_undecided_as_the_figures_say():

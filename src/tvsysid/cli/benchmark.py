@@ -177,7 +177,7 @@ def write(results: xr.Dataset, out: Path, command: str) -> bool:
 
 def _scenario_title(row: Any) -> str:
     profile = {"square": "square wave", "sine": "sine wave"}.get(row.stiffness, row.stiffness)
-    profile = row.system if profile == "own" else profile
+    profile = row.system if profile == "own" else profile if row.system == "joint" else f"{row.system}, {profile}"
     perturbation = {"noise": "filtered noise", "prbs": "PRBS"}.get(row.perturbation, row.perturbation)
     repeats = "1 trial" if row.trials == 1 else f"{row.trials} trials"
     covarying = ", viscosity covarying" if row.viscosity == "covarying" else ""

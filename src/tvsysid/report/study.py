@@ -14,12 +14,13 @@ import tomli_w
 from tvsysid.figures import Picture
 from tvsysid.figures.words import TRAITS, count, described, trait
 from tvsysid.report import page, sections
+from tvsysid.study.simulated import KINDS
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-OBJECT = re.compile(r"\w+\(.*\)")  # label of a method that was given as an object, which no file can name
+OBJECT = re.compile(r"\w+\(.*\)")  # label of what was given as an object
 SETTINGS = {
     "stiffness": "stiffness profiles",
     "perturbation": "perturbations",
@@ -109,7 +110,6 @@ def write_report(
     settings = {SETTINGS.get(name, name.replace("_", " ")): value for name, value in study.items()}
     seconds = float(results.seconds.sum() + results.stage_seconds.sum())
     main = main_scenario(traits_of(results))
-    nameless = any(OBJECT.fullmatch(label) for label in study.get("methods", ()))
     lines = [done, *sections.unfinished(results, "trials"), *outcome(results, summary, claims)]
     parts = [
         page.Section("outcome", "Outcome", [page.Box(lines), METRICS]),
@@ -122,12 +122,23 @@ def write_report(
         sections.again_section(
             command,
             f'results.estimate.sel(scenario="{main}", quantity="stiffness")  # over trial, method_key and time',
-            "" if nameless else tomli_w.dumps(study),
+            "" if _nameless(study) else tomli_w.dumps(study),
         ),
     ]
     title = "Comparison of time-varying identification methods"
     subtitle = f"How well {methods} found the stiffness of a simulated joint, whose true stiffness is known."
     page.write_page(path, page.Page(title, subtitle, parts, sections.version_of(results)))
+
+
+def _nameless(study: Mapping[str, Any]) -> bool:
+    """Whether something was given as an object, which no file can name."""
+    parts = [
+        label not in known and (":" not in label or OBJECT.fullmatch(label))
+        for settings in (study, *study.get("also", ()))
+        for name, (known, _, _) in KINDS.items()
+        for label in settings.get(name, ())
+    ]
+    return any(parts) or any(OBJECT.fullmatch(label) for label in study.get("methods", ()))
 
 
 def traits_of(results: xr.Dataset) -> dict[str, dict[str, Any]]:

@@ -63,10 +63,12 @@ class Prepared:
         """Of the ensemble; what tells these data from others."""
         if self.ensemble is None:
             return NOTHING
-        found = hashlib.sha256()
-        for values in (self.ensemble.angle, self.ensemble.torque, self.ensemble.onsets, self.ensemble.trials):
+        ensemble = self.ensemble
+        cut = ensemble.angle.shape, ensemble.sampling_rate, ensemble.context, ensemble.mean_subtracted
+        found = hashlib.sha256(repr(cut).encode())
+        for values in (ensemble.angle, ensemble.torque, ensemble.onsets, ensemble.trials):
             found.update(np.asarray(values).tobytes())
-        for name, values in self.ensemble.channels.items():
+        for name, values in ensemble.channels.items():
             found.update(name.encode() + values.tobytes())
         return found.hexdigest()[:16]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -39,7 +39,8 @@ class Cell:
 
     ``time`` and ``truth`` have shape (time,); estimates, whether their bands hold the truth, and time-varying VAF
     (``over_time``) (trial, time); the trials' mean VAFs and the seconds that the identifications took (trial,). Where
-    the truth differs from trial to trial, the estimate's error is added to the truth of the study.
+    the truth differs from trial to trial, the estimate's error is added to the truth of the study. ``weights`` of the
+    trials, shape (draw, trial), are for replicates.
     """
 
     time: Array
@@ -50,7 +51,7 @@ class Cell:
     realization_vaf: Array
     bandpassed: Array
     durations: Array
-    kept: dict[tuple[str, int], Array] = field(default_factory=dict, repr=False)
+    weights: Weights = None
 
     @cached_property
     def wave(self) -> SquareWave | None:
@@ -73,33 +74,24 @@ class Cell:
         """Times far from any."""
         return np.asarray(self.from_switch >= AWAY)
 
-    def mean_over_time(self, weights: Weights) -> Array:
+    @cached_property
+    def mean_over_time(self) -> Array:
         """Time-varying VAF, mean over trials; shape (..., time)."""
-        return self._once("mean", weights, lambda: weighted_mean(self.over_time, weights))
+        return weighted_mean(self.over_time, self.weights)
 
-    def deviation(self, weights: Weights) -> Array:
+    @cached_property
+    def deviation(self) -> Array:
         """Standard deviation over trials of the time-varying VAF; shape (..., time)."""
+        own = self.over_time - self.over_time.mean(axis=0)
+        variance = weighted_mean(np.square(own), self.weights) - np.square(weighted_mean(own, self.weights))
+        return np.asarray(np.sqrt(np.maximum(0.0, variance)))
 
-        def work() -> Array:
-            own = self.over_time - self.over_time.mean(axis=0)
-            variance = weighted_mean(np.square(own), weights) - np.square(weighted_mean(own, weights))
-            return np.asarray(np.sqrt(np.maximum(0.0, variance)))
-
-        return self._once("deviation", weights, work)
-
-    def _once(self, name: str, weights: Weights, work: Callable[[], Array]) -> Array:
-        """What several metrics need, worked out once for the same weights."""
-        key = name, id(weights)
-        if key not in self.kept:
-            self.kept[key] = work()
-        return self.kept[key]
-
-    def measured(self, name: str, weights: Weights) -> Any:
+    def measured(self, name: str) -> Any:
         """Metric of the catalogue, or of this study's own; one for each set of weights."""
         if name in OWN:
-            return OWN[name][1](self, weights)
+            return OWN[name][1](self)
         given = {each: getattr(self, each) for each in _arguments(name) if hasattr(self, each)}
-        return metrics.CATALOGUE[name].function(**given, weights=weights)
+        return metrics.CATALOGUE[name].function(**given)
 
 
 @cache
@@ -126,17 +118,17 @@ def from_switch(time: Array, wave: SquareWave) -> Array:
     return np.asarray(np.abs((time - wave.offset + half / 2) % half - half / 2))
 
 
-def _rise(cell: Cell, weights: Weights) -> Any:
+def _rise(cell: Cell) -> Any:
     """Time from 10 to 90 % of the step."""
     assert cell.wave is not None
     step = cell.wave.high - cell.wave.low
     low, high = cell.wave.low + 0.1 * step, cell.wave.high - (1 - 0.9) * step
-    return metrics.rise_time(cell.time, cell.estimates, low, high, cell.wave.offset, weights=weights)
+    return metrics.rise_time(cell.time, cell.estimates, low, high, cell.wave.offset, weights=cell.weights)
 
 
-def _dip(cell: Cell, weights: Weights) -> Any:
+def _dip(cell: Cell) -> Any:
     """How far the mean at the switches lies below that away from them."""
-    over_time = cell.mean_over_time(weights)
+    over_time = cell.mean_over_time
     known = np.isfinite(over_time).reshape(-1, len(cell.time)).all(axis=0)
     at, away = known & cell.at, known & cell.away
     if not (at.any() and away.any()):
@@ -144,38 +136,38 @@ def _dip(cell: Cell, weights: Weights) -> Any:
     return over_time[..., away].mean(axis=-1) - over_time[..., at].mean(axis=-1)
 
 
-def _lowest(cell: Cell, weights: Weights) -> Any:
-    values = cell.mean_over_time(weights)
+def _lowest(cell: Cell) -> Any:
+    values = cell.mean_over_time
     known = np.isfinite(values)
     return np.where(known.any(axis=-1), np.min(values, axis=-1, where=known, initial=100.0), np.nan)
 
 
-def _spread(cell: Cell, weights: Weights, side: int) -> Any:
+def _spread(cell: Cell, side: int) -> Any:
     """Standard deviation over trials, averaged over all times (0), those of less (-1) or more than the mean truth."""
-    deviation = cell.deviation(weights)
+    deviation = cell.deviation
     known = np.isfinite(deviation).reshape(-1, len(cell.time)).all(axis=0)
     chosen = deviation[..., known & ((side == 0) | (np.sign(cell.truth - cell.truth.mean()) == side))]
     return chosen.mean(axis=-1) if chosen.shape[-1] else np.full(deviation.shape[:-1], np.nan)
 
 
 POINTS = "percentage points"
-OWN: dict[str, tuple[str, Callable[[Cell, Weights], Any]]] = {
+OWN: dict[str, tuple[str, Callable[[Cell], Any]]] = {
     "rise_time": ("s", _rise),
-    "vaf": ("%", lambda cell, weights: weighted_mean(cell.realization_vaf, weights)),
-    "bandpassed_vaf": ("%", lambda cell, weights: weighted_mean(cell.bandpassed, weights)),
-    "coverage": ("%", lambda cell, weights: metrics.share_covered(cell.covered, weights)),
-    "lowest_vaf": ("%", lambda cell, weights: cell.realization_vaf.min() if weights is None else np.nan),
+    "vaf": ("%", lambda cell: weighted_mean(cell.realization_vaf, cell.weights)),
+    "bandpassed_vaf": ("%", lambda cell: weighted_mean(cell.bandpassed, cell.weights)),
+    "coverage": ("%", lambda cell: metrics.share_covered(cell.covered, cell.weights)),
+    "lowest_vaf": ("%", lambda cell: cell.realization_vaf.min() if cell.weights is None else np.nan),
     "lowest_time_varying_vaf": ("%", _lowest),
     "switch_dip": (POINTS, _dip),
-    "time_varying_vaf_sd": (POINTS, lambda cell, weights: _spread(cell, weights, 0)),
-    "time_varying_vaf_sd_soft": (POINTS, lambda cell, weights: _spread(cell, weights, -1)),
-    "time_varying_vaf_sd_stiff": (POINTS, lambda cell, weights: _spread(cell, weights, 1)),
-    "coverage_at_switch": ("%", lambda cell, weights: metrics.share_covered(cell.covered[:, cell.at], weights)),
-    "coverage_away": ("%", lambda cell, weights: metrics.share_covered(cell.covered[:, cell.away], weights)),
-    "without_band": ("%", lambda cell, weights: 100 * weighted_mean(np.isnan(cell.covered).mean(axis=1), weights)),
-    "left_out": ("samples", lambda cell, weights: metrics.left_out(cell.estimates) if weights is None else np.nan),
-    "failed": ("trials", lambda cell, weights: np.nan),
-    "seconds": ("s", lambda cell, weights: weighted_mean(cell.durations, weights)),
+    "time_varying_vaf_sd": (POINTS, lambda cell: _spread(cell, 0)),
+    "time_varying_vaf_sd_soft": (POINTS, lambda cell: _spread(cell, -1)),
+    "time_varying_vaf_sd_stiff": (POINTS, lambda cell: _spread(cell, 1)),
+    "coverage_at_switch": ("%", lambda cell: metrics.share_covered(cell.covered[:, cell.at], cell.weights)),
+    "coverage_away": ("%", lambda cell: metrics.share_covered(cell.covered[:, cell.away], cell.weights)),
+    "without_band": ("%", lambda cell: 100 * weighted_mean(np.isnan(cell.covered).mean(axis=1), cell.weights)),
+    "left_out": ("samples", lambda cell: metrics.left_out(cell.estimates) if cell.weights is None else np.nan),
+    "failed": ("trials", lambda cell: np.nan),
+    "seconds": ("s", lambda cell: weighted_mean(cell.durations, cell.weights)),
 }
 """Metrics of a study that the catalogue does not have, or that are there of a single trial: unit and function."""
 UNITS = {
@@ -308,12 +300,13 @@ def _measured(cell: Cell, main: bool, weights: Array) -> Iterator[tuple[str, Any
         return
     names = [name for name in (UNITS if main else OF_QUANTITY) if name != "failed"]
     names = [name for name in names if cell.wave is not None or name not in OF_SWITCHES]
-    values = {name: cell.measured(name, None) for name in names}
+    values = {name: cell.measured(name) for name in names}
     if len(cell.estimates) < 2:
         values["random_error"] = np.nan  # one trial has no spread that could be told
         yield from ((name, value, np.nan) for name, value in values.items())
         return
-    found = {name: cell.measured(name, weights) for name in names if name != "debiased_bias_error"}
+    drawn = replace(cell, weights=weights)
+    found = {name: drawn.measured(name) for name in names if name != "debiased_bias_error"}
     _undraw(found, len(cell.estimates))
     yield from ((name, value, found[name]) for name, value in values.items())
 

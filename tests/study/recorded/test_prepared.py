@@ -214,6 +214,14 @@ def test_data_are_told_apart_by_their_digest(tmp_path):
         assert prepared_recordings(experiment_on(tmp_path, "trial*.mat"))[0].digest != first
 
 
+def test_the_digest_tells_how_the_ensemble_was_cut(tmp_path):
+    write_trials(tmp_path)
+    (first,) = prepared_recordings(experiment_on(tmp_path, "trial*.mat"))
+    for change in ({"mean_subtracted": False}, {"context": first.ensemble.context - 1}, {"sampling_rate": 50.0}):
+        changed = dataclasses.replace(first, ensemble=dataclasses.replace(first.ensemble, **change))
+        assert changed.digest != first.digest, change
+
+
 def test_the_same_file_counts_once_and_brackets_are_no_pattern_where_a_file_has_them(tmp_path):
     folder = tmp_path / "study [2026]"
     folder.mkdir()

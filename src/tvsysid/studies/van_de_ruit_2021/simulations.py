@@ -5,6 +5,7 @@ There is a margin for each scenario and rival (:mod:`tvsysid.studies.verdicts`),
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -15,6 +16,7 @@ from scipy.stats import beta
 
 from tvsysid.numerics import Array
 from tvsysid.studies.verdicts import COLUMNS, FAILS, HOLDS, NOT_STUDIED, RATIO, UNDECIDED, Claim, judged, log_ratio
+from tvsysid.study.simulated import PERIOD, RATE
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -55,11 +57,17 @@ SINES: Where = SQUARES | {"profile": ("sine",)}
 
 
 class Scores:
-    """Scores of a study, whose scenarios are known by their settings."""
+    """Scores of a study's scenarios with the paper's joint, rate and period, known by their other settings."""
 
     def __init__(self, scores: xr.Dataset) -> None:
         settings = (scores[name].values.tolist() for name in Scenario._fields)
-        self.scenarios = {Scenario(*each): place for place, each in enumerate(zip(*settings, strict=True))}
+        usual = {"rate": RATE, "period": PERIOD}
+        as_there = usual.items() <= (usual | json.loads(scores.attrs.get("study", "{}"))).items()
+        self.scenarios = {
+            Scenario(*each): place
+            for place, each in enumerate(zip(*settings, strict=True))
+            if as_there and scores.system.values[place] == "joint"
+        }
         self.all_there = set(FIVE) <= set(map(str, scores.method_key.values))
         self._scores = scores
 

@@ -1,6 +1,7 @@
 """Methods with pathways, further inputs and estimates of their own go wherever the package's own go."""
 
 import sys
+from contextlib import nullcontext
 from functools import cache
 from pathlib import Path
 
@@ -130,7 +131,10 @@ def test_takes_part_in_identify(toy, tmp_path, monkeypatch, capsys):
 @every_toy
 def test_is_bootstrapped_with_its_channels(toy):
     _, ensemble = simulated(toy)
-    found = tv.uncertainty.bootstrap(toy(), ensemble, 5, seed=1)
+    # Each draw has other extremes of EMG, and with them other values that the stiffness is over.
+    no_band = pytest.warns(tv.DataQualityWarning, match="stiffness_at_emg") if toy is Scheduled else nullcontext()
+    with no_band:
+        found = tv.uncertainty.bootstrap(toy(), ensemble, 5, seed=1)
     assert len(found) == 5
     lower, upper = found.band("stiffness")
     assert (lower <= upper)[np.isfinite(lower)].all()

@@ -30,7 +30,8 @@ def made_up(estimates, over_time=None, profile="square", covered=None):
             "checksums": (("scenario", "trial", "variable"), np.ones((1, trials, 1), dtype=np.uint64)),
         },
         coords={
-            "scenario": ["cell"], "method_key": ["mine"], "quantity": ["stiffness"], "trial": np.arange(trials),
+            "scenario": ["cell"], "method_key": ["mine"], "quantity": ["stiffness"], "unit": ("quantity", ["N m/rad"]),
+            "trial": np.arange(trials),
             "time": time,
             "profile": ("scenario", [profile]), "perturbation": ("scenario", ["prbs"]),
             "duration_s": ("scenario", [150.0]), "snr_db": ("scenario", [10.0]),

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from tvsysid.estimates import UNITS
 from tvsysid.study.prepared import Prepared
 from tvsysid.study.recorded import Experiment
 from tvsysid.study.simulated import Study
@@ -187,7 +186,7 @@ def _of_simulations(study: Study) -> Layout:
             Fixed("trial", ("trial",), np.arange(study.trials)),
             # Not "method", which xarray's sel() takes for a way to interpolate.
             Fixed("method_key", ("method_key",), list(study.named_methods)),
-            *_shared(known.quantities, known.pathways, study.scheduled, study.period, study.rate),
+            *_shared(study, known.quantities, known.pathways, study.period, study.rate),
             Fixed("statistic", ("statistic",), STATISTICS),
             Fixed("stage", ("stage",), STAGES),
             Fixed(
@@ -228,7 +227,7 @@ def _of_experiment(experiment: Experiment) -> Layout:
             Fixed("method_key", ("analysis",), [item.name for item in analyses]),
             Fixed("realizations", ("analysis",), [item.realizations for item in analyses]),
             Fixed("bootstrap", ("bootstrap",), np.arange(experiment.bootstraps)),
-            *_shared(experiment.quantities, pathways, experiment.scheduled, preparing.period, preparing.rate),
+            *_shared(experiment, experiment.quantities, pathways, preparing.period, preparing.rate),
         ),
         measured=OF_ANALYSIS
         | (PATHWAYS_OF_ANALYSIS if pathways else {})
@@ -243,14 +242,14 @@ def _of_experiment(experiment: Experiment) -> Layout:
 
 
 def _shared(
-    quantities: Sequence[str], pathways: Sequence[str], scheduled: Mapping[str, int], period: float, rate: float
+    study: Study | Experiment, quantities: Sequence[str], pathways: Sequence[str], period: float, rate: float
 ) -> Iterator[Fixed]:
     """What both kinds of study have."""
     yield Fixed("quantity", ("quantity",), list(quantities))
-    yield Fixed("unit", ("quantity",), [UNITS.get(name, "") for name in quantities])
+    yield Fixed("unit", ("quantity",), [study.units.get(name, "") for name in quantities])
     if pathways:
         yield Fixed("pathway", ("pathway",), list(pathways))
-    if scheduled:
+    if scheduled := study.scheduled:
         yield Fixed("scheduled", ("scheduled",), list(scheduled))
         yield Fixed("scheduling", ("scheduling",), np.arange(max(scheduled.values())))
     times = np.arange(round(period * rate)) / rate

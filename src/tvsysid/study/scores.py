@@ -6,14 +6,13 @@ import inspect
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cache, cached_property, reduce
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid import metrics
-from tvsysid.estimates import UNITS as UNITS_OF
 from tvsysid.metrics import weighted_mean
 from tvsysid.numerics import Array
 from tvsysid.simulate import SquareWave
@@ -219,7 +218,7 @@ def score(results: xr.Dataset) -> xr.Dataset:
     draws = min(DRAWS, max(DRAWS // 10, WEIGHTS // count))
     chosen = np.random.default_rng(0).multinomial(count, np.full(count, 1 / count), size=draws)
     time, truths = results.time.values, results.truth.sel(quantity=MAIN).values
-    known = [str(name) for name in results.quantity.values]
+    known, units = [str(name) for name in results.quantity.values], units_of(results)
     every = [(MAIN if name in (*OF_QUANTITY, "rise_time") else "", name) for name in UNITS]
     every += [(quantity, name) for quantity in known if quantity != MAIN for name in OF_QUANTITY]
     place_of = {each: number for number, each in enumerate(every)}
@@ -261,7 +260,7 @@ def score(results: xr.Dataset) -> xr.Dataset:
             "unit": (
                 "metric",
                 [
-                    unit_of(quantity) if quantity not in ("", MAIN) and name in ERRORS else UNITS[name]
+                    units[quantity] if quantity not in ("", MAIN) and name in ERRORS else UNITS[name]
                     for quantity, name in every
                 ],
             ),
@@ -271,9 +270,13 @@ def score(results: xr.Dataset) -> xr.Dataset:
     )
 
 
-def unit_of(quantity: str) -> str:
-    """Unit of a quantity, as it is written in tables; empty if it is not known."""
-    return UNITS_OF.get(quantity, "").replace("N m s", "N·m·s").replace("N m", "N·m").replace("kg m2", "kg·m²")
+def units_of(results: xr.Dataset) -> dict[str, str]:
+    """Unit of each quantity, as it is written in tables; empty if it is not known."""
+    found = zip(results.quantity.values, results.unit.values, strict=True)
+    changes = {"N m s": "N·m·s", "N m": "N·m", "kg m2": "kg·m²"}
+    return {
+        str(name): reduce(lambda unit, each: unit.replace(*each), changes.items(), str(unit)) for name, unit in found
+    }
 
 
 def _cell(time: Array, here: Mapping[str, Array], column: int, quantity: int, used: NDArray[np.bool_]) -> Cell:

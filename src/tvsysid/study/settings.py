@@ -13,6 +13,7 @@ from typing import Annotated, Any, ClassVar, Self, TypeVar, get_args
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, ValidationError
 
 from tvsysid.errors import InputError
+from tvsysid.estimates import UNITS
 from tvsysid.methods import from_text, parse
 
 Value = TypeVar("Value")
@@ -44,6 +45,12 @@ class StudySettings(Settings):
         """Names, and those that methods say in an attribute of theirs, each once."""
         methods = self.named_methods.values()
         return tuple(dict.fromkeys([*names, *(name for method in methods for name in getattr(method, attribute, ()))]))
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Units by quantity: the package's, and those that methods state (``quantities`` as a mapping)."""
+        said = [getattr(method, "quantities", ()) for method in self.named_methods.values()]
+        return {name: unit for each in said if isinstance(each, Mapping) for name, unit in each.items()} | UNITS
 
     @property
     def scheduled(self) -> dict[str, int]:

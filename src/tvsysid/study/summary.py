@@ -10,7 +10,7 @@ import numpy as np
 
 from tvsysid.numerics import Array
 from tvsysid.study.prepared import Prepared
-from tvsysid.study.scores import MAIN, OF_SWITCHES, unit_of
+from tvsysid.study.scores import MAIN, OF_SWITCHES, units_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -62,7 +62,7 @@ def summarize(found: xr.Dataset) -> pd.DataFrame:
         ``lowest_time_varying_vaf``: that of the worst time after averaging over bootstraps. ``bias_error``,
         ``mean_bias`` (virtual participants): root mean square over time, and mean, of the mean estimate minus the
         survivors' mean true stiffness. ``seconds``: that all draws took. ``failed``: draws without a result. Every
-        other quantity that has a unit and was estimated has rows of its own: ``mean_viscosity``, ``random_error``,
+        other quantity that was estimated has rows of its own: ``mean_viscosity``, ``random_error``,
         and where it is known ``bias_error`` and ``mean_bias``.
     """
     import pandas as pd  # noqa: PLC0415  # heavy
@@ -99,8 +99,8 @@ def _of_experiment(results: xr.Dataset) -> pd.DataFrame:
     import pandas as pd  # noqa: PLC0415  # heavy
 
     tables = [(MAIN, measured(results), UNITS)]
-    for quantity in map(str, results.quantity.values):
-        if quantity != MAIN and (unit := unit_of(quantity)):
+    for quantity, unit in units_of(results).items():
+        if quantity != MAIN:
             values = _errors(results, quantity)
             tables.append((quantity, values, dict.fromkeys(values, unit)))
     rows = []

@@ -1,0 +1,29 @@
+"""A quantity of one's own keeps its unit."""
+
+import numpy as np
+
+import tvsysid as tv
+from tvsysid.study import Experiment, run, summarize
+
+
+class Sloped:
+    quantities = {"emg_slope": "N m/V", "ratio": ""}  # noqa: RUF012
+
+    def identify(self, ensemble):
+        self.estimates = dict(tv.ShortDataSegments().identify(ensemble).estimates)
+        self.estimates["emg_slope"] = tv.Estimate(np.full(ensemble.samples, 3.0), "N m/V")
+        self.estimates["ratio"] = tv.Estimate(np.full(ensemble.samples, 0.5), "")
+        return self
+
+    def predict(self, ensemble):
+        return 0 * ensemble.torque[:, ensemble.core]
+
+
+def test_a_quantity_of_one_s_own_is_summarized_with_its_unit():
+    method = {"method": Sloped(), "name": "own", "realizations": 20}
+    results = run(Experiment(virtual=1, perturbation="noise", methods=[method], bootstraps=2), workers=1)
+    assert str(results.unit.sel(quantity="emg_slope").values) == "N m/V"
+    table = summarize(results).set_index(["quantity", "metric"])
+    slope, ratio = table.loc["emg_slope", "mean_emg_slope"], table.loc["ratio", "mean_ratio"]
+    assert (slope.value, slope.unit) == (3.0, "N·m/V")
+    assert (ratio.value, ratio.unit) == (0.5, "")

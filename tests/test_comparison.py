@@ -9,6 +9,7 @@ import pytest
 from tests.conftest import ensemble_of
 
 import tvsysid as tv
+from tvsysid.models import Diagnostics
 
 
 @dataclasses.dataclass
@@ -163,3 +164,46 @@ def test_names_in_a_dataset_are_told_apart():
     model = tv.methods.apply(Level(), dataclasses.replace(ensemble, channels={"emg": ensemble.torque}))
     with pytest.raises(tv.InputError, match=r"the model tells 20 realizations apart, the ensemble has 3"):
         model.to_xarray(ensemble.select([0, 1, 2]))
+
+
+def test_axes_come_in_their_order_and_every_model_has_its_shapes():
+    @dataclasses.dataclass
+    class Turned(Level):
+        turn: bool = True
+
+        def identify(self, ensemble):
+            found = super().identify(ensemble)
+            if self.turn:
+                values = found.estimates["stiffness"].values.T
+                found.estimates["stiffness"] = tv.Estimate(values, "N m/rad", ("time", "realization"))
+                return found
+            return tv.methods.apply(Level(), ensemble.select([0, 1]))
+
+    ensemble = dataclasses.replace(ensemble_of(), channels={"emg": ensemble_of().torque})
+    with pytest.raises(tv.InputError, match="stiffness is over time, realization; expected realization before time"):
+        tv.methods.apply(Turned(), ensemble)
+    with pytest.raises(tv.InputError, match=r"must be of shape \(20, 200\), it is \(2, 200\)"):
+        tv.methods.apply(Turned(turn=False), ensemble)
+
+
+def test_what_a_model_says_is_nobodys_to_change():
+    values, levels = np.ones(3), np.arange(3.0)
+    estimate = tv.Estimate(values, "N m/rad", ("emg",), tv.StandardError(values, values))
+
+    class Over:
+        def identify(self, ensemble):
+            found = Found({"stiffness": estimate})
+            found.coordinates = {"emg": levels}
+            return found
+
+    model = tv.methods.apply(Over(), ensemble_of())
+    values[0] = levels[0] = 99.0
+    for held in (estimate.values, estimate.error.values, estimate.error.freedom, model.coordinates["emg"]):
+        assert held[0] < 2
+        with pytest.raises(ValueError, match="read-only"):
+            held[0] = 5.0
+    rank = np.ones(3)
+    Diagnostics(1.0, rank)
+    rank[0] = 2.0
+    with pytest.raises(tv.InputError, match=r"expected a tuple of axes, got 'emg'; write \('emg',\)"):
+        tv.Estimate(np.ones(3), "N m/rad", "emg")

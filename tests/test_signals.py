@@ -118,11 +118,13 @@ def test_what_the_caller_does_later_changes_nothing(angle):
     assert ensemble.onsets[0] == 0
 
 
-@pytest.mark.parametrize("index", [[], [10], [[1]], [True, False]])
+@pytest.mark.parametrize("index", [[], [10], [[1]], [True, False], [0.0], [-30, 2]])
 def test_select_refuses_what_is_not_there(angle, index):
     ensemble = tv.Ensemble(angle.reshape(10, 50), angle.reshape(10, 50), 100.0)
     with pytest.raises(tv.InputError, match="select: expected"):
         ensemble.select(index)
+    with pytest.raises(tv.InputError, match="from -10 to below 10, got -30"):
+        ensemble.select([2, -30])
 
 
 def test_time_begins_anew_with_each_trial(angle):
@@ -142,6 +144,8 @@ def test_context_is_not_counted(angle):
     dataset = ensemble.to_xarray()
     assert float(dataset.time[0]) == -0.2
     assert dataset.angle.attrs["units"] == "rad"
+    assert (dataset.attrs["mean_subtracted"], dataset.attrs["left_out"]) == (0, 0)
+    assert tv.preprocess.subtract_mean(ensemble).to_xarray().attrs["mean_subtracted"] == 1
 
 
 def test_runs_join_realizations_that_follow_each_other(angle):

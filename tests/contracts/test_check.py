@@ -251,6 +251,22 @@ class SaysTooMuch(Fit):
     quantities = ("reflex_gain",)
 
 
+class SaysScheduled(Fit):
+    scheduled_quantities = ("stiffness_at_emg",)
+
+
+class SaysOtherScheduled(Fit):
+    scheduled_quantities = {"stiffness_at_emg": 3}  # noqa: RUF012
+
+
+class TooManyScheduled(Fit):
+    scheduled_quantities = {"stiffness": 3}  # noqa: RUF012
+
+
+class SaysOtherPathways(Fit):
+    pathway_names = ("intrinsic", "reflexx")
+
+
 class WrongLength(Fit):
     def identify(self, ensemble):
         model = super().identify(ensemble)
@@ -305,6 +321,10 @@ def test_good_methods_pass(method):
         (OverAnotherAxis(), "returns a model", "expected an estimate of stiffness over time, got stiffness"),
         (WithoutCoordinates(), "returns a model", "more has the axis 'emg', for which the model has no coordinates"),
         (SaysTooMuch(), "returns a model", "expected estimates of all its quantities, got none of reflex_gain"),
+        (SaysScheduled(), "returns a model", "expected scheduled_quantities as {'stiffness_at_emg': 20}, got ('stiff"),
+        (SaysOtherScheduled(), "returns a model", "of all its quantities, got none of stiffness_at_emg"),
+        (TooManyScheduled(), "returns a model", "expected 3 values of stiffness at most"),
+        (SaysOtherPathways(), "has pathways that add up", "of its pathway_names, got none of reflexx"),
         (WrongLength(), "returns a model", "reflex_gain over time must be of shape (200,), it is (7,)"),
         (
             SecondPathway(),

@@ -1,6 +1,7 @@
 """Imports go one way, and the package is light until it is used."""
 
 import ast
+import re
 import subprocess
 import sys
 import types
@@ -68,6 +69,11 @@ def test_truth_cannot_leak_into_an_estimator():
 def test_no_room_for_everything():
     for file in PACKAGE.rglob("*"):
         assert file.stem not in {"utils", "helpers", "common", "misc"}
+
+
+def test_headings_of_docstrings_stand_above_their_lines():
+    for file in PACKAGE.rglob("*.py"):
+        assert not re.search(r"\w +-{3,}$|^ *-{5,} *\w", file.read_text(encoding="utf-8"), re.MULTILINE), file
 
 
 def test_import_is_light():

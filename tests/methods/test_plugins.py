@@ -1,7 +1,10 @@
+import dataclasses
+import pickle
 import sys
 import textwrap
 
 import pytest
+from tests.conftest import ensemble_of
 
 import tvsysid as tv
 from tvsysid.methods import clashes, create, describe, from_text, key_of, label_of, load, names, parse, typed
@@ -413,3 +416,37 @@ def test_true_is_no_number():
 )
 def test_label_in_results(item, label):
     assert label_of(item) == (label or repr(item))
+
+
+def test_inputs_are_checked_wherever_a_method_begins():
+    with pytest.raises(tv.InputError, match="Input: kind must be one of 'input', .*; got 'Input'"):
+        tv.Input("emg", "Input", "V")
+
+    class Alone(tv.BasisIRF):
+        inputs = tv.Input("emg", "input", "V")
+
+    class Driven(tv.BasisIRF):
+        inputs = (tv.Input("emg", "input", "V"),)
+
+        def skip(self, ensemble):
+            return "it has too few" if len(ensemble) < 5 else None
+
+    for begin in ("identify", "tuned"):
+        with pytest.raises(tv.InputError, match=r"Alone: inputs must be a tuple, got Input\(.*; write a comma"):
+            getattr(Alone(), begin)(ensemble_of())
+        with pytest.raises(tv.InputError, match="Driven: it needs the channel 'emg'"):
+            getattr(Driven(), begin)(ensemble_of())
+        few = dataclasses.replace(ensemble_of(), channels={"emg": ensemble_of().torque}).select([1, 2])
+        with pytest.raises(tv.InputError, match="Driven: it has too few"):
+            getattr(Driven(), begin)(few)
+    assert tv.methods.reason_to_skip(tv.methods.Tuned(Driven()), few) == "it has too few"
+
+
+def test_a_tuned_method_says_of_itself_what_the_method_says():
+    kbr = tv.methods.parse("kbr:tuned=true")
+    assert kbr.contiguous
+    assert not tv.methods.parse("birf:tuned=true").contiguous
+    assert not hasattr(kbr, "quantities")
+    assert pickle.loads(pickle.dumps(kbr)) == kbr
+    experiment = tv.study.Experiment(virtual=1, methods=["kbr:tuned=true", "kbr"])
+    assert [each.contiguous for each in experiment.analyses] == [True] * len(experiment.analyses)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -13,8 +13,8 @@ from threadpoolctl import threadpool_limits
 from tvsysid import metrics
 from tvsysid.check.subject import LEVEL, FailedError, Subject, numbers, simulated_case
 from tvsysid.errors import InputError
-from tvsysid.methods.apply import inputs_of, reason_to_skip
-from tvsysid.methods.base import Input
+from tvsysid.estimates import IMPEDANCE
+from tvsysid.methods.base import Input, inputs_of, reason_to_skip
 from tvsysid.numerics import Array
 
 
@@ -123,23 +123,38 @@ def _returns_model(subject: Subject) -> str:
             f"got an object of type {type(model).__name__} without {' and '.join(missing)}"
         )
     _, subject.first, torque = subject.result("constant")
-    estimates = getattr(model, "estimates", ["stiffness"])
-    if absent := [name for name in getattr(subject.method, "quantities", ()) if name not in estimates]:
+    estimates = getattr(model, "estimates", {"stiffness": None})
+    scheduled = getattr(subject.method, "scheduled_quantities", {})
+    if not isinstance(scheduled, Mapping):
+        raise FailedError(f"expected scheduled_quantities as {{'stiffness_at_emg': 20}}, got {scheduled!r}")
+    said = [*getattr(subject.method, "quantities", ()), *scheduled]
+    if absent := [name for name in said if name not in estimates]:
         raise FailedError(f"expected estimates of all its quantities, got none of {', '.join(absent)}")
-    return f"{', '.join(estimates)}, and predict(ensemble) of shape {torque.shape}"
+    for name, most in scheduled.items():
+        if (count := np.size(getattr(estimates[name], "values", estimates[name]))) > most:
+            raise FailedError(f"expected {most} values of {name} at most, as scheduled_quantities says, got {count}")
+    unsaid = ", ".join(name for name in estimates if name not in (*IMPEDANCE, *said))
+    advice = f"; name {unsaid} in quantities or scheduled_quantities, or a study does not keep it" if unsaid else ""
+    return f"{', '.join(estimates)}, and predict(ensemble) of shape {torque.shape}{advice}"
 
 
 def _adds_up(subject: Subject) -> str:
     model, ensemble = subject.model("constant"), subject.case("constant").ensemble
+    said = getattr(subject.method, "pathway_names", ())
+    own = model.pathways(ensemble) if hasattr(model, "pathways") else {"intrinsic": None}
+    if absent := [name for name in said if name not in own]:
+        raise FailedError(f"expected the pathways of its pathway_names, got none of {', '.join(absent)}")
     if not hasattr(model, "pathways"):
         return "one pathway"
-    torques = {name: numbers(f"pathway {name!r}", each, ensemble) for name, each in model.pathways(ensemble).items()}
+    torques = {name: numbers(f"pathway {name!r}", each, ensemble) for name, each in own.items()}
     gap = float(np.nanmax(np.abs(sum(torques.values()) - subject.predict(model, ensemble))))
-    return _expect(
+    came = _expect(
         gap <= 1e-6 * ensemble.torque.std(),
         f"{' + '.join(torques)} {f'is up to {gap:.2g} N·m off' if gap else 'is'} what it predicts",
         "expected pathways(ensemble) with predict(ensemble) as their sum",
     )
+    unsaid = ", ".join(name for name in torques if name not in said) if len(torques) > 1 else ""
+    return f"{came}; name {unsaid} in pathway_names, or a study does not keep it" if unsaid else came
 
 
 def _tells_pathways_apart(subject: Subject) -> str:

@@ -13,8 +13,8 @@ import numpy as np
 
 from tvsysid import simulate
 from tvsysid.errors import DataQualityWarning, describe_error
-from tvsysid.methods.apply import apply, inputs_of
-from tvsysid.methods.base import Input
+from tvsysid.methods.apply import apply
+from tvsysid.methods.base import Input, inputs_of
 from tvsysid.preprocess import decimate, segment
 from tvsysid.signals import Array, Ensemble, Recording
 

@@ -1,7 +1,7 @@
 """The methods: one file each, behind one verb, ``identify(ensemble) -> model``; and plugins."""
 
-from tvsysid.methods.apply import Identifies, apply, deviating_channels, reason_to_skip
-from tvsysid.methods.base import Choice, Input, Method
+from tvsysid.methods.apply import Identifies, apply, deviating_channels
+from tvsysid.methods.base import Choice, Input, Method, reason_to_skip
 from tvsysid.methods.birf import BasisIRF
 from tvsysid.methods.eirf import EnsembleIRF
 from tvsysid.methods.esm import EnsembleSpectral

@@ -11,7 +11,7 @@ import numpy as np
 
 from tvsysid.errors import InputError
 from tvsysid.estimates import IMPEDANCE, UNITS, Estimate
-from tvsysid.methods.base import Input
+from tvsysid.methods.base import inputs_of, reason_to_skip
 from tvsysid.models import Diagnostics, Model
 from tvsysid.signals import Array, Ensemble
 
@@ -26,11 +26,6 @@ class Identifies(Protocol):
         """Model with ``stiffness`` or ``estimates``, and ``predict(ensemble)`` or ``pathways(ensemble)``."""
 
 
-def inputs_of(method: object) -> tuple[Input, ...]:
-    """Signals that a method needs beside angle and torque."""
-    return tuple(getattr(method, "inputs", ()))
-
-
 def deviating_channels(methods: Iterable[object]) -> tuple[str, ...]:
     """Channels that lose their mean with the angle, because they act on the joint: references and inputs."""
     every = [item for method in methods for item in inputs_of(method)]
@@ -41,19 +36,6 @@ def deviating_channels(methods: Iterable[object]) -> tuple[str, ...]:
             "an input or reference, which loses it; identify by one of them at a time, or read it under two names"
         )
     return tuple(found)
-
-
-def reason_to_skip(method: object, ensemble: Ensemble) -> str | None:
-    """Why a method cannot serve an ensemble, in words; None if it can."""
-    missing = [item for item in inputs_of(method) if item.name not in ensemble.channels]
-    if missing:
-        needed = ", ".join(f"{item.name!r} ({item.kind}, {item.unit})" for item in missing)
-        there = ", ".join(map(repr, ensemble.channels)) or "no further channel"
-        return (
-            f"it needs the channel {needed}, the ensemble has {there}; read it as a further channel (--channel NAME=…)"
-        )
-    skip = getattr(method, "skip", None)
-    return skip(ensemble) if callable(skip) else None
 
 
 def apply(method: Identifies, ensemble: Ensemble, label: str | None = None) -> Model:
@@ -71,7 +53,9 @@ def apply(method: Identifies, ensemble: Ensemble, label: str | None = None) -> M
     if reason := reason_to_skip(method, ensemble):
         raise InputError(f"{label}: {reason}")
     found = method.identify(ensemble)
-    return found if isinstance(found, Model) else _adopted(found, label, ensemble)
+    model = found if isinstance(found, Model) else _adopted(found, label, ensemble)
+    _check_shapes(model, label, ensemble)
+    return model
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -106,7 +90,6 @@ def _adopted(found: object, label: str, ensemble: Ensemble) -> AdoptedModel:
     given = own if isinstance(own, Mapping) else _plain_attributes(found, label, ensemble.samples)
     estimates = {str(name): _estimate(str(name), value, label) for name, value in given.items()}
     coordinates = {name: np.asarray(each) for name, each in getattr(found, "coordinates", {}).items()}
-    _check_shapes(estimates, coordinates, label, ensemble)
     return AdoptedModel(
         method=label,
         sampling_rate=ensemble.sampling_rate,
@@ -140,12 +123,14 @@ def _estimate(name: str, value: object, label: str) -> Estimate:
         raise InputError(f"{label}: {name}: {error}") from error
 
 
-def _check_shapes(
-    estimates: Mapping[str, Estimate], coordinates: Mapping[str, Array], label: str, ensemble: Ensemble
-) -> None:
+def _check_shapes(model: Model, label: str, ensemble: Ensemble) -> None:
     lengths = {"realization": len(ensemble), "time": ensemble.samples}
-    lengths |= {name: len(values) for name, values in coordinates.items()}
-    for name, estimate in estimates.items():
+    lengths |= {name: len(values) for name, values in model.coordinates.items()}
+    for name, estimate in model.estimates.items():
+        if {"realization", "time"} <= set(estimate.axes) and estimate.axes[:2] != ("realization", "time"):
+            raise InputError(
+                f"{label}: {name} is over {', '.join(estimate.axes)}; expected realization before time, first of all"
+            )
         unknown = [axis for axis in estimate.axes if axis not in lengths]
         if unknown:
             raise InputError(

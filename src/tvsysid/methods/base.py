@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 Number = TypeVar("Number", np.float64, np.complex128)
 Chosen = TypeVar("Chosen", bound="Method")
+Kind = Literal["input", "reference", "scheduling"]
 
 
 @dataclass(frozen=True)
@@ -37,8 +38,11 @@ class Input:
     """
 
     name: str
-    kind: Literal["input", "reference", "scheduling"]
+    kind: Kind
     unit: str
+
+    def __post_init__(self) -> None:
+        check_choice(self, "kind", Kind)
 
 
 class Choice(NamedTuple, Generic[Chosen]):
@@ -78,9 +82,7 @@ class Method(ABC):
         DataQualityWarning
             For what is legal, but makes the result doubtful; kept in the model's diagnostics.
         """
-        _check_ensemble("identify", ensemble)
-        if reason := self.skip(ensemble):
-            raise InputError(f"{type(self).__name__}: {reason}")
+        _check_ensemble(self, "identify", ensemble)
         started = perf_counter()
         model = self._identify(ensemble)
         texts = (*self._own_warnings(ensemble), *_common_warnings(ensemble, model, *self._needed_band(ensemble)))
@@ -104,7 +106,7 @@ class Method(ABC):
         InputError
             If the ensemble is none, or has too few realizations or samples, or for a seed that is none.
         """
-        _check_ensemble("tuned", ensemble)
+        _check_ensemble(self, "tuned", ensemble)
         if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
             raise InputError(f"tuned: seed must be a whole number of 0 or more, got {seed!r}")
         evidence = self._evidence(ensemble, seed)
@@ -125,12 +127,35 @@ class Method(ABC):
         yield from ()
 
 
-def _check_ensemble(verb: str, ensemble: object) -> None:
+def inputs_of(method: object) -> tuple[Input, ...]:
+    """Signals that a method needs beside angle and torque."""
+    inputs = getattr(method, "inputs", ())
+    if isinstance(inputs, Input):
+        raise InputError(f"{type(method).__name__}: inputs must be a tuple, got {inputs!r}; write a comma after it")
+    return tuple(inputs)
+
+
+def reason_to_skip(method: object, ensemble: Ensemble) -> str | None:
+    """Why a method cannot serve an ensemble, in words; None if it can."""
+    missing = [item for item in inputs_of(method) if item.name not in ensemble.channels]
+    if missing:
+        needed = ", ".join(f"{item.name!r} ({item.kind}, {item.unit})" for item in missing)
+        there = ", ".join(map(repr, ensemble.channels)) or "no further channel"
+        return (
+            f"it needs the channel {needed}, the ensemble has {there}; read it as a further channel (--channel NAME=…)"
+        )
+    skip = getattr(method, "skip", None)
+    return skip(ensemble) if callable(skip) else None
+
+
+def _check_ensemble(method: Method, verb: str, ensemble: object) -> None:
     if not isinstance(ensemble, Ensemble):
         raise InputError(
             f"{verb}: expected an Ensemble, got {type(ensemble).__name__}; "
             "cut a Recording with tvsysid.preprocess.segment"
         )
+    if reason := reason_to_skip(method, ensemble):
+        raise InputError(f"{type(method).__name__}: {reason}")
 
 
 def whole_samples(seconds: float, ensemble: Ensemble) -> int:

@@ -52,8 +52,8 @@ def implausible(recording: Recording, angle: str, torque: str, angle_unit: str) 
         if values.min() == values.max():
             yield f"all {len(values)} values of channel {name} are {values[0]:g}; is this the right channel?"
     # A joint may be held before and after it is moved; but a torque sensor always has noise.
-    yield from _standstills(recording, angle, recording.angle, amid=True)
-    yield from _standstills(recording, torque, recording.torque, amid=False)
+    yield from _standstills(recording, angle, "angle")
+    yield from _standstills(recording, torque, "torque")
 
 
 def unlike_trials(recordings: Sequence[Recording], names: Sequence[str]) -> Iterator[str]:
@@ -70,15 +70,15 @@ def unlike_trials(recordings: Sequence[Recording], names: Sequence[str]) -> Iter
                 yield f"{name}: the {what} is {ratio:.3g} times as {side} as in most trials; is it in another unit?"
 
 
-def _standstills(recording: Recording, name: str, signal: Array, amid: bool) -> Iterator[str]:
-    """Where a signal keeps exactly one value for too long; ``amid``, only between other values."""
+def _standstills(recording: Recording, name: str, which: str) -> Iterator[str]:
+    """Where a signal keeps exactly one value for too long; the angle, only between other values."""
     for number, trial in enumerate(recording.trials):
-        values = signal[trial]
+        values = recording.signal(which)[trial]
         starts = np.concatenate([[0], np.flatnonzero(np.diff(values)) + 1])
         lengths = np.diff(np.append(starts, len(values)))
         seconds = lengths / recording.sampling_rate
-        lost = (seconds > FAULTS["lost-torque"].limit) & (lengths > 2)
-        if amid:
+        lost = (seconds > FAULTS[f"lost-{which}"].limit) & (lengths > 2)
+        if which == "angle":
             lost &= (starts > 0) & (starts + lengths < len(values))
             lost &= ~_held(values, values[starts], lost)
         places = np.flatnonzero(lost)

@@ -14,7 +14,7 @@ import numpy as np
 
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods import deviating_channels
-from tvsysid.methods.apply import inputs_of
+from tvsysid.methods.base import inputs_of
 from tvsysid.preprocess import Account, Preparation, prepare
 from tvsysid.recordings import read_usable_trials
 from tvsysid.signals import Array, Ensemble, Recording

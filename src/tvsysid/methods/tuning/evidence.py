@@ -28,6 +28,8 @@ BASES: tuple[Basis, ...] = (
     *(HaarWavelets(functions) for functions in (2, 4, 8, 16, 32)),
 )
 MOST = 500  # coefficients of the largest model that is tried
+OF_THE_METHOD = {"key", "assumptions", "inputs", "contiguous", "skip"}  # what holds with any settings
+OF_THE_METHOD |= {"quantities", "pathway_names", "scheduled_quantities"}
 CLEARLY = 3.0  # log evidence by which a basis must be better than the one given to be chosen: 20 to 1
 
 
@@ -171,20 +173,15 @@ class Tuned:
         if not isinstance(self.method, Method):
             raise InputError(f"Tuned: expected one of the package's methods, got {self.method!r}")
 
-    @property
-    def key(self) -> str:
-        """Of the method."""
-        return self.method.key
+    def __getattr__(self, name: str) -> Any:
+        if name in OF_THE_METHOD:
+            return getattr(self.method, name)
+        raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
 
     @property
     def title(self) -> str:
         """Of the method."""
         return f"{self.method.title}, tuned"
-
-    @property
-    def assumptions(self) -> tuple[str, ...]:
-        """Of the method."""
-        return self.method.assumptions
 
     def identify(self, ensemble: Ensemble) -> Model:
         """Choose the settings, and identify by them; as :meth:`tvsysid.methods.Method.identify`."""

@@ -177,3 +177,27 @@ def test_two_levels_are_a_square_wave_only_where_each_lasts_half_the_period():
     time = np.arange(200) / 100
     assert wave_of(time, tv.simulate.SquareWave(offset=0.503)(time)) == tv.simulate.SquareWave(offset=0.51)
     assert wave_of(time, np.where((time >= 0.5) & (time < 1.0), 150.0, 50.0)) is None
+
+
+class Halves:
+    """Half of what another method predicts is intrinsic, half reflex."""
+
+    pathway_names = ("intrinsic", "reflex")
+
+    def identify(self, ensemble):
+        model = tv.ShortDataSegments().identify(ensemble)
+        self.estimates = model.estimates
+        self.pathways = lambda other: dict.fromkeys(self.pathway_names, model.predict(other) / 2)
+        return self
+
+
+def test_each_pathway_is_scored():
+    methods = [Halves(), "birf"]
+    found = run(Study(system="reflex", duration_s=20, **SHORT | {"methods": methods, "trials": 2}), workers=1)
+    table = summarize(score(found))
+    table = table[table.metric == "pathway_vaf"].set_index(["method", "quantity"])
+    assert list(table.index) == [("Halves", "intrinsic"), ("Halves", "reflex")]
+    assert set(table.unit) == {"%"}
+    expected = found.pathway_vaf.sel(method_key="Halves", statistic="mean").mean("trial").values[0]
+    np.testing.assert_allclose(table.value, expected)
+    assert (table.standard_error > 0).all()

@@ -28,7 +28,13 @@ WEIGHTS = 2_000_000
 AT_SWITCH = 0.05  # seconds to either side of a switch that are at it
 AWAY = 0.3  # seconds from a switch beyond which no window or lag of the paper's methods reaches it
 MAIN = "stiffness"  # the quantity whose metrics go by their plain names
-SCORED = (*("estimate", "covered", "time_varying_vaf", "vaf", "bandpassed_vaf", "seconds"), "truth", "trial_truth")
+PATHWAY = "pathway_vaf"  # metric of each pathway, whose name stands in the quantity's place
+SCORED = (
+    *("estimate", "covered", "time_varying_vaf", "vaf", "bandpassed_vaf", "seconds"),
+    "truth",
+    "trial_truth",
+    PATHWAY,
+)
 """Variables of a study that metrics are made from."""
 
 
@@ -221,6 +227,8 @@ def score(results: xr.Dataset) -> xr.Dataset:
     known, units = [str(name) for name in results.quantity.values], units_of(results)
     every = [(MAIN if name in (*OF_QUANTITY, "rise_time") else "", name) for name in UNITS]
     every += [(quantity, name) for quantity in known if quantity != MAIN for name in OF_QUANTITY]
+    pathways = [str(name) for name in results.pathway.values] if PATHWAY in results else []
+    every += [(name, PATHWAY) for name in pathways]
     place_of = {each: number for number, each in enumerate(every)}
     shape = (results.sizes["scenario"], results.sizes["method_key"], len(every))
     value, replicates = np.full(shape, np.nan), np.full((*shape, draws), np.nan)
@@ -241,6 +249,11 @@ def score(results: xr.Dataset) -> xr.Dataset:
                     value[row, column, at] = measured
                     if len(cell.estimates) > 1:
                         replicates[row, column, at, drawn] = drawings
+            for number, name in enumerate(pathways):
+                values, at = here[PATHWAY][mine, column, number, 0], place_of[name, PATHWAY]
+                value[row, column, at] = weighted_mean(values, None)
+                if len(values) > 1:
+                    replicates[row, column, at, drawn] = weighted_mean(values, weights[drawn])
     dims = ("scenario", "method_key", "metric")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # no replicates, no error
@@ -260,7 +273,7 @@ def score(results: xr.Dataset) -> xr.Dataset:
             "unit": (
                 "metric",
                 [
-                    units[quantity] if quantity not in ("", MAIN) and name in ERRORS else UNITS[name]
+                    units[quantity] if quantity not in ("", MAIN) and name in ERRORS else (UNITS | {PATHWAY: "%"})[name]
                     for quantity, name in every
                 ],
             ),

@@ -10,7 +10,7 @@ import numpy as np
 
 from tvsysid.numerics import Array
 from tvsysid.study.prepared import Prepared
-from tvsysid.study.scores import MAIN, OF_SWITCHES, units_of
+from tvsysid.study.scores import MAIN, OF_SWITCHES, PATHWAY, units_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -120,6 +120,10 @@ def _of_experiment(results: xr.Dataset) -> pd.DataFrame:
                 if (known or metric not in OF_TRUTH) and (quantity == MAIN or np.isfinite(value)):
                     own = quantity if unit == units[f"mean_{quantity}"] else ""
                     rows.append((*labels, metric, value, unit, own))
+        for name in map(str, results.pathway.values) if PATHWAY in results else ():
+            shares = results[PATHWAY].sel(pathway=name).values[place]
+            if np.isfinite(shares).any():
+                rows.append((*labels, PATHWAY, float(np.nanmean(shares)), "%", name))
     return pd.DataFrame(rows, columns=[*LABELS, "metric", "value", "unit", "quantity"])
 
 

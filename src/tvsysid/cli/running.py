@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import shlex
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -28,8 +28,10 @@ def check_folder(out: Path) -> None:
     there = next(each for each in (out, *out.resolve().parents) if each.exists())
     if not there.is_dir():
         raise InputError(f"{there}: expected a folder, this is a file; give a folder with --out")
-    if not os.access(there, os.W_OK):
-        raise InputError(f"{there}: no permission to write to this folder; give another with --out")
+    try:
+        tempfile.TemporaryFile(dir=there).close()
+    except OSError as error:
+        raise InputError(f"{there}: cannot write to this folder: {error.strerror}; give another with --out") from error
 
 
 def command_line() -> str:

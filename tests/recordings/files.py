@@ -6,6 +6,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 from scipy.io import savemat
+from scipy.io.matlab import MatlabObject
 
 
 def write_mat(file, angle, torque):
@@ -79,6 +80,36 @@ def write_c3d(file, angle, torque):
     content["data"]["points"] = np.ones((4, 1, len(angle) // 2))
     content["data"]["analogs"] = np.stack([angle, torque])[None]
     content.write(str(file))
+
+
+def cells(*texts):
+    array = np.empty((1, len(texts)), dtype=object)
+    array[0] = [np.array([text]) for text in texts]
+    return array
+
+
+def nldat(signals, **changes):
+    """Properties of the toolbox's object of two channels."""
+    return {
+        "chanNames": cells("pos", "tq"),
+        "chanUnits": cells("(deg)", "Nm"),
+        "domainIncr": np.array([[0.005]]),
+        "domainName": np.array(["Time (s)"]),
+        "dataSet": np.stack(signals, axis=1),
+    } | changes
+
+
+def write_object(file, values, age):
+    if age == "old":  # as @nldat was, a class made of a structure
+        record = np.empty((1, 1), dtype=[(name, object) for name in values])
+        for name, item in values.items():
+            record[name][0, 0] = item
+        savemat(file, {"io": MatlabObject(record, "nldat")})
+        return
+    import matio
+    from matio.utils import MatlabOpaque
+
+    matio.save_to_mat(str(file), {"io": MatlabOpaque(values, "nldat")}, version="v7" if age == "v7" else "v7.3")
 
 
 WRITERS = {

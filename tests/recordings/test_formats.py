@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 from scipy.io import savemat
 from scipy.io.matlab import MatlabObject
-from tests.recordings.files import WRITERS, write_hdf5, write_mat_73
+from tests.recordings.files import WRITERS, cells, nldat, write_hdf5, write_mat_73, write_object
 
 import tvsysid as tv
 from tvsysid.recordings import channel, describe_file
@@ -163,35 +163,6 @@ def test_matlab_7_3_characters_are_text(tmp_path, signals):
     assert list(describe_file(tmp_path / "v73.mat")) == ["fs", "note", "pos", "run.pos", "tq"]
     with pytest.raises(tv.InputError, match=r"v73\.mat: note: expected real numbers, got text"):
         read(tmp_path / "v73.mat", angle="note")
-
-
-def cells(*texts):
-    array = np.empty((1, len(texts)), dtype=object)
-    array[0] = [np.array([text]) for text in texts]
-    return array
-
-
-def nldat(signals, **changes):
-    return {
-        "chanNames": cells("pos", "tq"),
-        "chanUnits": cells("(deg)", "Nm"),
-        "domainIncr": np.array([[0.005]]),
-        "domainName": np.array(["Time (s)"]),
-        "dataSet": np.stack(signals, axis=1),
-    } | changes
-
-
-def write_object(file, values, age):
-    if age == "old":  # as @nldat was, a class made of a structure
-        record = np.empty((1, 1), dtype=[(name, object) for name in values])
-        for name, item in values.items():
-            record[name][0, 0] = item
-        savemat(file, {"io": MatlabObject(record, "nldat")})
-        return
-    import matio
-    from matio.utils import MatlabOpaque
-
-    matio.save_to_mat(str(file), {"io": MatlabOpaque(values, "nldat")}, version="v7" if age == "v7" else "v7.3")
 
 
 @pytest.mark.filterwarnings("ignore:.*future.infer_string")

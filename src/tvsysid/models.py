@@ -15,7 +15,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -263,18 +263,41 @@ class FrequencyResponseModel(Model):
         return variables, {"frequency": (("frequency",), self.frequencies)}
 
 
+class Posterior(Protocol):
+    """Posterior of coefficients."""
+
+    @property
+    def mean(self) -> Array:
+        """Of shape (coefficient,)."""
+        ...  # pragma: no cover
+
+    @property
+    def covariance(self) -> Array:
+        """Of shape (coefficient, coefficient)."""
+        ...  # pragma: no cover
+
+
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class SecondOrderModel(Model):
     r"""Stiffness, viscosity and inertia that are sums of known functions of time.
 
     Its prediction is :math:`k(t)\theta + b(t)\dot\theta + I(t)\ddot\theta`, with the derivatives of
-    :meth:`tvsysid.Ensemble.derivatives`. It keeps the posterior mean of the ``coefficients``, their ``covariance``
-    (coefficient, coefficient), and what each multiplies (``labels``).
+    :meth:`tvsysid.Ensemble.derivatives`. It keeps the ``posterior`` of the coefficients, and what each multiplies
+    (``labels``).
     """
 
-    coefficients: Array
-    covariance: Array
+    posterior: Posterior
     labels: tuple[str, ...]
+
+    @property
+    def coefficients(self) -> Array:
+        """Posterior mean of the coefficients, shape (coefficient,)."""
+        return frozen(self.posterior.mean)
+
+    @property
+    def covariance(self) -> Array:
+        """Posterior covariance of the coefficients, shape (coefficient, coefficient)."""
+        return frozen(self.posterior.covariance)
 
     def impedance(self, ensemble: Ensemble) -> tuple[Array, Array, Array]:
         """Stiffness, viscosity and inertia that hold for the ensemble, each (time,) or (realization, time)."""

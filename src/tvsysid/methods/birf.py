@@ -104,8 +104,7 @@ class BasisIRF(base.Method):
             sampling_rate=ensemble.sampling_rate,
             time=ensemble.time,
             estimates=shared.impedance_estimates(stiffness, viscosity, inertia, errors),
-            coefficients=coefficients,
-            covariance=covariance,
+            posterior=posterior._replace(mean=coefficients, covariance=covariance),
             labels=(*names, "inertia"),
             diagnostics=_diagnostics(posterior, agreement),
         )

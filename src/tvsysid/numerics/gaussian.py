@@ -40,13 +40,25 @@ class Statistics(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """Posterior ``mean`` and ``covariance`` of the weights; ``effective``, the parameters that the data determine."""
+    """Posterior ``mean`` of the weights; ``effective``, the parameters that the data determine.
+
+    Their ``covariance`` takes about as long as the fit, and is worked out when it is asked for.
+    """
 
     mean: Array
-    covariance: Array
     noise_variance: float
     effective: float
     iterations: int
+    inverse_factor: Array
+    scale: Array
+
+    @property
+    def covariance(self) -> Array:
+        """Posterior covariance (column, column), from the inverse Cholesky factor of the scaled columns' precision."""
+        lower = lapack.dlauum(self.inverse_factor, lower=1)[0]
+        lower += np.tril(lower, -1).T
+        lower *= np.outer(0.5 * self.noise_variance * self.scale, self.scale)
+        return np.asarray(lower)
 
 
 def fit(statistics: Statistics, precision: Array, weak: float) -> Fit:
@@ -67,10 +79,7 @@ def fit(statistics: Statistics, precision: Array, weak: float) -> Fit:
         start, _ = _settled(of_columns(scaled, strong), precision[strong], weak, start)
     place, solution = _settled(scaled, precision, weak, start)
     mean = _refined(scaled, precision, weak, place.noise, solution)
-    covariance = lapack.dlauum(solution.inverse_factor, lower=1)[0]
-    covariance += np.tril(covariance, -1).T
-    covariance *= np.outer(0.5 * place.noise * scale, scale)
-    return Fit(mean * scale, covariance, place.noise, solution.effective, place.iterations)
+    return Fit(mean * scale, place.noise, solution.effective, place.iterations, solution.inverse_factor, scale)
 
 
 class LogDensity(NamedTuple):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -14,6 +15,7 @@ from scipy.signal import firwin
 from tvsysid.errors import InputError
 from tvsysid.methods import kbr, shared
 from tvsysid.methods.base import EXCITED_ABOVE, Method, check_positive, missing_edge, padded
+from tvsysid.methods.kbr.posterior import KernelErrors, KernelPosterior, common_phase, impedance_over, starts_of
 from tvsysid.models import Diagnostics, SecondOrderModel
 from tvsysid.signals import Array, Ensemble
 
@@ -154,40 +156,37 @@ class KernelRegression(Method):
         kernel = record.kernel(period, self.length_periodic, self.length_decay)
         found, kept = self._fit(record, kernel)
 
-        # Of coefficients that the data cannot see, the prior is all that is known.
-        coefficients = np.zeros(kept.size)
-        coefficients[kept.ravel()] = found.mean * kbr.DEGREES
-        unseen = np.divide(1.0, kernel.precision, out=np.zeros(kernel.columns), where=kernel.precision > 0)
-        covariance = np.diag(0.5 * kbr.DEGREES**2 * np.outer(self._gammas, unseen).ravel())
-        covariance[np.ix_(kept.ravel(), kept.ravel())] = found.covariance * kbr.DEGREES**2
-        features = mean_features(ensemble, kernel)
-        impedance = features @ coefficients.reshape(self.order + 1, kernel.columns).T
+        posterior = KernelPosterior(found, kept, kernel, self._gammas)
+        each = impedance_over(ensemble, kernel, posterior.mean)
+        impedance = each.mean(axis=0)
 
         # Where the derivatives lack samples at the ends of every run, nothing was identified.
         missing = missing_edge(shared.HALF_WIDTH, ensemble) if all(len(run) == 1 for run in ensemble.runs) else 0
-        inner = with_zeros(impedance)[missing : len(impedance) - missing]
-        stiffness, viscosity, inertia = padded(inner, missing).T
+        stiffness, viscosity, inertia = padded(impedance[missing : len(impedance) - missing], missing).T
         filters = shared.derivative_filters(shared.HALF_WIDTH, ensemble.sampling_rate)[: self.order + 1]
         edge = missing_edge(shared.HALF_WIDTH, ensemble)
-        left = shared.residual(ensemble, impedance[edge : len(impedance) - edge] @ filters)
-        errors = self._errors(ensemble, left, filters, features, covariance, found, missing)
-        model = KernelModel(
+        left = shared.residual(ensemble, impedance[edge : len(impedance) - edge, : self.order + 1] @ filters)
+        errors = KernelErrors(
+            posterior,
+            *starts_of(ensemble, kernel),
+            ensemble.time,
+            self._errors(ensemble, left, filters, found, missing),
+        )
+        details = {"noise_variance": found.noise_variance, "iterations": found.iterations}
+        if self.order == 2:
+            details["second_order_agreement"] = _agreement(each, ensemble, left)
+        return KernelModel(
             method=repr(self),
             sampling_rate=ensemble.sampling_rate,
             time=ensemble.time,
             estimates=shared.impedance_estimates(stiffness, viscosity, inertia, errors),
-            coefficients=coefficients,
-            covariance=covariance,
+            posterior=posterior,
             labels=tuple(f"{name} {j}" for name in shared.IMPEDANCE[: self.order + 1] for j in range(kernel.columns)),
             kernel=kernel,
             phase=common_phase(ensemble, period),
             lag=self.lag,
-            diagnostics=Diagnostics(found.effective),
+            diagnostics=Diagnostics(found.effective, details=details),
         )
-        details = {"noise_variance": found.noise_variance, "iterations": found.iterations}
-        if self.order == 2:
-            details["second_order_agreement"] = _agreement(model, ensemble, left)
-        return replace(model, diagnostics=replace(model.diagnostics, details=details))
 
     @property
     def _gammas(self) -> Array:
@@ -217,27 +216,18 @@ class KernelRegression(Method):
             noise = 0.5 * found.noise_variance
 
     def _errors(
-        self,
-        ensemble: Ensemble,
-        left: Array,
-        filters: Array,
-        features: Array,
-        covariance: Array,
-        found: kbr.Fit,
-        missing: int,
-    ) -> shared.PosteriorErrors:
-        """Standard errors of the coefficients' sums over features (time, column).
+        self, ensemble: Ensemble, left: Array, filters: Array, found: kbr.Fit, missing: int
+    ) -> partial[shared.PosteriorErrors]:
+        """Errors of the coefficients' sums, but for the features and the covariance.
 
         The posterior takes the noise to be as strong as in the mean over the band that was fitted.
         """
-        columns, rate = features.shape[1], ensemble.sampling_rate
-        parts = [slice(first, first + columns) for first in range(0, len(covariance), columns)]
+        rate = ensemble.sampling_rate
         low, high = (min(frequency / rate, 0.5) for frequency in self.band)
         filters = _in_band(filters, self.band, rate)
-        return shared.PosteriorErrors(
-            (features,) * len(parts),
-            tuple(covariance[part, part] for part in parts),
-            shared.Colour.of(
+        return partial(
+            shared.PosteriorErrors,
+            colour=shared.Colour.of(
                 ensemble, left, found.effective / left.size, filters, shared.colour_products(ensemble, filters.shape[1])
             ),
             band=(low, high),
@@ -296,11 +286,7 @@ class KernelModel(SecondOrderModel):
         """Stiffness, viscosity and inertia at the ensemble's own times, (time,) or (realization, time)."""
         if self.same_for_all(ensemble):
             return super().impedance(ensemble)
-        clocks = kbr.clocks_of(ensemble)
-        values = np.stack(
-            [self.kernel.combined(*kbr.times_of(ensemble, r, clocks), self.coefficients) for r in range(len(ensemble))]
-        )
-        stiffness, viscosity, inertia = np.moveaxis(with_zeros(values), -1, 0)
+        stiffness, viscosity, inertia = np.moveaxis(impedance_over(ensemble, self.kernel, self.coefficients), -1, 0)
         return stiffness, viscosity, inertia
 
     def same_for_all(self, ensemble: Ensemble) -> bool:
@@ -315,38 +301,17 @@ class KernelModel(SecondOrderModel):
         return {"intrinsic": self.torque(kbr.lagged(ensemble, self.lag))}
 
 
-def with_zeros(impedance: Array) -> Array:
-    """Stiffness, viscosity and inertia (..., 3), of which the last ones may be none."""
-    return np.pad(impedance, [(0, 0)] * (impedance.ndim - 1) + [(0, 3 - impedance.shape[-1])])
-
-
-def common_phase(ensemble: Ensemble, period: float) -> float:
-    """Phase in s at which every realization begins; NaN if they begin at different ones."""
-    assert ensemble.onsets is not None
-    phases = np.round(ensemble.onsets % period, 9) % period
-    return float(phases[0]) if np.ptp(phases) < 1e-9 else math.nan
-
-
-def mean_features(ensemble: Ensemble, kernel: kbr.Kernel) -> Array:
-    """Features of a kernel over a realization, averaged over realizations, shape (time, column)."""
-    same = kernel.decay is None and not math.isnan(common_phase(ensemble, kernel.period))
-    clocks, distinct = kbr.clocks_of(ensemble), 1 if same else len(ensemble)
-    total = np.zeros((ensemble.samples, kernel.columns))
-    for realization in range(distinct):
-        total += kernel(*kbr.times_of(ensemble, realization, clocks))
-    return total / distinct
-
-
-def _agreement(model: KernelModel, ensemble: Ensemble, left: Array) -> float:
+def _agreement(impedance: Array, ensemble: Ensemble, left: Array) -> float:
     """How much of the torque that answers to the (lagged) angle the model explains, in per cent.
 
-    ``left`` is what the mean impedance leaves of the torque.
+    ``impedance`` is that of each realization, or of all; ``left`` is what its mean leaves of the torque.
     """
     edge = (ensemble.samples - left.shape[1]) // 2
     known = slice(ensemble.context + edge, ensemble.context + ensemble.samples - edge)
     angle, torque = ensemble.angle[:, known], ensemble.torque[:, known]
-    if not model.same_for_all(ensemble):
-        left = torque - model.torque(ensemble)[:, edge : ensemble.samples - edge]
+    if len(impedance) > 1:
+        explained = sum(map(np.multiply, np.moveaxis(impedance, -1, 0), ensemble.derivatives()))
+        left = torque - np.asarray(explained)[:, edge : ensemble.samples - edge]
     return shared.agreement_of(torque - left, left, angle, shared.autocovariance(angle, 2 * shared.HALF_WIDTH))
 
 

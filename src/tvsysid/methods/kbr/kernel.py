@@ -141,9 +141,11 @@ def log_harmonic_variances(l1: float, harmonics: int) -> tuple[Array, Array]:
 
 def harmonic_features(time: Array, period: float, harmonics: int) -> Array:
     """Constant, then cosine and sine of each harmonic; shape (time, 2 x harmonics + 1)."""
-    phase = 2 * np.pi / period * np.outer(time, np.arange(1, harmonics + 1))
-    waves = np.stack([np.cos(phase), np.sin(phase)], axis=2).reshape(len(time), -1)
-    return np.concatenate([np.ones((len(time), 1)), waves], axis=1)
+    features = np.ones((len(time), 2 * harmonics + 1))
+    turn = np.exp(2j * np.pi / period * time)[:, None]
+    # Powers of one turn, whose parts are the cosines and sines.
+    features[:, 1:] = np.cumprod(np.broadcast_to(turn, (len(time), harmonics)), axis=1).view(np.float64)
+    return features
 
 
 class DecayFeatures:

@@ -289,9 +289,3 @@ def clocks_of(ensemble: Ensemble) -> Array:
     span = float(np.ptp(ensemble.onsets)) + ensemble.duration
     _, number = np.unique(ensemble.trials, return_inverse=True)
     return ensemble.onsets + number * span
-
-
-def times_of(ensemble: Ensemble, realization: int, clocks: Array) -> tuple[Array, Array]:
-    """Times of a realization's samples: since the trial's time 0, and on the record's clock."""
-    assert ensemble.onsets is not None
-    return ensemble.onsets[realization] + ensemble.time, clocks[realization] + ensemble.time

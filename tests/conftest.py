@@ -1,6 +1,7 @@
 """What tests share: simulated ensembles, and where the real recordings are."""
 
 import os
+import signal
 from functools import cache
 from pathlib import Path
 
@@ -52,6 +53,15 @@ def freedom_of(model):
 def ensemble_of_fixture():
     """Simulated ensemble at 100 Hz; made once for each set of arguments."""
     return ensemble_of
+
+
+@pytest.fixture(autouse=True)
+def _signals():
+    """The command line handles signals, here in the tests' own process."""
+    kept = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    yield
+    for number, handler in kept.items():
+        signal.signal(number, handler)
 
 
 @pytest.fixture

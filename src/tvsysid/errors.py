@@ -1,4 +1,4 @@
-"""What goes wrong at the border: one error for what cannot be used, one warning for what is doubtful."""
+"""What goes wrong at the border: one error for what cannot be used, one warning for what is doubtful, and texts."""
 
 from __future__ import annotations
 
@@ -6,8 +6,12 @@ import os
 import sysconfig
 import textwrap
 import traceback
+import unicodedata
 from functools import cache
 from pathlib import Path
+
+UNSEEN = {"Cc", "Cf", "Cs", "Zl", "Zp"}
+"""Unicode's categories of what is not text to be seen."""
 
 
 class InputError(ValueError):
@@ -16,6 +20,30 @@ class InputError(ValueError):
 
 class DataQualityWarning(UserWarning):
     """Input that is legal, but makes the result doubtful; kept in the model's diagnostics too."""
+
+
+def printable(text: str) -> str:
+    r"""Text of others such that it can be shown anywhere: what steers a terminal, and what is no text, as an escape.
+
+    Control characters (but for line breaks and tabs), invisible ones, such as those that reverse the order of reading,
+    and bytes of a file's name that are not UTF-8.
+
+    Examples
+    --------
+    >>> print(printable("caf\udce9 \x1b[31mred\u202e"))
+    caf\udce9 \x1b[31mred\u202e
+    """
+    lines = (line if line.isprintable() else "".join(map(_seen, line)) for line in text.split("\n"))
+    return "\n".join(lines)
+
+
+def _seen(sign: str) -> str:
+    return repr(sign)[1:-1] if unicodedata.category(sign) in UNSEEN and sign != "\t" else sign
+
+
+def one_line(text: str) -> str:
+    """Text of others, printable, in one line."""
+    return " ".join(line.strip() for line in printable(text).split("\n"))
 
 
 def describe_error(error: BaseException, file: str | None = None) -> str:
@@ -27,7 +55,7 @@ def describe_error(error: BaseException, file: str | None = None) -> str:
     if isinstance(error, SyntaxError):
         text, name, line = str(error.msg), error.filename, error.lineno
     said = textwrap.shorten(f"{type(error).__name__}: {text}".rstrip(": "), 300, placeholder=" …")
-    return f"{said} ({Path(name).name}, line {line})" if name and line else said
+    return printable(f"{said} ({Path(name).name}, line {line})" if name and line else said)
 
 
 def _place(error: BaseException, file: str | None) -> tuple[str | None, int | None]:

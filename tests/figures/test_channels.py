@@ -1,6 +1,8 @@
+from xml.etree import ElementTree
+
 import numpy as np
 
-from tvsysid.figures import drawn, recorded_channels
+from tvsysid.figures import drawn, recorded_channels, style
 from tvsysid.recordings import Channel, outline
 
 
@@ -13,11 +15,33 @@ def test_axes_have_units_and_time_where_they_are_stated():
     figure = recorded_channels(channels, "ankle_$1$.mat")
     drawn(figure, "png")
     first, second = figure.axes
-    assert [axes.get_title("left") for axes in figure.axes] == ["pos \\$x\\$", "tq"]
+    assert [axes.get_title("left") for axes in figure.axes] == ["pos $x$", "tq"]
     assert (first.get_xlabel(), first.get_ylabel()) == ("time (s)", "rad")
     assert (second.get_xlabel(), second.get_ylabel()) == ("sample", "unit not stated")
     np.testing.assert_array_equal(first.lines[0].get_xdata(), np.arange(100) / 50)
     np.testing.assert_array_equal(second.lines[1].get_ydata(), -values)
+
+
+def test_names_are_drawn_letter_by_letter():
+    values = [outline(np.arange(100.0))]
+    names = ["x_{$", "$\\frac{$", "\x1b[31mred\r\x07", "caf\udce9\u202e", "角度"]
+    figure = recorded_channels({name: (Channel((100,), "float64", name), values) for name in names}, "".join(names))
+    for form in ("png", "pdf", "svg"):
+        content = drawn(figure, form)
+    assert all(texts in content.decode() for texts in ("x_{$", "角度", r"\x1b[31mred\r\x07", r"caf\udce9\u202e"))
+    ElementTree.fromstring(content)
+
+
+def test_powers_of_ten_at_the_ticks_stay_mathematics():
+    @style.styled
+    def draw():
+        figure, ((axes,),) = style.panels(1, 1, 3, 3)
+        axes.loglog([1, 1e4], [1, 1e9])
+        return figure
+
+    figure = draw()
+    drawn(figure, "svg")
+    assert all(label.get_parse_math() for label in figure.axes[0].get_yticklabels(which="both"))
 
 
 def test_an_outline_keeps_every_extreme():

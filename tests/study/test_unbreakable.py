@@ -117,7 +117,7 @@ def test_interrupted_with_a_key_and_gone_on_with(tmp_path, uninterrupted):
         already = trials_in(tmp_path)
         wait_for(lambda: trials_in(tmp_path) > already + 10)  # noqa: B023
         os.killpg(process.pid, number) if number == signal.SIGINT else process.send_signal(number)
-        errors = finished(process, 130)
+        errors = finished(process, 128 + number)
         before, _, last = errors.rstrip("\n").rpartition("\n")
         assert before == ("" if not already else f"resuming: {already} of {TOTAL} trials are done already")
         told = re.fullmatch(

@@ -1,6 +1,6 @@
 """`python -m tvsysid.cli`."""
 
-from tvsysid.cli.app import main
+from tvsysid.cli.start import main
 
 if __name__ == "__main__":
     main()

@@ -1,27 +1,20 @@
-"""The program `tvsysid`: its commands, and what becomes of errors."""
+"""The program `tvsysid`: its commands, and what its parser says of mistakes."""
 
 from __future__ import annotations
 
-import io
-import os
-import signal
-import sys
-from contextlib import suppress
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from tvsysid.cli.benchmark import benchmark
 from tvsysid.cli.check_method import check_method
-from tvsysid.cli.console import errors, say
+from tvsysid.cli.console import say
 from tvsysid.cli.experiment import experiment
 from tvsysid.cli.identify import identify
 from tvsysid.cli.inspect import inspect
 from tvsysid.cli.methods import methods
 from tvsysid.cli.report import report
-from tvsysid.cli.running import INTERRUPTED
 from tvsysid.cli.simulate import simulate
-from tvsysid.errors import InputError
 
 app = typer.Typer(
     name="tvsysid",
@@ -48,39 +41,17 @@ def tvsysid(
         raise typer.Exit
 
 
-def main() -> None:
-    """Run the command line; an error that the user can correct is one line on standard error, with exit code 2."""
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # a terminal that lacks a character shows a question mark
-            stream.reconfigure(errors="replace")
-    # A cluster ends a job by SIGTERM: treat it as Ctrl-C.
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    with suppress(OSError):  # the current folder may be gone
-        if os.getcwd() not in sys.path:
-            sys.path.append(os.getcwd())  # at the end, so that no file in it hides a module
-    try:
-        code = app(prog_name="tvsysid", standalone_mode=False)
-    except InputError as error:
-        _stop(str(error))
-    except OSError as error:
-        _stop(f"{error.filename or 'output'}: {error.strerror or error}; give another file or folder")
-    except MemoryError:
-        _stop("there is not enough memory for this; give a shorter duration, fewer trials or a lower rate")
-    except Exception as error:
-        # The usage errors of the parser within typer have a message of their own.
-        message = getattr(error, "format_message", None)
-        if message is None:
-            raise
-        if not (text := message().replace("Value error, ", "")):  # no command: the help was printed
-            sys.exit(0)
-        context = getattr(error, "ctx", None)
-        _stop(f"{text} (see {context.command_path if context else 'tvsysid'} --help)")
-    else:
-        if code == INTERRUPTED:
-            errors.print("tvsysid: interrupted; the files that were written are complete")
-        sys.exit(code if isinstance(code, int) else 0)
+def usage_error(error: Exception) -> str | None:
+    """What a mistake on the command line was; nothing if only the help was asked for, None if it is another error."""
+    message = getattr(error, "format_message", None)  # of the parser within typer
+    if message is None:
+        return None
+    context = getattr(error, "ctx", None)
+    text = _missing(context) if type(error).__name__ == "MissingParameter" else message().replace("Value error, ", "")
+    return f"{text} (see {context.command_path if context else 'tvsysid'} --help)" if text else ""
 
 
-def _stop(message: str) -> None:
-    errors.print(f"tvsysid: {' '.join(message.split())}", soft_wrap=True)
-    sys.exit(2)
+def _missing(context: Any) -> str:
+    """All that is missing; the parser has taken in first what was given, and reports only the first that is not."""
+    needed = [each for each in context.command.get_params(context) if each.required and each.name not in context.params]
+    return "missing: " + ", ".join(each.get_error_hint().strip("'") for each in needed)

@@ -2,21 +2,48 @@
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from tvsysid.errors import DataQualityWarning
+from tvsysid.errors import DataQualityWarning, one_line, printable
 
-# Names and messages come from users and files: nothing in them is markup.
-output = Console(markup=False, emoji=False, highlight=False)
-errors = Console(markup=False, emoji=False, highlight=False, stderr=True)
+
+class Stream(Console):
+    """A console on which nothing is markup, because names and messages come from users and files.
+
+    Where nobody reads it any more, or its disk is full, it falls silent, because what a command computes and writes to
+    files must not be lost with it; ``lost`` is the reason.
+    """
+
+    lost: OSError | None = None
+
+    def __init__(self, stderr: bool = False) -> None:
+        super().__init__(markup=False, emoji=False, highlight=False, stderr=stderr)
+
+    def print(self, *objects: Any, **how: Any) -> None:
+        """Print, as long as that can be done."""
+        try:
+            super().print(*objects, **how)
+        except OSError as error:
+            self.lost, self.quiet = error, True
+            with suppress(OSError):  # what is left in the buffer would fail again at the end
+                os.dup2(os.open(os.devnull, os.O_WRONLY), self.file.fileno())
+
+    def on_broken_pipe(self) -> None:
+        """Leave a broken pipe to :meth:`print`."""
+        raise  # noqa: PLE0704  # called while it is handled
+
+
+output = Stream()
+errors = Stream(stderr=True)
 
 LONGEST_NAME = 32  # letters
 STYLES = {"note": "yellow", "warning": "yellow", "error": "red"}
@@ -24,12 +51,13 @@ STYLES = {"note": "yellow", "warning": "yellow", "error": "red"}
 
 def say(*parts: str | tuple[str, str]) -> None:
     """Print text as it is; a part may be a pair of text and style."""
-    output.print(Text.assemble(*parts), soft_wrap=True)
+    shown = [printable(part) if isinstance(part, str) else (printable(part[0]), part[1]) for part in parts]
+    output.print(Text.assemble(*shown), soft_wrap=True)
 
 
 def remark(kind: Literal["note", "warning", "error"], text: str) -> None:
     """Print a line on standard error."""
-    errors.print(Text.assemble((f"{kind}:", STYLES[kind]), f" {text}"), soft_wrap=True)
+    errors.print(Text.assemble((f"{kind}:", STYLES[kind]), f" {one_line(text)}"), soft_wrap=True)
 
 
 def say_written(out: Path, names: Iterable[str]) -> None:
@@ -46,14 +74,14 @@ def show_table(
     lines: bool = False,
 ) -> None:
     """Print a table; `align` has a letter, l or r, for each of the first columns, and the others are aligned right."""
-    table = Table(title=title, title_justify="left", caption=caption, show_lines=lines)
+    table = Table(title=title and printable(title), title_justify="left", caption=caption, show_lines=lines)
     told = list(rows)
     short = all(len(row[0]) <= LONGEST_NAME for row in told)  # names such as those of methods are not broken
     for number, (heading, letter) in enumerate(zip(headings, align.ljust(len(headings), "r"), strict=True)):
         justify: Literal["left", "right"] = "left" if letter == "l" else "right"
         table.add_column(heading, overflow="fold", justify=justify, no_wrap=number == 0 and short)
     for row in told:
-        table.add_row(*row)
+        table.add_row(*map(printable, row))
     output.print(table)
 
 

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
     from tvsysid.report.sections import Problem
 
-INTERRUPTED = 130  # exit code after Ctrl-C
 STORE = "results.zarr"  # where a study keeps its results, in its folder
 
 
@@ -61,9 +60,7 @@ def run_in(
             at_a_time = threads if workers is None else workers
             return study_run(store=out / STORE, workers=at_a_time, executor=executor, progress=count_kept)
     except KeyboardInterrupt:
-        text = f"tvsysid: interrupted; {kept[0]} of {kept[1]} {units} are in {out / STORE}; the same command resumes"
-        errors.print(text, soft_wrap=True)
-        sys.exit(INTERRUPTED)
+        sys.exit(f"interrupted; {kept[0]} of {kept[1]} {units} are in {out / STORE}; the same command resumes")
     except OSError as error:
         raise InputError(
             f"{error.filename or out}: {error.strerror or error}; {kept[0]} of {kept[1]} {units} are kept; "

@@ -36,7 +36,7 @@ def recorded_channels(
         for number, (positions, values) in enumerate(columns):
             axes.plot(positions / (rate or 1.0), values, color=PALETTE[number % len(PALETTE)], linewidth=0.7)
         axes.set_title(wrapped(name, width=100), loc="left")
-        axes.set_ylabel(channel.unit.replace("$", r"\$") or "unit not stated")
+        axes.set_ylabel(channel.unit or "unit not stated")
         axes.set_xlabel("sample" if rate is None else "time (s)")
         axes.margins(x=0)
     return figure

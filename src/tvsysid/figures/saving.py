@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import contextmanager, suppress
@@ -125,7 +126,8 @@ def drawn(figure: Figure, format: str) -> bytes:
     undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
     forms = {"pdf.fonttype": 42, "svg.fonttype": "none", "svg.hashsalt": "tvsysid"}
     content = BytesIO()
-    with rc_context(LOOK | forms):
+    with rc_context(LOOK | forms), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing from font", UserWarning)  # such as Chinese; an SVG has them
         if (engine := figure.get_layout_engine()) is not None:
             # Laid out once for all formats. With an engine, even an idle one, Matplotlib draws twice for each of them.
             engine.execute(figure)

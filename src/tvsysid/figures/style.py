@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, ParamSpec
 import numpy as np
 from numpy.typing import NDArray
 
+from tvsysid.errors import printable
 from tvsysid.methods import METHODS, key_of
 from tvsysid.numerics import Array
 
@@ -56,9 +57,27 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
         from matplotlib import rc_context  # noqa: PLC0415  # heavy
 
         with rc_context(LOOK):
-            return draw(*args, **kwargs)
+            return _as_written(draw(*args, **kwargs))
 
     return in_style
+
+
+def _as_written(figure: Figure) -> Figure:
+    """Figure whose texts are shown letter by letter: names of channels, files and methods are no mathematics."""
+    from matplotlib.text import Text  # noqa: PLC0415  # heavy
+    from matplotlib.ticker import FixedFormatter  # noqa: PLC0415
+
+    numbers: set[Artist] = set()  # at the ticks; powers of ten are mathematics
+    for axis in (axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)):
+        ticks = axis.get_minor_ticks()
+        if isinstance(named := axis.get_major_formatter(), FixedFormatter):
+            named.seq = [printable(text) for text in named.seq]
+        else:
+            ticks += axis.get_major_ticks()
+        numbers |= {axis.offsetText, *(label for tick in ticks for label in (tick.label1, tick.label2))}
+    for text in set(figure.findobj(Text)) - numbers:
+        text.set(text=printable(text.get_text()), parse_math=False)
+    return figure
 
 
 def blank(width: float, height: float, title: str = "") -> Figure:
@@ -66,7 +85,7 @@ def blank(width: float, height: float, title: str = "") -> Figure:
     from matplotlib.figure import Figure  # noqa: PLC0415  # heavy
 
     figure = Figure(figsize=(width, height), layout="constrained")
-    figure.suptitle(title.replace("$", r"\$"))
+    figure.suptitle(title)
     return figure
 
 

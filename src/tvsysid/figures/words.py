@@ -59,10 +59,7 @@ def described(scenario: Mapping[str, Any], names: Sequence[str] = TRAITS) -> str
 
 
 def wrapped(label: str, width: int = 20, rows: int = 4) -> str:
-    """Label of a method in lines of at most so many characters, broken behind its punctuation where that can be.
-
-    For Matplotlib only: dollar signs are escaped.
-    """
+    """Label of a method in lines of at most so many characters, broken behind its punctuation where that can be."""
     lines = [""]
     for piece in re.findall(r"[^:,(]*[:,(] ?|[^:,(]+", label):
         for start in range(0, len(piece), width):
@@ -72,8 +69,7 @@ def wrapped(label: str, width: int = 20, rows: int = 4) -> str:
             lines[-1] += part
     if len(lines) > rows:
         lines = [*lines[: rows - 1], lines[rows - 1][: width - 1] + "…"]
-    # Matplotlib would take what stands between two dollar signs for mathematics.
-    return "\n".join(line.rstrip() for line in lines).replace("$", r"\$")
+    return "\n".join(line.rstrip() for line in lines)
 
 
 def unit_name(unit: str) -> str:

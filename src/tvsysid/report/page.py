@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from tvsysid import __version__
+from tvsysid.errors import printable
 from tvsysid.figures import Picture
 from tvsysid.recordings import whole_file
 
@@ -164,13 +165,13 @@ def write_page(path: str | Path, page: Page) -> None:
     """Write a page as one HTML file, which appears whole or not at all and needs nothing else."""
     content = _template("base.html").render(page=page)
     with whole_file(path) as temporary:
-        temporary.write_text(content, encoding="utf-8")
+        temporary.write_text(printable(content), encoding="utf-8")
 
 
 def html(blocks: Iterable[Block]) -> str:
     """Blocks as part of another page, escaped; they take the style of this package's pages."""
     show = getattr(_template("blocks.html").module, "show")  # noqa: B009  # a macro
-    return "".join(str(show(block)) for block in blocks)
+    return printable("".join(str(show(block)) for block in blocks))
 
 
 def _template(name: str) -> Template:

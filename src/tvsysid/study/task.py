@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
 from tvsysid import __version__, metrics
-from tvsysid.errors import DataQualityWarning, InputError, describe_error, library_folders
+from tvsysid.errors import DataQualityWarning, InputError, describe_error, library_folders, printable
 from tvsysid.methods import apply
 from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_known
@@ -145,7 +145,8 @@ def stacked(rows: Sequence[Row], shapes: Shapes) -> Outcome:
 
 def as_text(values: str | Sequence[str]) -> NDArray[Any]:
     """Texts as they are stored."""
-    return np.array(values, dtype=np.dtypes.StringDType())
+    texts = printable(values) if isinstance(values, str) else [printable(text) for text in values]
+    return np.array(texts, dtype=np.dtypes.StringDType())
 
 
 def over_time(model: Model, quantities: Sequence[str]) -> Array:

@@ -216,18 +216,19 @@ def test_more_context_than_needed_changes_nothing(method):
 
 
 @parametrize()
-@settings(max_examples=10)
-@given(st.floats(0.01, 1e4))
-def test_scaling_the_torque_scales_the_impedance(method, factor):
+@settings(max_examples=5)
+@given(torque=st.floats(-25, 25), angle=st.floats(-25, 25))
+def test_units_of_torque_and_angle_scale_the_impedance_and_change_nothing_else(method, torque, angle):
     ensemble, model = enough_for(method), identified(method)
-    if method.key == "kbr":
-        # The prior variance is in the square of the torque's unit.
-        method = dataclasses.replace(method, gamma=method.gamma * factor**2)
-    other = method.identify(dataclasses.replace(ensemble, torque=ensemble.torque * factor))
+    scaled = dataclasses.replace(ensemble, torque=ensemble.torque * 10**torque, angle=ensemble.angle * 10**angle)
+    other, factor = method.identify(scaled), 10**torque / 10**angle
+    # What rounding does where a prior hardly holds inertia, or iterations end.
+    rounding = {METHODS["kbr experiment"]: 1e-6, METHODS["birf irf ridge"]: 1e-7}.get(method, 1e-9)
     for name in ("stiffness", "viscosity", "inertia"):
         expected = getattr(model, name) * factor
-        np.testing.assert_allclose(getattr(other, name), expected, rtol=1e-4, atol=1e-4 * factor * 0.02)
-    np.testing.assert_allclose(standard_errors_of(other), standard_errors_of(model) * factor, rtol=1e-3)
+        atol = rounding * np.nanmax(np.abs(expected))
+        np.testing.assert_allclose(getattr(other, name), expected, rtol=1e-9, atol=atol)
+    np.testing.assert_allclose(standard_errors_of(other), standard_errors_of(model) * factor, rtol=rounding)
 
 
 @parametrize()

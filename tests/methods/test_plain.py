@@ -11,6 +11,8 @@ from tvsysid.numerics import moments
 from tvsysid.numerics.bases import evaluate
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 
+DEGREE = math.degrees(1.0)  # what gamma counts in here: 1 N·m/deg, in N·m/rad
+
 contexts = pytest.mark.parametrize("context", [0.5, 0.14, 0.0])
 perturbations = pytest.mark.parametrize("perturbation", ["noise", "prbs"])
 
@@ -78,9 +80,11 @@ def mean_over_realizations(values):
 @pytest.mark.parametrize(
     ("method", "l2"),
     [
-        (tv.KernelRegression(), math.inf),
-        (tv.KernelRegression.preset("experiment"), 30.0),
-        pytest.param(tv.KernelRegression(length_decay=10.0, band=(0.5, 15.0)), 10.0, marks=pytest.mark.slow),
+        (tv.KernelRegression(scale=DEGREE), math.inf),
+        (tv.KernelRegression.preset("experiment", scale=DEGREE), 30.0),
+        pytest.param(
+            tv.KernelRegression(length_decay=10.0, band=(0.5, 15.0), scale=DEGREE), 10.0, marks=pytest.mark.slow
+        ),
     ],
 )
 def test_low_rank_kernel_regression_equals_the_dense_one(ensemble_of, monkeypatch, perturbation, method, l2):

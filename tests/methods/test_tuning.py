@@ -110,8 +110,8 @@ def test_a_sine_wave_is_followed_nearly_as_if_its_shape_were_known(perturbation,
 
 def dense_model(ensemble, theta, decay, near, order=2):
     """Covariance of the band's Fourier coefficients twice over, what has no prior, the output, and the rest."""
-    l1, *gammas, noise = np.exp(theta)
-    signals = np.degrees(differentiate(plain.join(ensemble.angle, ensemble.context, 12), 100.0))[: order + 1]
+    l1, *variances, noise = np.exp(theta)
+    signals = differentiate(plain.join(ensemble.angle, ensemble.context, 12), 100.0)[: order + 1]
     torque = plain.join(ensemble.torque, ensemble.context)
     count = len(torque)
     frequency = np.fft.rfftfreq(count, 1 / 100.0)
@@ -120,7 +120,7 @@ def dense_model(ensemble, theta, decay, near, order=2):
     kernel = np.exp(-(np.sin(np.pi * apart / 2.0) ** 2) / l1 - (apart / decay) ** 2)
     place = (np.arange(count) + 0.5) / count
     external = np.cos(np.pi * np.outer(np.arange(5), place))
-    changing = sum(gamma * kernel * np.outer(signal, signal) for gamma, signal in zip(gammas, signals, strict=False))
+    changing = sum(each * kernel * np.outer(signal, signal) for each, signal in zip(variances, signals, strict=False))
     smooth = np.mean(torque**2) * external.T @ external
 
     def in_band(covariance):
@@ -148,8 +148,8 @@ def test_marginal_likelihood_is_that_of_the_dense_kernel(decay):
     record = Record.of(ensemble, (0.0, 20.0), 2)
     kernel = record.kernel(2.0, 0.05, decay)
     likelihood = Likelihood.of(record, kernel, np.ones((3, kernel.columns), dtype=bool), 0.15)
-    one = np.log([0.3, 0.5, 1e-4, 1e-8, 0.15])
-    other = np.log([0.1, 0.2, 1e-3, 1e-7, 0.2])
+    one = np.log([0.3, 1600.0, 0.3, 3e-5, 0.15])
+    other = np.log([0.1, 650.0, 3.0, 3e-4, 0.2])
     found = likelihood(one)[0] - likelihood(other)[0]
     expected = dense_log_density(ensemble, one, decay, 0.15) - dense_log_density(ensemble, other, decay, 0.15)
     assert found == pytest.approx(expected, abs=1e-3)
@@ -178,7 +178,7 @@ def dense_log_evidence(ensemble, theta, near, order, lag):
 
 def test_evidence_of_orders_and_lags_is_that_of_the_dense_kernel_with_a_proper_prior():
     ensemble = ensemble_of(20.0, "sine", "noise")
-    theta = np.log([0.1, 0.5, 1e-4, 1e-8, 0.15])
+    theta = np.log([0.1, 1600.0, 0.3, 3e-5, 0.15])
     found, expected = [], []
     for lag in (0.0, 0.008):
         record = Record.of(lagged(ensemble, lag), (0.0, 20.0), 2)
@@ -202,9 +202,9 @@ def test_evidence_of_constants_does_not_depend_on_their_units():
     )
     kernel = record.kernel(2.0, 0.1)
     values = []
-    for each, gammas in ((record, [0.5, 1e-4, 1e-8]), (other, [0.5, 1e-8, 1e-2])):
+    for each, variances in ((record, [1600.0, 0.3, 3e-5]), (other, [1600.0, 3e-5, 30.0])):
         likelihood = Likelihood.of(each, kernel, np.ones((3, kernel.columns), dtype=bool), 0.15)
-        theta = np.log([0.1, *gammas, 0.15])
+        theta = np.log([0.1, *variances, 0.15])
         values.append(likelihood.tried(theta, likelihood(theta)[0], "").value)
     assert values[0] == pytest.approx(values[1], abs=1e-5)
 
@@ -289,7 +289,8 @@ def test_chosen_kernel_is_at_the_top_of_the_likelihood():
     kernel = record.kernel(2.0, 0.5 * settings["length_periodic"])
     noise, share = method._noise(ensemble)
     likelihood = Likelihood.of(record, kernel, np.ones((3, kernel.columns), dtype=bool), noise, share=share)
-    top = np.log([settings["length_periodic"], *settings["gamma"], noise])
+    variances = record.scale**2 * np.array(settings["gamma"])
+    top = np.log([settings["length_periodic"], *variances, noise])
     top[4], best = likelihood.best_noise(top)
     assert likelihood.tried(np.zeros(5), best, "").value == pytest.approx(evidence.values[evidence.chosen], abs=0.05)
     for number in range(5):

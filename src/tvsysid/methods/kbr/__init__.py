@@ -2,7 +2,7 @@
 
 from tvsysid.methods.kbr.kernel import ENDLESS, VISIBLE, Kernel
 from tvsysid.methods.kbr.likelihood import Tried
-from tvsysid.methods.kbr.record import DEGREES, LARGEST, Record, lagged
-from tvsysid.methods.kbr.search import Search
+from tvsysid.methods.kbr.record import Record, lagged
+from tvsysid.methods.kbr.search import HIGHEST, Search
 from tvsysid.methods.tuning.evidence import Evidence
 from tvsysid.numerics.gaussian import Fit, fit

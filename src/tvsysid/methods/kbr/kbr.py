@@ -52,10 +52,8 @@ class KernelRegression(Method):
     length_decay
         l2 in s: time over which periods come to differ. From 20 record lengths on, the kernel is strictly periodic.
     gamma
-        Prior variance about their means of stiffness, viscosity and inertia, or one number for all three, **angles
-        counted in degrees**: (N·m/deg)², (N·m·s/deg)² and (N·m·s²/deg)². The paper gives one, without a unit. In
-        radians its value of 4.5 would hold stiffness within 2 N·m/rad of a constant; in degrees it allows some
-        120 N·m/rad, and gives figures like the paper's. This is a convention, not a reconstruction.
+        Prior variance about their means of stiffness, viscosity and inertia, or one number for all three, in units of
+        the ``scale`` squared. The paper gives one, without a unit.
     band
         Lowest and highest frequency in Hz of the equation error that is fitted.
     order
@@ -65,9 +63,19 @@ class KernelRegression(Method):
     lag
         a_1 in s: a constant first-order lag of the torque behind what the joint does, as a sensor or a filter makes it;
         0 for none (Na = 0).
+    scale
+        What a gamma of 1 stands for, in N·m/rad (N·m·s/rad of viscosity, kg·m² of inertia). None takes it from the
+        data: 0.573 of the modulus at 1 Hz of the constant impedance that fits them best. So the units of torque and
+        angle do not matter: they scale the estimates, and change nothing else. Of the paper's joint, with 100 N·m/rad
+        in the mean, that is 57.3 N·m/rad, or 1 N·m/deg. ``scale=57.29578`` fixes it at that: gamma is then a number of
+        (N·m/deg)², whatever the joint.
 
     Notes
     -----
+    That a gamma of 1 should be about 1 N·m/deg is a convention, not a reconstruction. If it were 1 N·m/rad, the paper's
+    4.5 would hold stiffness within 2 N·m/rad of a constant; so it allows some 120 N·m/rad, and gives figures like the
+    paper's.
+
     The lag is fitted as output error, since an equation error with the derivative of a noisy torque is
     biased: the angle passes the lag (:func:`tvsysid.numerics.lowpass.low_pass`), and the impedance of what comes out is
     that of the joint. This takes the lag and the change of b in the other order, which errs by about
@@ -80,8 +88,8 @@ class KernelRegression(Method):
     600 s at 30 s take 3800 coefficients and some 10 s.
 
     The paper's decay of 120 000 s is meant as none. The kernel itself falls by under 0.25 % over 1/20 of the decay; but
-    with gamma in degrees even that lets inertia drift freely, and the dense solution with the decay kept differs by up
-    to 1 N·m/rad of stiffness for 20 s of data.
+    with such a gamma even that lets inertia drift freely, and the dense solution with the decay kept differs by up to
+    1 N·m/rad of stiffness for 20 s of data.
 
     The external term is a sum of five half-cosines over a run, with the torque's variance as prior variance each.
 
@@ -104,6 +112,7 @@ class KernelRegression(Method):
     band: tuple[float, float] = (0.0, 20.0)
     order: int = 2
     lag: float = 0.0
+    scale: float | None = None
 
     key: ClassVar[str] = "kbr"
     contiguous: ClassVar[bool] = True
@@ -116,8 +125,9 @@ class KernelRegression(Method):
 
     def __post_init__(self) -> None:
         check_positive(self, length_periodic=self.length_periodic, length_decay=self.length_decay)
-        if self.period is not None:
-            check_positive(self, period=self.period)
+        for name in ("period", "scale"):
+            if getattr(self, name) is not None:
+                check_positive(self, **{name: getattr(self, name)})
         several = self.gamma if isinstance(self.gamma, tuple) else (self.gamma,) * 3
         if len(several) != 3:
             raise InputError(
@@ -150,13 +160,16 @@ class KernelRegression(Method):
 
     def _identify(self, ensemble: Ensemble) -> KernelModel:
         period = self._period(ensemble)
-        # An impedance behind a lag is the impedance of the lagged angle.
-        ensemble = kbr.lagged(ensemble, self.lag)
-        record = kbr.Record.of(ensemble, self.band, self.order)
+        record = kbr.Record.of(ensemble, self.band, kbr.HIGHEST)
+        variances = self._variances(self._scale(record))[: self.order + 1]
+        if self.lag:  # an impedance behind a lag is the impedance of the lagged angle
+            ensemble = kbr.lagged(ensemble, self.lag)
+            record = kbr.Record.of(ensemble, self.band, self.order)
+        record = record.up_to(self.order)
         kernel = record.kernel(period, self.length_periodic, self.length_decay)
-        found, kept = self._fit(record, kernel)
+        found, kept = self._fit(record, kernel, variances)
 
-        posterior = KernelPosterior(found, kept, kernel, self._gammas)
+        posterior = KernelPosterior(found, kept, kernel, variances)
         each = impedance_over(ensemble, kernel, posterior.mean)
         impedance = each.mean(axis=0)
 
@@ -188,28 +201,25 @@ class KernelRegression(Method):
             diagnostics=Diagnostics(found.effective, details=details),
         )
 
-    @property
-    def _gammas(self) -> Array:
-        return np.broadcast_to(np.asarray(self.gamma, dtype=np.float64), 3)[: self.order + 1]
+    def _scale(self, record: kbr.Record) -> float:
+        """What gamma counts in, in N·m/rad; the record is one without a lag."""
+        return record.scale if self.scale is None else self.scale
+
+    def _variances(self, scale: float) -> Array:
+        """Prior variances of stiffness, viscosity and inertia about their means."""
+        return np.broadcast_to(np.asarray(self.gamma, dtype=np.float64), 3) * scale**2
 
     def _period(self, ensemble: Ensemble) -> float:
         return ensemble.duration if self.period is None else self.period
 
-    def _fit(self, record: kbr.Record, kernel: kbr.Kernel) -> tuple[kbr.Fit, NDArray[np.bool_]]:
+    def _fit(self, record: kbr.Record, kernel: kbr.Kernel, variances: Array) -> tuple[kbr.Fit, NDArray[np.bool_]]:
         """Fit the coefficients that the data can see, and say which these are, shape (coefficient, column)."""
         size, powers = record.size, record.powers
         bins = max(1.0, size * min(self.band[1] / record.rate, 0.5))
         noise = GUESS * 0.5 * record.power / bins
         while True:
-            kept = kernel.visible(self._gammas * powers, kbr.VISIBLE * noise)
-            count = int(kept.sum())
-            if 8 * count**2 > kbr.LARGEST:
-                raise InputError(
-                    f"KernelRegression: a decay of {self.length_decay:g} s over a record of "
-                    f"{size / record.rate:g} s needs {count} coefficients, too many to solve for; give fewer "
-                    "realizations or a longer length_decay"
-                )
-            precision = np.outer(1 / self._gammas, kernel.precision)[kept]
+            kept = kernel.visible(variances * powers, kbr.VISIBLE * noise)
+            precision = np.outer(1 / variances, kernel.precision)[kept]
             found = kbr.fit(record.statistics(kernel, kept), precision, record.weak_prior)
             if found.noise_variance >= noise or kept.all():
                 return found, kept
@@ -245,10 +255,10 @@ class KernelRegression(Method):
         settings given leave shows, without decay.
         """
         noise, share = self._noise(ensemble)
-        gammas = np.broadcast_to(np.asarray(self.gamma, dtype=np.float64), 3)
-        theta = np.array([math.log(self.length_periodic), *np.log(gammas), math.log(noise)])
+        scale = self._scale(kbr.Record.of(ensemble, self.band, kbr.HIGHEST))
+        theta = np.array([math.log(self.length_periodic), *np.log(self._variances(scale)), math.log(noise)])
         given = kbr.Tried(self.order, self.lag, self.length_decay, theta, math.nan, "as given")
-        return kbr.Search(ensemble, self._period(ensemble), self.band, noise, share).evidence(given, self)
+        return kbr.Search(ensemble, self._period(ensemble), self.band, noise, share, scale).evidence(given, self)
 
     def _noise(self, ensemble: Ensemble) -> tuple[float, float]:
         """Variance of what these settings leave, without decay, and what one of its samples is worth in white ones."""

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ive
 
+from tvsysid.errors import InputError
 from tvsysid.numerics import Array
 
 ENDLESS = 120_000.0  # decay in s that stands for none: the paper's for its simulated study
@@ -25,6 +26,8 @@ STRICT = 20.0  # length of the decay, in lengths of the record, from which on th
 # Share of the prior variance below which a feature is left out. Small, because a prior that suits stiffness is immense
 # for inertia: at 1e-9, what is left out changes stiffness by 1 N·m/rad.
 TOLERANCE = 1e-13
+MOST = 5400  # features of a coefficient beyond which a kernel is refused: the covariance of three then takes 2 GiB
+NODES = 1024  # nodes beyond which there would be more than that for any decay, and their matrix ever larger
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,11 +50,17 @@ class Kernel:
     @classmethod
     def of(cls, period: float, l1: float, l2: float, first: float, last: float, rate: float) -> Kernel:
         """Features that matter over the record, from its first to its last time in s."""
-        variances = harmonic_variances(l1)
         # Harmonics beyond the Nyquist frequency would be aliases of slower ones.
-        variances = variances[: max(1, math.ceil(period * rate / 2))]
+        variances = harmonic_variances(l1)[: max(1, math.ceil(period * rate / 2))]
         decay = None if l2 >= STRICT * (last - first) else DecayFeatures(first, last, l2)
         slow = [(0, 1.0)] if decay is None else list(enumerate(decay.variances, start=1))
+        count = 2 * np.count_nonzero(np.outer(variances, [share for _, share in slow]) > TOLERANCE)
+        if count > MOST:
+            raise InputError(
+                f"KernelRegression: a length_periodic of {l1:g} and a length_decay of {l2:g} s over a record of "
+                f"{last - first:g} s need some {count} features of each coefficient, at most {MOST} can be solved for; "
+                "give fewer realizations, a longer length_decay or a larger length_periodic"
+            )
         products = [
             (harmonic, part, function)
             for harmonic, variance in enumerate(variances)
@@ -118,8 +127,8 @@ def harmonic_variances(l1: float) -> Array:
     .. math:: e^{-\sin^2(\pi\Delta/p)/l_1} = e^{-\kappa} e^{\kappa\cos(2\pi\Delta/p)}
               = \sum_h v_h \cos(2\pi h\Delta/p), \quad v_0 = e^{-\kappa} I_0(\kappa),\ v_h = 2 e^{-\kappa} I_h(\kappa)
     """
-    kappa = 1 / (2 * l1)
-    orders = np.arange(math.ceil(10 + 8 * math.sqrt(kappa)) + 1)
+    kappa = min(1 / (2 * l1), 1e9)  # so many harmonics are alike; of larger numbers SciPy knows no Bessel functions
+    orders = np.arange(min(math.ceil(10 + 8 * math.sqrt(kappa)), MOST) + 1)
     variances = np.where(orders == 0, 1.0, 2.0) * ive(orders, kappa)
     return np.asarray(variances[: int(np.flatnonzero(variances > TOLERANCE)[-1]) + 1])
 
@@ -158,6 +167,11 @@ class DecayFeatures:
     def __init__(self, first: float, last: float, l2: float) -> None:
         self.l2 = l2
         span = max(last - first, 1e-9)
+        if 16 + 5 * span / l2 > NODES:
+            raise InputError(
+                f"KernelRegression: a length_decay of {l2:g} s over a record of {span:g} s is too short to solve for; "
+                f"give at least {5 * span / (NODES - 16):.3g} s, or a shorter record"
+            )
         nodes, weights = np.polynomial.legendre.leggauss(math.ceil(16 + 5 * span / l2))
         self.nodes = first + span * (nodes + 1) / 2
         root = np.sqrt(weights / 2)

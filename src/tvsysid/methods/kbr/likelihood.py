@@ -22,7 +22,7 @@ FAINT = 1e-7  # share of the noise below which a feature's part of the torque do
 class Tried(NamedTuple):
     """Settings that were tried, and their log marginal likelihood.
 
-    ``theta`` holds the logs of l1, three gammas and the noise variance; a gamma beyond the ``order`` says nothing.
+    ``theta`` holds the logs of l1, three prior variances and the noise variance; one beyond the ``order`` says nothing.
     ``line`` is what they differ in from those given.
     """
 
@@ -34,22 +34,22 @@ class Tried(NamedTuple):
     line: str
 
     @property
-    def gammas(self) -> Array:
-        """Of the coefficients that the model has."""
+    def variances(self) -> Array:
+        """Prior variances of the coefficients that the model has."""
         return np.asarray(np.exp(self.theta[1 : 2 + self.order]))
 
-    def settings(self) -> dict[str, Any]:
-        """As arguments of the method, to four digits."""
+    def settings(self, scale: float) -> dict[str, Any]:
+        """As arguments of the method, to four digits; gammas count in squares of the scale."""
         length, decay, lag, *gammas = (
             float(f"{number:.4g}")
-            for number in (math.exp(self.theta[0]), self.decay, self.lag, *np.exp(self.theta[1:4]))
+            for number in (math.exp(self.theta[0]), self.decay, self.lag, *(np.exp(self.theta[1:4]) / scale**2))
         )
         of_kernel = {"length_periodic": length, "length_decay": decay, "gamma": tuple(gammas)}
         return of_kernel | {"order": self.order, "lag": lag}
 
 
 class Likelihood(NamedTuple):
-    r"""Log marginal likelihood as a function of the logs of l1, three gammas and the noise variance.
+    r"""Log marginal likelihood as a function of the logs of l1, three prior variances and the noise variance.
 
     For one order, lag and decay (in s), and so that others can be compared with them:
 
@@ -135,12 +135,15 @@ class Likelihood(NamedTuple):
         start = np.concatenate([[np.clip(theta[0], *lengths)], theta[1:]])
         bounds = [tuple(lengths), *((gamma - 50, gamma + min(leeway, 15)) for gamma in theta[1:4]), (None, None)]
 
+        # That of about white noise, so that where the search stops does not depend on the unit of the torque.
+        usual = -0.5 * self.statistics.number * math.log(self.noise)
+
         def descent(place: Array) -> tuple[float, Array]:
             value, slope = self(place)
-            return -value, -slope
+            return usual - value, -slope
 
         found = minimize(descent, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": 1e-9})
-        return self.tried(found.x, -float(found.fun), line)
+        return self.tried(found.x, usual - float(found.fun), line)
 
     def tried(self, theta: Array, value: float, line: str) -> Tried:
         """Settings with their restricted likelihood, made comparable with other orders' and lags'."""

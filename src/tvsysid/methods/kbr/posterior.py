@@ -11,7 +11,7 @@ import numpy as np
 
 from tvsysid.estimates import StandardError
 from tvsysid.methods.kbr.kernel import Kernel
-from tvsysid.methods.kbr.record import DEGREES, Chosen, clocks_of
+from tvsysid.methods.kbr.record import Chosen, clocks_of
 from tvsysid.methods.shared.residuals import PosteriorErrors
 from tvsysid.numerics.gaussian import Fit
 from tvsysid.signals import Array, Ensemble
@@ -23,19 +23,19 @@ HELD = 2**13  # samples whose features are held at once
 class KernelPosterior:
     """Posterior of all coefficients: from the ``fit`` of those ``kept``, (coefficient, column), and the prior.
 
-    Of coefficients that the data cannot see, the prior is all that is known: the ``gammas`` (coefficient,), in degrees.
+    Of coefficients that the data cannot see, the prior is all that is known: its ``variances`` (coefficient,).
     """
 
     fit: Fit
     kept: Chosen
     kernel: Kernel
-    gammas: Array
+    variances: Array
 
     @cached_property
     def mean(self) -> Array:
         """Of shape (coefficient,)."""
         mean = np.zeros(self.kept.size)
-        mean[self.kept.ravel()] = self.fit.mean * DEGREES
+        mean[self.kept.ravel()] = self.fit.mean
         mean.flags.writeable = False
         return mean
 
@@ -44,13 +44,13 @@ class KernelPosterior:
         """Of shape (coefficient, coefficient); of some megabytes, and therefore worked out when somebody asks."""
         precision = self.kernel.precision
         unseen = np.divide(1.0, precision, out=np.zeros(len(precision)), where=precision > 0)
-        covariance = np.diag(0.5 * DEGREES**2 * np.outer(self.gammas, unseen).ravel())
-        covariance[np.ix_(self.kept.ravel(), self.kept.ravel())] = self.fit.covariance * DEGREES**2
+        covariance = np.diag(0.5 * np.outer(self.variances, unseen).ravel())
+        covariance[np.ix_(self.kept.ravel(), self.kept.ravel())] = self.fit.covariance
         covariance.flags.writeable = False
         return covariance
 
     def __getstate__(self) -> dict[str, object]:
-        return {name: self.__dict__[name] for name in ("fit", "kept", "kernel", "gammas")}
+        return {name: self.__dict__[name] for name in ("fit", "kept", "kernel", "variances")}
 
 
 @dataclass(frozen=True, eq=False)

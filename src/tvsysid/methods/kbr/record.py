@@ -16,7 +16,7 @@ from scipy.linalg import blas
 from tvsysid.errors import InputError
 from tvsysid.methods.kbr.kernel import Kernel, harmonic_features
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
-from tvsysid.numerics.gaussian import Statistics
+from tvsysid.numerics.gaussian import Statistics, fit
 from tvsysid.numerics.lowpass import low_pass
 from tvsysid.numerics.spectra import half_cosine_spectrum
 from tvsysid.signals import Array, Ensemble
@@ -24,15 +24,16 @@ from tvsysid.signals import Array, Ensemble
 ComplexArray = NDArray[np.complex128]
 Chosen = NDArray[np.bool_]
 
-DEGREES = math.degrees(1.0)
+DEGREE = math.degrees(1.0)  # 1 N·m/deg in N·m/rad
+USUAL = 100.0  # modulus in N·m/rad of the impedance at 1 Hz whose gamma counts in (N·m/deg)²: that of the paper's joint
 BLOCK = 2048  # frequencies whose regressors are held at once
 STACK = 32  # runs of one length that are transformed together
 EXTERNAL_TERMS = 5  # half-cosines over a run, the fastest of two cycles, that make up the smooth external term
-LARGEST = 2**31  # bytes above which regressors, or their Gram matrix, are refused
+LARGEST = 2**31  # bytes above which regressors are refused
 
 
 class Run(NamedTuple):
-    """Unbroken stretches of record of one length: angle and its derivatives (in degrees), torque, and when they were.
+    """Unbroken stretches of record of one length: angle and its derivatives, torque, and when they were.
 
     ``signals`` (derivative, run, time), ``torque`` (run, time), ``rate`` in Hz; ``phase`` and ``clock`` (run,), the
     time in s at the start, since the trial's time 0 and on the record's clock.
@@ -55,7 +56,6 @@ class Run(NamedTuple):
         signals = np.zeros((order + 1, 0))
         if len(torque):
             signals = differentiate(_joined(ensemble, realizations, used), rate)[: order + 1]
-            signals *= DEGREES
         times = (np.array([onset + lost / rate]) for onset in (float(ensemble.onsets[realizations[0]]), clock))
         return cls(signals[:, None], torque[None], rate, *times)
 
@@ -208,6 +208,20 @@ class Record(NamedTuple):
     def up_to(self, order: int) -> Record:
         """Record without the higher derivatives."""
         return self._replace(stacks=[run._replace(signals=run.signals[: order + 1]) for run in self.stacks])
+
+    @property
+    def scale(self) -> float:
+        """Stiffness in N·m/rad of the data: so much of the impedance at 1 Hz, if it is taken as constant.
+
+        1 N·m/deg for the paper's joint. Unlike the torque over the angle, it does not depend on the perturbation or the
+        noise; at 1 Hz, a joint without stiffness has one too.
+        """
+        constant = Kernel(1.0, None, ((0, 0, 0),), np.zeros(1))
+        orders = len(self.stacks[0].signals)
+        found = fit(self.statistics(constant, np.ones((orders, 1), dtype=bool)), np.zeros(orders), self.weak_prior)
+        modulus = abs(np.polynomial.polynomial.polyval(2j * np.pi, found.mean))
+        least = 1e-6 * math.sqrt(self.power / self.powers[0])  # of a torque that does not answer at all
+        return DEGREE / USUAL * max(float(modulus), least)
 
     @property
     def powers(self) -> Array:

@@ -34,7 +34,7 @@ class Search:
     """What settings are compared on.
 
     ``noise`` is about the variance that the settings given leave; ``share`` says how many independent numbers one
-    number of the record is worth.
+    number of the record is worth; a gamma counts in squares of the ``scale``.
     """
 
     ensemble: Ensemble
@@ -42,6 +42,7 @@ class Search:
     band: tuple[float, float]
     noise: float
     share: float
+    scale: float
 
     def evidence(self, given: Tried, method: object) -> Evidence:
         """Evidence for all settings that are tried, first those given, which are a method's."""
@@ -51,8 +52,8 @@ class Search:
             unit="nat",
             better="higher",
             tried=(
-                {name: getattr(method, name) for name in given.settings()},
-                *(each.settings() for each in tried[1:]),
+                {name: getattr(method, name) for name in given.settings(self.scale)},
+                *(each.settings(self.scale) for each in tried[1:]),
             ),
             values=np.array([each.value for each in tried]),
             standard_errors=np.full(len(tried), math.nan),
@@ -96,9 +97,11 @@ class Search:
     def _record(self, lag: float) -> Record:
         return Record.of(lagged(self.ensemble, lag), self.band, HIGHEST)
 
-    def _likelihood(self, record: Record, kernel: Kernel, gammas: Array, lag: float, decay: float) -> Likelihood | None:
-        """Of the features that may be seen with these gammas; None if there are too many."""
-        kept = kernel.visible(gammas * record.powers, VISIBLE * self.noise)
+    def _likelihood(
+        self, record: Record, kernel: Kernel, variances: Array, lag: float, decay: float
+    ) -> Likelihood | None:
+        """Of the features that may be seen with these prior variances; None if there are too many."""
+        kept = kernel.visible(variances * record.powers, VISIBLE * self.noise)
         if int(kept.sum()) > MOST:
             return None
         return Likelihood.of(record, kernel, kept, self.noise, lag, decay, self.share)
@@ -111,7 +114,7 @@ class Search:
     def _as_given(self, record: Record, given: Tried) -> Tried:
         own = record.up_to(given.order)
         kernel = record.kernel(self.period, math.exp(given.theta[0]), given.decay)
-        likelihood = self._likelihood(own, kernel, given.gammas, given.lag, given.decay)
+        likelihood = self._likelihood(own, kernel, given.variances, given.lag, given.decay)
         if likelihood is None:
             return given
         theta = given.theta.copy()
@@ -144,7 +147,7 @@ class Search:
         """Best settings for a decay; none if that takes too many coefficients."""
         own = record.up_to(best.order)
         kernel = record.kernel(self.period, math.exp(best.theta[0]), decay)
-        likelihood = self._likelihood(own, kernel, LEEWAY * best.gammas, best.lag, decay)
+        likelihood = self._likelihood(own, kernel, LEEWAY * best.variances, best.lag, decay)
         if likelihood is None:
             return None
         return likelihood.climb(best.theta, f"decay {decay:.3g} s", leeway=math.log(LEEWAY))
@@ -164,7 +167,7 @@ class Search:
         record = self._record(lag).up_to(best.order)
         kernel = record.kernel(self.period, math.exp(best.theta[0]))
         loose = np.exp(self._loose(record)[1:-1])
-        kept = kernel.visible(np.maximum(LEEWAY * best.gammas, loose) * record.powers, VISIBLE * self.noise)
+        kept = kernel.visible(np.maximum(LEEWAY * best.variances, loose) * record.powers, VISIBLE * self.noise)
         return Likelihood.of(record, kernel, kept, self.noise, lag, share=self.share)
 
     def _lags(self, best: Tried, rival: Tried) -> Iterator[Tried]:

@@ -1,5 +1,6 @@
 import dataclasses
 import pickle
+import tracemalloc
 import warnings
 
 import numpy as np
@@ -129,6 +130,70 @@ def test_presets_are_the_papers():
     assert (experiment.length_decay, experiment.gamma) == (30.0, 13.8)
     assert experiment.length_periodic == pytest.approx(np.exp(-1))
     assert tv.methods.parse("kbr:preset=experiment,gamma=5") == dataclasses.replace(experiment, gamma=5.0)
+
+
+DEGREE = np.degrees(1.0)  # 1 N·m/deg in N·m/rad
+
+
+@pytest.mark.parametrize("perturbation", ["noise", "prbs"])
+@pytest.mark.parametrize("profile", ["square", "sine"])
+def test_of_the_papers_joint_gamma_counts_in_newton_metres_per_degree(ensemble_of, profile, perturbation):
+    for duration in (40.0, 150.0):
+        ensemble = ensemble_of(duration, profile, perturbation)
+        assert record.Record.of(ensemble, (0.0, 20.0), 2).scale == pytest.approx(DEGREE, rel=0.04)
+        own, fixed = (tv.KernelRegression(scale=scale).identify(ensemble) for scale in (None, DEGREE))
+        assert np.abs(own.stiffness - fixed.stiffness).max() < 0.2
+
+
+def test_a_scale_that_is_given_depends_on_no_data(ensemble_of):
+    ensemble = ensemble_of(40.0)
+    softer = dataclasses.replace(ensemble, torque=0.01 * ensemble.torque)
+    one = tv.KernelRegression(scale=DEGREE).identify(ensemble)
+    for method in (tv.KernelRegression(scale=0.01 * DEGREE), tv.KernelRegression(scale=DEGREE, gamma=4.5e-4)):
+        np.testing.assert_allclose(method.identify(softer).stiffness, 0.01 * one.stiffness, rtol=1e-9)
+    other = tv.KernelRegression(scale=DEGREE).identify(softer)
+    assert np.abs(other.stiffness - 0.01 * one.stiffness).max() > 0.01
+    with pytest.raises(tv.InputError, match="scale must be positive"):
+        tv.KernelRegression(scale=0.0)
+
+
+def test_a_torque_that_does_not_answer_has_a_scale(ensemble_of):
+    ensemble = ensemble_of(40.0)
+    late = np.roll(ensemble.torque, 7, axis=0)
+    assert np.isfinite(tv.KernelRegression().identify(dataclasses.replace(ensemble, torque=late)).stiffness).all()
+
+
+@pytest.mark.slow
+def test_tuned_settings_do_not_depend_on_units(ensemble_of):
+    ensemble = ensemble_of(20.0, "sine", "noise")
+    other = dataclasses.replace(ensemble, torque=100 * ensemble.torque, angle=DEGREE * ensemble.angle)
+    (one, ours), (two, theirs) = (tv.KernelRegression().tuned(each) for each in (ensemble, other))
+    assert (one.order, one.lag, one.scale) == (two.order, two.lag, two.scale)
+    np.testing.assert_allclose(np.diff(ours.values), np.diff(theirs.values), atol=1e-3)
+    # They have four digits. Where a coefficient hardly changes, its likelihood is flat, and rounding decides.
+    found = [(each.length_periodic, each.length_decay, *each.gamma) for each in (one, two)]
+    np.testing.assert_allclose(*found, rtol=1.1e-3, atol=1e-6)
+    stiffness = two.identify(other).stiffness * DEGREE / 100
+    np.testing.assert_allclose(stiffness, one.identify(ensemble).stiffness, rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("settings", "rate", "message"),
+    [
+        ({}, 1e-9, "a length_decay of 120000 s over a record of 4e.12 s is too short .* give at least 1.98e.10 s"),
+        ({"length_decay": 0.5}, 100.0, "need some .* features of each coefficient, at most 5400"),
+        ({"length_decay": 1e-9}, 100.0, "too short to solve for"),
+        ({"length_periodic": 1e-12, "period": 1e3}, 100.0, "need some 10802 features"),
+    ],
+)
+def test_kernels_that_would_fill_the_memory_are_refused(ensemble_of, settings, rate, message):
+    ensemble = ensemble_of(40.0)
+    ensemble = dataclasses.replace(ensemble, sampling_rate=rate, onsets=ensemble.onsets * 100 / rate)
+    tracemalloc.start()
+    with pytest.raises(tv.InputError, match=message):
+        tv.KernelRegression(**settings).identify(ensemble)
+    assert tracemalloc.get_traced_memory()[1] < 1e8
+    tracemalloc.stop()
 
 
 def test_regressors_that_would_fill_the_memory_are_refused(ensemble_of, monkeypatch):

@@ -1,5 +1,6 @@
 import json
 import os
+import pickle
 import shutil
 import warnings
 
@@ -9,7 +10,8 @@ import xarray as xr
 from tests.study.conftest import SMALL, TIMES
 
 import tvsysid as tv
-from tvsysid.study import Study, read_results, run
+from tvsysid.cli.report import report
+from tvsysid.study import Study, fixed, read_results, run, store
 from tvsysid.study.contents import OF_TRIAL, layout_of
 from tvsysid.study.store import open_store
 from tvsysid.study.task import versions
@@ -63,13 +65,9 @@ def test_a_finished_study_is_not_run_again(copy, results):
 
 
 @pytest.mark.parametrize("name", ["estimate", "vaf", "checksums"])
-@pytest.mark.parametrize("left", [0, 11, None])
+@pytest.mark.parametrize("left", [0, 11, "blank", None])
 def test_a_chunk_that_is_missing_or_cut_short_is_run_again(copy, results, name, left):
-    chunk = next(file for file in sorted((copy / name / "c").rglob("*")) if file.is_file())
-    if left is None:
-        chunk.unlink()
-    else:
-        os.truncate(chunk, left)
+    tear(next(file for file in sorted((copy / name / "c").rglob("*")) if file.is_file()), left)
     found, count = rerun(copy)
     assert count == 1
     same(found, results)
@@ -101,23 +99,183 @@ def test_the_leavings_of_a_kill_are_cleared_away(copy):
 
 def test_damage_is_refused_and_the_file_named(copy):
     chunk = copy / "estimate" / "c" / "1" / "2" / "0" / "0" / "0"
-    content = bytearray(chunk.read_bytes())
-    content[5] ^= 1
-    chunk.write_bytes(content)
+    flip(chunk, 0)
     with pytest.raises(tv.InputError, match=r"estimate/c/1/2/0/0/0: this file does not hold what was written there"):
         rerun(copy)
     chunk.unlink()
     assert rerun(copy)[1] == 1
 
 
-@pytest.mark.parametrize("name", ["estimate/zarr.json", "duration_s/c/0", "zarr.json"])
-def test_damaged_metadata_is_refused(copy, name):
-    file = copy / name
+FIXED = ["estimate/zarr.json", "duration_s/c/0", "truth/c/0/0/0", "truth/zarr.json", "zarr.json"]
+
+
+@pytest.mark.parametrize("name", FIXED)
+def test_damaged_metadata_is_refused_whoever_reads_and_made_again_when_it_is_removed(copy, results, name):
+    flip(copy / name)
+    for read in (rerun, read_results):
+        with pytest.raises(tv.InputError, match=rf"{name}: this file does not hold what was written there; remove it;"):
+            read(copy)
+    (copy / name).unlink()
+    found, count = rerun(copy)
+    assert count == 0
+    same(found, results)
+
+
+@pytest.mark.parametrize(
+    ("name", "left"),
+    [*zip(FIXED, [11, 0, "blank", None, "blank"], strict=True), ("zarr.json", None), ("manifest", 11)],
+)
+def test_metadata_cut_short_is_not_read_and_made_again_by_the_command(copy, results, name, left):
+    tear(copy / name, left)
+    expected = rf"incomplete: missing or cut short, as a loss of power leaves them: {name}; give the command that ran"
+    with pytest.raises(tv.InputError, match=expected):
+        read_results(copy)
+    found, count = rerun(copy)
+    assert count == 0
+    same(found, results)
+    same(read_results(copy), results)
+
+
+def test_a_report_of_a_store_that_lost_files_names_the_command_that_makes_them_again(copy, results):
+    for name in ("zarr.json", "manifest"):
+        tear(copy / name, "blank")
+    with pytest.raises(tv.InputError, match=r"zarr.json and manifest are missing or cut short; give the command"):
+        report(copy.parent)
+    same(rerun(copy)[0], results)
+
+
+def flip(file, place=0.5):
     content = bytearray(file.read_bytes())
-    content[len(content) // 2] ^= 1
+    content[int(place * len(content))] ^= 1
     file.write_bytes(content)
-    with pytest.raises(tv.InputError, match=r"damaged|store is of"):
-        rerun(copy)
+
+
+def tear(file, left):
+    if left is None:
+        file.unlink()
+    elif left == "blank":
+        file.write_bytes(bytes(file.stat().st_size))
+    else:
+        os.truncate(file, left)
+
+
+def test_chunks_that_changed_places_are_damage(copy, results):
+    """Each has what its checksums say, but those say of which task they are."""
+    there, here = ([*copy.glob(f"*/c/{place}")] for place in ("0/1", "1/2"))
+    for one, other in zip(sorted(there), sorted(here), strict=True):
+        one.rename(other.parent / "x")
+        other.rename(one)
+        (other.parent / "x").rename(other)
+    with pytest.raises(tv.InputError, match=r"2 files do not hold .*: \S+checksums/c/0/1/0, \S+checksums/c/1/2/0;"):
+        read_results(copy)
+    for name in ("0/1", "1/2"):
+        (copy / "checksums" / "c" / name / "0").unlink()
+    found, count = rerun(copy)
+    assert count == 2
+    same(found, results)
+
+
+def test_tasks_of_another_study_are_damage(copy, results, tmp_path):
+    other = Study(**SMALL | {"seed": 7})
+    with open_store(tmp_path / "other.zarr", layout_of(other)) as opened:
+        opened.write((0, 1), store_outcome(results, 1, 2))
+    for chunk in tmp_path.glob("other.zarr/*/c/0/1"):
+        shutil.copytree(chunk, copy / chunk.relative_to(tmp_path / "other.zarr"), dirs_exist_ok=True)
+    with pytest.raises(tv.InputError, match=r"checksums/c/0/1/0: this file does not hold what was written there"):
+        read_results(copy)
+
+
+@pytest.mark.parametrize("name", ["estimate/c/1/2/0/0/0", "truth/zarr.json", "checksums/c/1/2/0"])
+def test_what_is_no_file_is_not_read_and_can_be_moved_away(copy, results, name):
+    (copy / name).unlink()
+    (copy / name).mkdir()
+    for read in (rerun, read_results):
+        with pytest.raises(tv.InputError, match=rf"{name}: expected a file, found something else; move it away"):
+            read(copy)
+    (copy / name).rmdir()
+    os.mkfifo(copy / name)  # opening it would wait for ever
+    with pytest.raises(tv.InputError, match="expected a file"):
+        read_results(copy)
+    (copy / name).rename(copy.parent / "moved")
+    same(rerun(copy)[0], results)
+    folder = (copy / name).parent
+    folder.rename(copy.parent / "chunks")
+    folder.touch()
+    with pytest.raises(tv.InputError, match=rf"{name}: this file cannot be read: Not a directory; .* move away what"):
+        read_results(copy)
+
+
+@pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="the superuser reads everything")
+def test_a_file_that_may_not_be_read(copy):
+    (copy / "truth" / "c" / "0" / "0" / "0").chmod(0)
+    with pytest.raises(tv.InputError, match="cannot be read: Permission denied; make it readable"):
+        read_results(copy)
+
+
+def test_links_are_followed_and_their_content_verified(copy, results):
+    folder, chunk = copy / "truth", copy / "estimate" / "c" / "1" / "2" / "0" / "0" / "0"
+    for path in (folder, chunk):
+        elsewhere = copy.parent / path.name
+        path.rename(elsewhere)
+        path.symlink_to(elsewhere)
+    same(read_results(copy), results)
+    flip(copy.parent / "truth" / "c" / "0" / "0" / "0")
+    with pytest.raises(tv.InputError, match="truth/c/0/0/0: this file does not hold"):
+        read_results(copy)
+    shutil.rmtree(copy.parent / "truth")
+    folder.unlink()
+    chunk.resolve().unlink()
+    with pytest.raises(tv.InputError, match=r"incomplete: .*truth/zarr.json, truth/c/0/0/0; give the command"):
+        read_results(copy)
+    found, count = rerun(copy)
+    assert count == 1
+    same(found, results)
+
+
+@pytest.mark.parametrize("share", [0.02, 0.7])
+def test_a_store_that_was_copied_in_part(copy, results, share):
+    files = sorted(file for file in copy.rglob("*") if file.is_file())
+    np.random.default_rng(int(100 * share)).shuffle(files)
+    for file in files[: int(share * len(files))]:
+        file.unlink()
+    with pytest.raises(tv.InputError, match=r"cut short.*give the command that ran the study again"):
+        read_results(copy)
+    same(rerun(copy)[0], results)
+    same(read_results(copy), results)
+
+
+def test_files_that_are_none_of_the_study_are_left_alone(copy, results):
+    (copy / "notes.txt").write_text("mine")
+    shutil.copytree(copy / "truth", copy / "truth2")
+    (copy / "estimate" / "c" / "7" / "7").mkdir(parents=True)
+    same(read_results(copy), results)
+    same(rerun(copy)[0], results)
+    assert (copy / "notes.txt").read_text() == "mine"
+
+
+def test_nothing_is_read_of_a_task_that_is_not_done(copy, results):
+    """A kill leaves chunks whose checksums are not written yet; nobody knows what they hold."""
+    flip(copy / "estimate" / "c" / "1" / "2" / "0" / "0" / "0")
+    (copy / "checksums" / "c" / "1" / "2" / "0").unlink()
+    part = read_results(copy)
+    assert np.isnan(part.estimate.values[1, 2]).all()
+    assert part.checksums.values.any(axis=-1).sum() == 5
+    found, count = rerun(copy)
+    assert count == 1
+    same(found, results)
+
+
+def test_results_that_are_read_when_they_are_used_are_verified_too(copy, results, monkeypatch):
+    monkeypatch.setattr(store, "IN_MEMORY", 0)
+    same(pickle.loads(pickle.dumps(read_results(copy))), results)  # as figures get them
+    (copy / "checksums" / "c" / "1" / "2" / "0").unlink()
+    part = read_results(copy)
+    np.testing.assert_array_equal(part.estimate.values[1, :2], results.estimate.values[1, :2])
+    assert np.isnan(part.estimate.values[1, 2]).all()
+    part = read_results(copy)
+    flip(copy / "estimate" / "c" / "0" / "1" / "0" / "0" / "0")
+    with pytest.raises(tv.InputError, match="estimate/c/0/1/0/0/0: this file does not hold"):
+        part.estimate.load()
 
 
 def test_the_store_of_another_study_is_refused_with_what_differs(copy):
@@ -129,16 +287,30 @@ def test_the_store_of_another_study_is_refused_with_what_differs(copy):
 def test_the_store_of_another_version_is_refused_with_what_differs(copy):
     root = copy / "zarr.json"
     found = json.loads(root.read_text())
+    manifest = copy / fixed.MANIFEST
+    sums = fixed._manifest(copy).sums
+
+    def of_that_version():
+        """Write the store's metadata as another version would have."""
+        root.write_text(json.dumps(found))
+        manifest.write_bytes(fixed._manifest_of({name: (copy / name).read_bytes() for name in sums}))
+
     found["attributes"]["versions"] = json.dumps(versions() | {"numpy": "1.26.0"})
-    root.write_text(json.dumps(found))
-    with pytest.raises(tv.InputError, match=r"of other versions of the software: numpy: 1.26.0 there, \S+ here"):
+    of_that_version()
+    with pytest.raises(tv.InputError, match=r"of other versions of the software: numpy: 1.26.0 there, \S+ here; give"):
+        rerun(copy)
+    tear(root, "blank")  # then only the manifest knows
+    with pytest.raises(tv.InputError, match=r"of another study: zarr.json: \d+ there, \d+ here; give another folder"):
         rerun(copy)
     found["attributes"]["layout"] = 99
-    root.write_text(json.dumps(found))
-    with pytest.raises(tv.InputError, match=r"layout 5, found .*layout 99"):
-        rerun(copy)
-    with pytest.raises(tv.InputError, match=r"layout 5, found .*layout 99"):
-        read_results(copy)
+    of_that_version()
+    for read in (rerun, read_results):
+        with pytest.raises(tv.InputError, match=r"layout 6, found .*layout 99; give another folder$"):
+            read(copy)
+    manifest.unlink()  # a layout that had none
+    for read in (rerun, read_results):
+        with pytest.raises(tv.InputError, match=r"layout 99; if \S+zarr.json is damaged, remove that file and run"):
+            read(copy)
 
 
 def test_a_method_that_was_changed_is_another_one(tmp_path, monkeypatch):
@@ -216,10 +388,9 @@ def test_a_failure_never_takes_the_place_of_a_result(tmp_path, results):
     np.testing.assert_array_equal(read_results(path).estimate[0, 1], results.estimate[0, 1])
 
 
-@pytest.mark.parametrize("left", [0, 100, None])
+@pytest.mark.parametrize("left", [0, 100, "blank", None])
 def test_torn_results_are_not_read(copy, left):
-    chunk = copy / "estimate" / "c" / "1" / "2" / "0" / "0" / "0"
-    chunk.unlink() if left is None else os.truncate(chunk, left)
+    tear(copy / "estimate" / "c" / "1" / "2" / "0" / "0" / "0", left)
     with pytest.raises(tv.InputError, match=r"1 results are cut short.*give the command that ran the study again"):
         read_results(copy)
 

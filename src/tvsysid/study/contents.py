@@ -22,7 +22,9 @@ if TYPE_CHECKING:
 
 SIMULATIONS = "Simulation study of methods that identify joint impedance over time"
 EXPERIMENT = "Experimental study of methods that identify joint impedance over time"
-NUMBERS = {SIMULATIONS: 5, EXPERIMENT: 3}  # version of the layout of each kind of study, by its title
+NUMBERS = {SIMULATIONS: 6, EXPERIMENT: 4}  # version of the layout of each kind of study, by its title
+CHECKSUMS = "checksums"  # the variable that has the checksum of each chunk of a task, its own the last
+RECORDINGS = "recordings.nc"  # file in the store of an experiment that holds what became of each recording
 STEPS = {"alignment": "alignment", "task": "task component", "residual": "residual"}
 """Steps that exclude, by the ending of the variable that counts what they did."""
 
@@ -141,7 +143,7 @@ class Layout:
     def lengths(self) -> dict[str, int]:
         """Of each dimension."""
         known = {item.name: len(item.values) for item in self.fixed if item.dims == (item.name,)}
-        return known | {"variable": len(self.measured)}
+        return known | {"variable": len(self.measured) + 1}
 
     def shape(self, dims: Sequence[str]) -> tuple[int, ...]:
         """Lengths of some dimensions."""

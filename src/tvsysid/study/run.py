@@ -17,7 +17,7 @@ from tvsysid.study.prepared import Prepared
 from tvsysid.study.recorded import Experiment
 from tvsysid.study.simulated import Study
 from tvsysid.study.source import Simulations, recordings_in, source_of, with_recordings
-from tvsysid.study.store import open_store, read_store
+from tvsysid.study.store import open_store, stored
 from tvsysid.study.task import carry_out
 from tvsysid.study.workers import carry_out_missing
 
@@ -110,17 +110,20 @@ def run(
 def read_results(path: str | Path) -> xr.Dataset:
     """Results of a study of either kind from the folder of its store, finished or not.
 
-    They are those of :func:`tvsysid.study.run`; the attribute ``title`` says of which kind.
+    They are those of :func:`tvsysid.study.run`; the attribute ``title`` says of which kind. Every file is verified
+    before it is used, and what tasks left that did not finish is NaN: neither can be said of ``xarray.open_zarr``.
 
     Raises
     ------
     InputError
-        If the folder is not such a store, or files of it are cut short or damaged.
+        If the folder is not such a store, or files of it are missing, cut short or damaged; the message says how they
+        are made again.
     """
-    results = read_store(path)
+    store = stored(Path(path))
+    results = store.results()
     if results.attrs["title"] != EXPERIMENT:
         return results
-    return with_recordings(results, recordings_in(Path(path)))
+    return with_recordings(results, recordings_in(store, results))
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,11 @@ import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
-from pathlib import Path
+from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
 from tvsysid.errors import DataQualityWarning, InputError
-from tvsysid.recordings import whole_file
-from tvsysid.study.contents import Layout, layout_of, of_recordings
+from tvsysid.study.contents import RECORDINGS, Layout, layout_of, of_recordings
 from tvsysid.study.draws import DrawsTask
 from tvsysid.study.prepared import Prepared, prepared_recordings
 from tvsysid.study.recorded import Experiment
@@ -23,8 +22,6 @@ from tvsysid.study.trial import Trial
 
 if TYPE_CHECKING:
     import xarray as xr
-
-RECORDINGS = "recordings.nc"  # file in the store of an experiment that holds what became of each recording
 
 
 class Source(ABC):
@@ -120,8 +117,7 @@ class Recordings(Source):
                 DataQualityWarning,
                 stacklevel=3,
             )
-        with whole_file(store.path / RECORDINGS) as file:
-            self._known.to_netcdf(file, engine="h5netcdf")
+        store.keep(RECORDINGS, bytes(self._known.to_netcdf(engine="h5netcdf")))
 
     def completed(self, results: xr.Dataset) -> xr.Dataset:
         """Results with what is known of the recordings."""
@@ -133,16 +129,17 @@ def source_of(study: Study | Experiment, prepared: Sequence[Prepared] | None) ->
     return Simulations(study) if isinstance(study, Study) else Recordings(study, prepared)
 
 
-def recordings_in(path: Path) -> xr.Dataset:
-    """What became of the recordings of an experiment, from its store; raises an InputError if it cannot be read."""
+def recordings_in(store: Store, results: xr.Dataset) -> xr.Dataset:
+    """What became of the recordings of an experiment; raises an InputError if it is damaged, or not of the results."""
     import xarray as xr  # noqa: PLC0415  # heavy
 
-    try:
-        return xr.load_dataset(path / RECORDINGS, engine="h5netcdf")
-    except (OSError, ValueError) as error:
+    known = xr.load_dataset(BytesIO(store.kept(RECORDINGS)), engine="h5netcdf")
+    if ((results.digest != "") & (results.digest.astype(object) != known.digest)).any():
         raise InputError(
-            f"{path}: {RECORDINGS} in it cannot be read ({error}); give the command that ran the study again"
-        ) from error
+            f"{store.path / RECORDINGS}: this file is of other data than the results; give the command that ran the "
+            "study again"
+        )
+    return known
 
 
 def with_recordings(results: xr.Dataset, known: xr.Dataset) -> xr.Dataset:

@@ -17,6 +17,7 @@ from tests.study.recorded.conftest import READING, SHORT, SMALL, trial, write_tr
 import tvsysid as tv
 from tvsysid.preprocess import block_weights, bootstrap_weights
 from tvsysid.study import Experiment, of_quantity, prepared_recordings, read_results, run, summarize
+from tvsysid.study.contents import RECORDINGS
 
 TIMES = ["seconds", "checksums"]
 
@@ -229,6 +230,7 @@ def test_a_recording_that_is_mended_is_done_and_the_others_are_kept(tmp_path):
     folder, settings = moved(tmp_path)
     first = run(Experiment(**settings, folder=folder), store=folder / "r.zarr", workers=1).load()
     assert np.isnan(first.estimate.sel(quantity="stiffness")[1]).all()
+    then = (folder / "r.zarr" / RECORDINGS).read_bytes()
     (folder / "b").mkdir()
     write_trials(folder / "b", stiffness=50.0)
     seen = []
@@ -240,6 +242,24 @@ def test_a_recording_that_is_mended_is_done_and_the_others_are_kept(tmp_path):
     assert seen == [1, 2]
     np.testing.assert_array_equal(second.estimate[0], first.estimate[0])
     assert float(second.estimate.sel(quantity="stiffness")[1].mean()) == pytest.approx(50, rel=0.1)
+    same(read_results(folder / "r.zarr"), second)
+    (folder / "r.zarr" / RECORDINGS).write_bytes(then)  # as where one copy of a store was put over another in part
+    with pytest.raises(tv.InputError, match=r"recordings.nc: this file is of other data than the results; give the c"):
+        read_results(folder / "r.zarr")
+
+
+def test_what_is_known_of_the_recordings_is_verified_too(tmp_path):
+    folder, settings = moved(tmp_path)
+    experiment, store = Experiment(**settings, folder=folder), folder / "r.zarr"
+    results, file = run(experiment, store=store, workers=1).load(), store / RECORDINGS
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 1
+    for fault in (content, content[:-9], b"", None):
+        file.unlink() if fault is None else file.write_bytes(fault)
+        with pytest.raises(tv.InputError, match=r"recordings.nc: this file is missing, cut short or damaged; give the"):
+            read_results(store)
+    same(run(experiment, store=store, workers=1), results)
+    same(read_results(store), results)
 
 
 def test_a_study_that_is_moved_with_its_files_is_gone_on_with(tmp_path):

@@ -10,7 +10,8 @@ from scipy.io.matlab import MatlabObject
 from tests.recordings.files import WRITERS, cells, nldat, write_hdf5, write_mat_73, write_object
 
 import tvsysid as tv
-from tvsysid.recordings import channel, describe_file
+from tvsysid.recordings import describe_file, limits
+from tvsysid.recordings.formats import channels_of
 
 NAMES = {"angle": "pos", "torque": "tq"}
 
@@ -107,7 +108,7 @@ def test_a_file_that_may_not_be_opened_is_told(file, monkeypatch):
 
     monkeypatch.setattr(type(file), "open", refuse)
     with pytest.raises(tv.InputError, match=r"cannot be opened \(Permission denied\); close it in other programs"):
-        read(file)
+        channels_of(file)
 
 
 def test_a_file_that_is_locked_is_told(tmp_path, signals, monkeypatch):
@@ -117,11 +118,11 @@ def test_a_file_that_is_locked_is_told(tmp_path, signals, monkeypatch):
     write_hdf5(tmp_path / "ankle.h5", *signals)
     monkeypatch.setattr(h5py, "File", refuse)
     with pytest.raises(tv.InputError, match=r"unable to lock file\)\); close it in other programs"):
-        read(tmp_path / "ankle.h5")
+        channels_of(tmp_path / "ankle.h5")
 
 
 def test_more_than_memory_is_refused_before_it_is_read(file, monkeypatch):
-    monkeypatch.setattr(channel, "available", lambda: 10_000)
+    monkeypatch.setattr(limits, "available", lambda: 10_000)
     with pytest.raises(tv.InputError, match=r"reading it takes .* GB, and 1e-05 GB of memory are free"):
         read(file)
 
@@ -259,16 +260,74 @@ def test_nothing_in_an_npz_is_unpickled(tmp_path):
         read(tmp_path / "trap.mat")
 
 
-def test_links_to_other_files_are_not_followed(tmp_path, signals):
+@pytest.mark.parametrize("name", ["ankle.h5", "v73.mat", "ankle.nc"])
+def test_nothing_leads_out_of_a_file(tmp_path, signals, name):
+    """One rule for all formats that HDF5 is beneath; what is not followed is listed, and spoils nothing else."""
+    secret = tmp_path / "secret"
+    secret.write_bytes(signals[0].tobytes())
     write_hdf5(tmp_path / "other.h5", *signals)
-    with h5py.File(tmp_path / "ankle.h5", "w") as root:
-        root["real"] = signals[0]
-        root["pos"] = h5py.ExternalLink("other.h5", "pos")
+    file = tmp_path / name
+    WRITERS[name](file, *signals)
+    with h5py.File(file, "r+") as root:
+        root["inner/link"] = h5py.ExternalLink("other.h5", "pos")
         layout = h5py.VirtualLayout(shape=(600,), dtype="f8")
         layout[:] = h5py.VirtualSource("missing.h5", "tq", shape=(600,))
-        root.create_virtual_dataset("tq", layout)
-    with pytest.raises(tv.InputError, match=r"no channel 'pos'; it holds real .*, tq"):
-        read(tmp_path / "ankle.h5")
-    # HDF5 itself would fill in zeros.
-    with pytest.raises(tv.InputError, match="tq: expected real numbers, got values in another file"):
-        read(tmp_path / "ankle.h5", angle="real")
+        root.create_virtual_dataset("virtual", layout)  # HDF5 itself would fill in zeros
+        root.create_dataset("outer", (600,), "f8", external=[(str(secret), 0, 4800)])
+        root["nowhere"] = h5py.SoftLink("/missing")
+        root["circle"] = h5py.SoftLink("/circle")
+        root["through"] = h5py.SoftLink("/inner/link")
+        root["same"] = h5py.SoftLink("/pos")
+        root["inner/again"] = root["/"]
+    np.testing.assert_array_equal(read(file, angle="same").angle, signals[0])
+    inner = "inner.link" if name == "v73.mat" else "inner/link"
+    described = describe_file(file)
+    for path, what in {
+        inner: "a link to another file, other.h5, which is not followed",
+        "virtual": "values in another file, which are not followed",
+        "outer": "values in another file, which are not followed",
+        "nowhere": "a link to /missing, which is not followed",
+        "circle": "a link to /circle, which is not followed",
+        "through": "a link to another file, other.h5, which is not followed",
+        inner.replace("link", "again"): "a group with another path, which is not followed",
+    }.items():
+        with pytest.raises(tv.InputError, match=f"{path}: expected real numbers, got {what}"):
+            described[path].read(path)
+
+
+def test_groups_within_groups_are_read_up_to_a_limit(tmp_path):
+    with h5py.File(tmp_path / "deep.h5", "w") as root:
+        group = root
+        for _ in range(300):
+            group = group.create_group("g")
+            group["x"] = 1.0
+    with pytest.raises(tv.InputError, match="groups are nested more than 100 deep"):
+        describe_file(tmp_path / "deep.h5")
+
+
+def test_names_that_occur_twice_are_refused(tmp_path, signals):
+    for name, text in {"a.csv": "pos, tq ,pos\n1,2,3\n", "a.tsv": "pos\ttq\t tq\n1\t2\t3\n"}.items():
+        (tmp_path / name).write_text(text)
+    np.savez(tmp_path / "a.npz", pos=signals[0], tqq=signals[1], tq1=signals[0])
+    content = (tmp_path / "a.npz").read_bytes()
+    (tmp_path / "a.npz").write_bytes(content.replace(b"tqq.npy", b"tq1.npy"))
+    for name in ("first", "second"):
+        savemat(tmp_path / f"{name}.mat", {"tq": np.ones(3)})
+    (tmp_path / "a.mat").write_bytes(
+        (tmp_path / "first.mat").read_bytes() + (tmp_path / "second.mat").read_bytes()[128:]
+    )
+    for name in ("a.csv", "a.tsv", "a.npz", "a.mat"):
+        with pytest.raises(tv.InputError, match=rf"{name}: .* (called|name) .*(tq|pos).*give each a name of its own"):
+            describe_file(tmp_path / name)
+
+
+def test_columns_without_a_name_are_no_duplicates(tmp_path):
+    (tmp_path / "a.csv").write_text("\npos,,tq,\n1,,2,\n2,,3,\n")
+    assert [name for name in describe_file(tmp_path / "a.csv") if not name.startswith("Unnamed")] == ["pos", "tq"]
+
+
+@pytest.mark.parametrize("columns", [10_001, 2_000_000])
+def test_more_columns_than_anyone_has_are_refused(tmp_path, columns):
+    (tmp_path / "wide.csv").write_text(",".join(f"c{number}" for number in range(columns)) + "\n" + "1," * columns)
+    with pytest.raises(tv.InputError, match=r"the first line has \d+ columns or more; expected names of 10000"):
+        describe_file(tmp_path / "wide.csv")

@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 import math
-import os
 import re
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tvsysid.errors import InputError
+from tvsysid.recordings.limits import check_fits
 
 # Variables and attributes, in lower case, by which files state a sampling rate in Hz, and a unit.
 RATE_NAMES = ("sampling_rate", "samplingrate", "sample_rate", "samplerate", "sampling_frequency", "fs")
 UNIT_NAMES = ("units", "unit")
 NUMBERS = "biufc"
 NO_UNITS = ("", "defaultunits", "unknown", "none")
+MOST_CHANNELS = 10_000  # of a file
 TIMES_ITS_SIZE = 3  # memory that reading, converting and checking a channel takes, over that of its float64 values
 
 
@@ -41,6 +40,8 @@ class Channel:
         In Hz, as the file states it, or None.
     values
         Reads the values; None for what cannot be a signal.
+    held
+        Whether the values are in memory already.
     """
 
     shape: tuple[int, ...]
@@ -48,6 +49,12 @@ class Channel:
     unit: str = ""
     sampling_rate: float | None = None
     values: Callable[[], NDArray[Any]] | None = field(default=None, repr=False, compare=False)
+    held: bool = field(default=False, repr=False, compare=False)
+
+    @property
+    def size(self) -> int:
+        """Bytes that its values take as float64."""
+        return 8 * math.prod(self.shape)
 
     @property
     def described(self) -> str:
@@ -66,7 +73,7 @@ class Channel:
             raise InputError(f"{name}: expected samples, got an empty array of shape {self.shape}")
         if self.values is None:
             raise InputError(f"{name}: expected real numbers, got {self.dtype}; name another channel or convert it")
-        check_fits(name, 8 * TIMES_ITS_SIZE * math.prod(self.shape))
+        check_fits(name, TIMES_ITS_SIZE * self.size)
         return self.values()
 
 
@@ -84,7 +91,7 @@ def stored(
 def in_memory(values: ArrayLike, unit: str = "", sampling_rate: float | None = None) -> Channel:
     """Channel of values that are read already."""
     array = np.asarray(values)
-    return stored(array.shape, array.dtype, lambda: array, unit, sampling_rate)
+    return replace(stored(array.shape, array.dtype, lambda: array, unit, sampling_rate), held=True)
 
 
 def _kind_of(dtype: np.dtype[Any]) -> str:
@@ -94,27 +101,6 @@ def _kind_of(dtype: np.dtype[Any]) -> str:
     if dtype.kind in "mM":
         return "dates"
     return "text" if dtype.kind in "USTO" else "records"
-
-
-def available() -> int | None:
-    """Bytes of memory that can be had, or None where the system does not tell."""
-    with suppress(OSError, AttributeError):
-        told = re.search(r"MemAvailable:\s+(\d+) kB", Path("/proc/meminfo").read_text(encoding="ascii"))
-        if told:
-            return 1024 * int(told[1])
-    with suppress(OSError, ValueError, AttributeError):
-        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    return None
-
-
-def check_fits(name: str, size: int) -> None:
-    """Raise an InputError if so many bytes are more than there is memory for; ``name`` is what takes them."""
-    room = available()
-    if room is not None and size > room:
-        raise InputError(
-            f"{name}: reading it takes {size / 1e9:.3g} GB, and {room / 1e9:.3g} GB of memory are free; save the part "
-            "that is needed to a file of its own"
-        )
 
 
 def stated_unit(unit: Any) -> str:

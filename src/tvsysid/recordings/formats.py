@@ -5,15 +5,17 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from tvsysid.errors import InputError
-from tvsysid.recordings.channel import Channel, with_rates
-from tvsysid.recordings.hdf5 import read_hdf5, read_netcdf
-from tvsysid.recordings.mat import read_mat_5, read_mat_73
+from tvsysid.recordings.channel import MOST_CHANNELS, Channel, with_rates
+from tvsysid.recordings.hdf5 import contents_of_netcdf, read_hdf5, read_netcdf, read_netcdf_3
+from tvsysid.recordings.limits import SMALLER
+from tvsysid.recordings.mat import contents_of_mat_5, read_mat_5, read_mat_73
 from tvsysid.recordings.tables import read_c3d, read_npz, read_parquet, read_text
 
 MAT_5, MAT_73 = "MAT file of version 5 or 7", "MAT file of version 7.3"
@@ -35,6 +37,7 @@ SIGNATURES = {
     **dict.fromkeys((b"\x80\x03", b"\x80\x04", b"\x80\x05"), PICKLE),
 }
 HEAD = 2048
+NO_MEMORY = ("bad_alloc", "malloc of size", "memory allocation failed", "Unable to allocate")  # in libraries' words
 Reader = Callable[[Path], Iterator[tuple[str, Channel]]]
 
 
@@ -54,37 +57,50 @@ FORMATS = {
     ".npz": Format("NPZ file", {ZIP: read_npz}, (ZIP,)),
     ".h5": Format(HDF5, {HDF5: read_hdf5}),
     ".hdf5": Format(HDF5, {HDF5: read_hdf5}),
-    ".nc": Format(NETCDF, {NETCDF: partial(read_netcdf, engine="scipy"), HDF5: read_netcdf}, (HDF5,)),
+    ".nc": Format(NETCDF, {NETCDF: read_netcdf_3, HDF5: read_netcdf}, (HDF5,)),
     ".parquet": Format(PARQUET, {PARQUET: read_parquet}),
     ".c3d": Format(C3D, {C3D: read_c3d}),
 }
 
 
-def describe_file(path: str | Path) -> dict[str, Channel]:
-    """Channels that a file holds, each with shape, type, and unit and sampling rate where the file states them.
-
-    By name, in the file's order, for any format that :func:`tvsysid.read_recording` reads. Values are read when asked
-    for: ``channel.read(name)``. An InputError is raised if the file cannot be read, or is not what its ending says.
-    """
-    file = Path(path)
+def channels_of(file: Path) -> dict[str, Channel]:
+    """Channels that a file holds, in this process; elsewhere, files are read by :func:`.process.describe_file`."""
     if not file.exists():
         raise InputError(f"{file}: no such file")
     if not file.is_file():
-        raise InputError(f"{file}: expected a file, this is a folder")
+        raise InputError(f"{file}: expected a file, this is {'a folder' if file.is_dir() else 'none'}")
     kind = FORMATS.get(file.suffix.lower())
     if kind is None:
         raise InputError(f"{file}: unknown ending {file.suffix!r}; files that can be read end in {', '.join(FORMATS)}")
     if file.stat().st_size == 0:
         raise InputError(f"{file}: the file is empty")
-    with _told(file, kind):
+    with explained(file):
         content = content_of(file)
         if content not in kind.readers:
             raise InputError(f"{file}: not a {kind.name} that can be read: {_advice(content)}")
-        channels = with_rates(dict(kind.readers[content](file)))
-    told = _told(file, kind)  # when they are read as well
-    return {
-        name: replace(channel, values=channel.values and told(channel.values)) for name, channel in channels.items()
-    }
+        return with_rates(_unique(file, kind.readers[content](file)))
+
+
+def _unique(file: Path, channels: Iterator[tuple[str, Channel]]) -> dict[str, Channel]:
+    """Channels by name; an InputError if two have the same one, or there are too many."""
+    found: dict[str, Channel] = {}
+    for name, channel in channels:
+        if name in found:
+            raise InputError(f"{file}: two channels are called {name!r}; give each a name of its own")
+        found[name] = channel
+        if len(found) > MOST_CHANNELS:
+            raise InputError(f"{file}: it holds more than {MOST_CHANNELS} channels; {SMALLER}")
+    return found
+
+
+def contents_of(file: Path) -> dict[str, Any]:
+    """Variables and attributes of a file that this package wrote, single values as such."""
+    channels_of(file)  # whether it can be read at all, and is what its ending says
+    if file.suffix.lower() == ".mat":
+        found = contents_of_mat_5(file) if content_of(file) == MAT_5 else {}
+    else:
+        found = contents_of_netcdf(file)
+    return {name: str(item) if np.asarray(item).dtype.kind in "UO" else item for name, item in found.items()}
 
 
 def content_of(file: Path) -> str:
@@ -122,9 +138,18 @@ def _advice(content: str) -> str:
     return f"by its content it is {what}; {todo}"
 
 
+def _too_much(file: Path) -> str:
+    return (
+        f"{file}: reading this file of {file.stat().st_size / 1e6:.3g} MB takes more memory than there is, or than "
+        f"what it holds accounts for; if it is whole, {SMALLER}, else copy it again"
+    )
+
+
 @contextmanager
-def _told(file: Path, kind: Format) -> Iterator[None]:
+def explained(file: Path) -> Iterator[None]:
     """Whatever the libraries that read formats raise becomes an InputError that names the file."""
+    kind = FORMATS.get(file.suffix.lower())
+    name = kind.name if kind else "file"
     try:
         yield
     except InputError:
@@ -133,14 +158,11 @@ def _told(file: Path, kind: Format) -> Iterator[None]:
         reason = f"cannot be opened ({error.strerror or error}); close it in other programs, or change its permissions"
         raise InputError(f"{file}: {reason}") from error
     except MemoryError as error:
-        raise InputError(
-            f"{file}: there is not enough memory for this file of {file.stat().st_size / 1e9:.3g} GB, or it is "
-            "damaged; save the part that is needed to a file of its own"
-        ) from error
+        raise InputError(_too_much(file)) from error
     except zlib.error as error:
-        raise InputError(f"{file}: the {kind.name} is damaged ({error}); copy it again") from error
+        raise InputError(f"{file}: the {name} is damaged ({error}); copy it again") from error
     except Exception as error:  # each library has errors of its own, and damaged files bring forth all others
         reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
-        raise InputError(
-            f"{file}: not a {kind.name} that can be read ({reason}); is it whole? Copy it again"
-        ) from error
+        if any(words in reason for words in NO_MEMORY):
+            raise InputError(_too_much(file)) from error
+        raise InputError(f"{file}: not a {name} that can be read ({reason}); is it whole? Copy it again") from error

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import struct
 import warnings
+import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -14,10 +16,13 @@ import numpy as np
 from scipy.io import loadmat, whosmat
 from scipy.io.matlab import MatlabObject, MatlabOpaque, MatReadWarning
 
-from tvsysid.recordings.channel import NUMBERS, Channel, check_fits, in_memory, stated_rate, stated_unit, stored
-from tvsysid.recordings.hdf5 import values_of
+from tvsysid.errors import InputError
+from tvsysid.recordings.channel import NUMBERS, Channel, in_memory, stated_rate, stated_unit, stored
+from tvsysid.recordings.hdf5 import check_whole, items_of, values_of
+from tvsysid.recordings.limits import claim
 
 INTEGER_CLASSES = tuple(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))
+COMPRESSED, MOST_COMPRESSED = 15, 1032  # how elements are marked that zlib made smaller, and by how much it can at most
 PLAIN_CLASSES = ("double", "single", "logical", *INTEGER_CLASSES, "char", "cell", "struct", "function_handle", "")
 
 
@@ -27,11 +32,20 @@ def read_mat_5(file: Path) -> Iterator[tuple[str, Channel]]:
     A structure's fields are channels ``name.field``. An ``nldat`` object's channels are ``name.channel``, with the
     units and the increment of time that it states.
     """
+    size = _inflated(file)
     with suppress(TypeError):  # it knows no objects
-        check_fits(str(file), 8 * sum(math.prod(shape) for _, shape, _ in whosmat(file)))
+        size = max(size, 8 * sum(math.prod(shape) for _, shape, _ in whosmat(file)))
+    claim(
+        str(file), size, 12 * size
+    )  # whole numbers are stored in an eighth of the space, and read before they are converted
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", MatReadWarning)  # of objects, which are read below
-        variables = loadmat(file, mat_dtype=True)
+        warnings.filterwarnings("error", message="Duplicate variable name")
+        try:
+            variables = loadmat(file, mat_dtype=True)
+        except MatReadWarning as error:
+            what = str(error).partition(" in stream")[0]
+            raise InputError(f"{file}: two variables have one name ({what}); give each a name of its own") from error
     opaque = [name for name, values in variables.items() if isinstance(values, MatlabOpaque)]
     for name, values in variables.items():
         if not name.startswith("__") and name not in opaque:
@@ -40,6 +54,33 @@ def read_mat_5(file: Path) -> Iterator[tuple[str, Channel]]:
         for name, values in _objects(file).items():
             if name not in variables or name in opaque:
                 yield from _channels(name, values)
+
+
+def _inflated(file: Path) -> int:
+    """Bytes that the variables of a file take by their tags; what is compressed begins with the tag of what was."""
+    size = file.stat().st_size
+    with file.open("rb") as stream:
+        header = stream.read(128)
+        order = {b"IM": "<", b"MI": ">"}.get(header[126:])
+        while order and len(tag := stream.read(8)) == 8:
+            kind, length = struct.unpack(f"{order}II", tag)
+            after = stream.tell() + length
+            if kind == COMPRESSED:
+                inner = zlib.decompressobj().decompress(stream.read(min(length, 4096)), 8)
+                if len(inner) == 8:
+                    size += min(struct.unpack(f"{order}II", inner)[1], MOST_COMPRESSED * length)
+            stream.seek(after)
+    return size
+
+
+def contents_of_mat_5(file: Path) -> dict[str, Any]:
+    """Variables of a MAT file that this package wrote, single values as such."""
+    found = loadmat(file, mat_dtype=True, chars_as_strings=True)
+    return {
+        name: values.ravel()[0] if np.size(values) == 1 else values
+        for name, values in found.items()
+        if not name.startswith("__")
+    }
 
 
 def _objects(file: Path) -> dict[str, Any]:
@@ -101,40 +142,42 @@ def _texts(values: Any) -> list[str]:
 def read_mat_73(file: Path) -> Iterator[tuple[str, Channel]]:
     """Variables of a MAT file of version 7.3, likewise."""
     with h5py.File(file, "r") as root:
-        names = [name for name in root if not name.startswith("#")]
-        objects = [name for name in names if _class(root[name]) not in PLAIN_CLASSES]
-        for name in names:
-            if name not in objects:
-                yield from _items(file, name, root[name])
+        items = {path: item.thing for path, item in items_of(file, root).items() if not path.startswith("#")}
+        objects = [path for path, thing in items.items() if "/" not in path and _class(thing) not in PLAIN_CLASSES]
+        closed: tuple[str, ...] = tuple(f"{path}/" for path in objects)  # what is inside is read otherwise, or not
+        for path, thing in items.items():
+            if path in objects or path.startswith(closed):
+                continue
+            if isinstance(thing, h5py.Group):
+                if "MATLAB_sparse" in thing.attrs:
+                    closed += (f"{path}/",)
+                    yield path.replace("/", "."), Channel((), "a sparse matrix")
+            else:
+                yield path.replace("/", "."), _matrix(file, thing)
     if objects:
+        check_whole(file)
         found = _objects(file)
         for name in objects:
             yield from _channels(name, found[name])
 
 
 def _class(item: Any) -> str:
-    told = item.attrs.get("MATLAB_class", b"")
+    told = "" if isinstance(item, str) else item.attrs.get("MATLAB_class", b"")
     return told.decode("ascii", "replace") if isinstance(told, bytes) else str(told)
 
 
-def _items(file: Path, name: str, item: Any) -> Iterator[tuple[str, Channel]]:
-    if isinstance(item, h5py.Group):
-        if "MATLAB_sparse" in item.attrs:
-            yield name, Channel((), "a sparse matrix")
-            return
-        for field in item:
-            yield from _items(file, f"{name}.{field}", item[field])
-        return
+def _matrix(file: Path, item: h5py.Dataset | str) -> Channel:
+    if isinstance(item, str):
+        return Channel((), item)
     # MATLAB stores columns, HDF5 rows.
     shape = item.shape[::-1]
     if item.attrs.get("MATLAB_empty", 0):
-        yield name, Channel((0, 0), "no values")
-    elif _class(item) == "char":
-        yield name, Channel(shape, "text")
-    elif item.dtype.kind == "V" and item.dtype.names == ("real", "imag"):
-        yield name, Channel(shape, "complex numbers")
-    elif item.dtype.kind == "O":
-        yield name, Channel(shape, "cells")
-    else:
-        path = item.name
-        yield name, stored(shape, item.dtype, lambda: values_of(file, path).T)
+        return Channel((0, 0), "no values")
+    if _class(item) == "char":
+        return Channel(shape, "text")
+    if item.dtype.kind == "V" and item.dtype.names == ("real", "imag"):
+        return Channel(shape, "complex numbers")
+    if item.dtype.kind == "O":
+        return Channel(shape, "cells")
+    path = item.name
+    return stored(shape, item.dtype, lambda: values_of(file, path).T)

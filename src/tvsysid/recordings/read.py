@@ -12,9 +12,10 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from tvsysid.errors import DataQualityWarning, InputError
-from tvsysid.recordings.channel import TIMES_ITS_SIZE, Channel, check_fits
-from tvsysid.recordings.formats import describe_file
+from tvsysid.recordings.channel import TIMES_ITS_SIZE, Channel
+from tvsysid.recordings.limits import check_fits
 from tvsysid.recordings.plausible import contradictions, implausible, unlike_trials
+from tvsysid.recordings.process import describe_file
 from tvsysid.signals import Array, Recording, checked_array
 
 Columns = Literal["contiguous", "trials"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import struct
 import warnings
 import zipfile
@@ -16,8 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
-from tvsysid.recordings.channel import Channel, check_fits, in_memory, stated, stated_rate, stated_unit, stored
+from tvsysid.recordings.channel import MOST_CHANNELS, Channel, in_memory, stated, stated_rate, stated_unit, stored
+from tvsysid.recordings.limits import claim
 
+LONGEST_HEADER = 1_000_000  # letters of the first line of a text table
 BIG_ENDIAN = 86  # processor that wrote a C3D file, as its parameter section tells: MIPS
 
 
@@ -25,7 +28,9 @@ def read_text(file: Path, separator: str) -> Iterator[tuple[str, Channel]]:
     """Columns of a text file by the names in its first line."""
     import pandas as pd  # noqa: PLC0415  # heavy
 
-    check_fits(str(file), 2 * file.stat().st_size)
+    _check_header(file, separator)
+    size = file.stat().st_size
+    claim(str(file), 2 * size, 24 * size)  # a value may take two letters, and eight bytes thrice
     settings: dict[str, Any] = {"sep": separator, "skipinitialspace": True, "encoding": "utf-8-sig"}
     if tuple(map(int, pd.__version__.split(".")[:2])) < (3, 1):
         # Off in the last digits otherwise; deprecated later on.
@@ -39,6 +44,20 @@ def read_text(file: Path, separator: str) -> Iterator[tuple[str, Channel]]:
         raise InputError(f"{file}: not a text table with a header line ({reason})") from error
     for name in table.columns:
         yield str(name).strip(), in_memory(table[name].to_numpy())
+
+
+def _check_header(file: Path, separator: str) -> None:
+    """Raise an InputError if two columns have one name, which pandas would change, or there are too many."""
+    with file.open(encoding="utf-8-sig", errors="replace") as stream:
+        header = next((line for _ in range(100) if (line := stream.readline(LONGEST_HEADER)).strip()), "")
+    names = [name.strip() for row in csv.reader([header], delimiter=separator, skipinitialspace=True) for name in row]
+    if len(header) == LONGEST_HEADER or len(names) > MOST_CHANNELS:
+        raise InputError(
+            f"{file}: the first line has {len(names)} columns or more; expected names of {MOST_CHANNELS} at most: give "
+            "each signal a column, and each sample a line"
+        )
+    if repeated := [name for name, count in Counter(names).items() if count > 1 and name]:
+        raise InputError(f"{file}: several columns are called {repeated[0]!r}; give each a name of its own")
 
 
 def read_npz(file: Path) -> Iterator[tuple[str, Channel]]:
@@ -75,7 +94,7 @@ def read_parquet(file: Path) -> Iterator[tuple[str, Channel]]:
     def values(name: str) -> NDArray[Any]:
         with parquet.ParquetFile(file) as table:
             # What is missing becomes NaN.
-            return np.asarray(table.read(columns=[name]).column(0).to_numpy())
+            return np.asarray(table.read(columns=[name], use_threads=False).column(0).to_numpy())
 
     with parquet.ParquetFile(file) as table:
         schema, shape = table.schema_arrow, (table.metadata.num_rows,)
@@ -108,7 +127,7 @@ def read_c3d(file: Path) -> Iterator[tuple[str, Channel]]:
     """
     ezc3d = _optional("ezc3d", "C3D", "c3d")
     size = file.stat().st_size
-    check_fits(str(file), 4 * size)
+    claim(str(file), 4 * size, 40 * size)
     expected = _expected_size(file)
     if size < expected:
         raise InputError(f"{file}: the C3D file ends after {size} of {expected} bytes; copy it again")

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.io import loadmat, savemat
+from scipy.io import savemat
 from scipy.io.matlab import MatWriteError
 
 from tvsysid.errors import InputError
 from tvsysid.models import Model
-from tvsysid.recordings.formats import MAT_5, content_of, describe_file
+from tvsysid.recordings.process import contents_of
 from tvsysid.signals import Ensemble, Recording
 
 if TYPE_CHECKING:
@@ -213,19 +213,7 @@ def _write(
 def _loaded(path: str | Path, kind: str) -> tuple[dict[str, Any], dict[str, NDArray[np.float64]]]:
     """What a file holds by the names of variables, and its channels by theirs."""
     file = _checked(path, ".nc", ".mat")
-    describe_file(file)  # whether it can be read at all, and is what its ending says
-    if file.suffix.lower() == ".mat":
-        found = loadmat(file, mat_dtype=True, chars_as_strings=True) if content_of(file) == MAT_5 else {}
-        found = {
-            name: values.ravel()[0] if np.size(values) == 1 else values
-            for name, values in found.items()
-            if not name.startswith("__")
-        }
-    else:
-        import xarray as xr  # noqa: PLC0415  # heavy
-
-        dataset = xr.load_dataset(file, decode_times=False)
-        found = {**{str(name): values.values for name, values in dataset.variables.items()}, **dataset.attrs}
+    found = contents_of(file)
     if str(found.get("tvsysid", "")) != kind:
         raise InputError(f"{file}: not written by write_{kind}; what others wrote is read by read_recording")
     return found, {name: found[variable] for name, variable in json.loads(str(found["channels"])).items()}

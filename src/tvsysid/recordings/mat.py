@@ -40,7 +40,7 @@ def read_mat_5(file: Path) -> Iterator[tuple[str, Channel]]:
     )  # whole numbers are stored in an eighth of the space, and read before they are converted
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", MatReadWarning)  # of objects, which are read below
-        warnings.filterwarnings("error", message="Duplicate variable name")
+        warnings.filterwarnings("error", message='Duplicate variable name "(?!None")')  # what it calls objects
         try:
             variables = loadmat(file, mat_dtype=True)
         except MatReadWarning as error:

@@ -74,10 +74,12 @@ def _standstills(recording: Recording, name: str, which: str) -> Iterator[str]:
     """Where a signal keeps exactly one value for too long; the angle, only between other values."""
     for number, trial in enumerate(recording.trials):
         values = recording.signal(which)[trial]
-        starts = np.concatenate([[0], np.flatnonzero(np.diff(values)) + 1])
-        lengths = np.diff(np.append(starts, len(values)))
+        # Only standstills are looked at: all steps of a long signal would take several times its memory.
+        edges = np.concatenate([[0], np.flatnonzero(values[1:] != values[:-1]) + 1, [len(values)]])
+        standing = np.flatnonzero(np.diff(edges) > 2)
+        starts, lengths = edges[standing], edges[standing + 1] - edges[standing]
         seconds = lengths / recording.sampling_rate
-        lost = (seconds > FAULTS[f"lost-{which}"].limit) & (lengths > 2)
+        lost = seconds > FAULTS[f"lost-{which}"].limit
         if which == "angle":
             lost &= (starts > 0) & (starts + lengths < len(values))
             lost &= ~_held(values, values[starts], lost)

@@ -150,6 +150,7 @@ def _received(stream: IO[bytes], dtype: str, shape: list[int], by_columns: bool)
         if not (count := stream.readinto(rest)):  # type: ignore[attr-defined]
             raise EOFError
         rest = rest[count:]
+    values.flags.writeable = False  # so that recordings need no copy
     return values.reshape(shape, order="F" if by_columns else "C")
 
 

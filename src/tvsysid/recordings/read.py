@@ -133,8 +133,8 @@ class _Request:
     def recording(self, signals: Mapping[str, Array], trial_starts: tuple[int, ...] = (0,)) -> Recording:
         """Recording of signals of shape (time,), in the units that are said."""
         return Recording(
-            angle=signals[self.angle] * ANGLE_UNITS[self.angle_unit],
-            torque=signals[self.torque] * self.torque_sign,
+            angle=_scaled(signals[self.angle], ANGLE_UNITS[self.angle_unit]),
+            torque=_scaled(signals[self.torque], self.torque_sign),
             sampling_rate=self.sampling_rate,
             start=self.start,
             channels={name: signals[theirs] for name, theirs in self.channels.items()},
@@ -146,6 +146,15 @@ class _Request:
         read, units = {name: found[name] for name in self.names}, {self.angle: self.angle_unit, self.torque: "N·m"}
         yield from contradictions(read, recording.sampling_rate, units)
         yield from implausible(recording, self.angle, self.torque, self.angle_unit)
+
+
+def _scaled(values: Array, factor: float) -> Array:
+    """Values times a factor, without a copy where there is nothing to do."""
+    if factor == 1:
+        return values
+    scaled = values * factor
+    scaled.flags.writeable = False
+    return scaled
 
 
 class UsableTrials(NamedTuple):

@@ -69,6 +69,8 @@ def test_huge_finite_values_are_accepted():
         ({"context": 1.5}, "whole number of samples"),
         ({"onsets": [0.0, 1.0]}, "expected one for each of the 10 realizations"),
         ({"trials": ["a"] * 10}, "trials: expected whole numbers"),
+        ({"torque": 1e31 * np.eye(10, 50)}, r"torque: expected values in N·m, .* got values up to 1e\+31.* damaged"),
+        ({"angle": -1e-150 * np.eye(10, 50)}, "angle: expected values in rad, .* got values up to 1e-150.* unit wrong"),
     ],
 )
 def test_an_ensemble_refuses_what_it_cannot_use(angle, change, message):

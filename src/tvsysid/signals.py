@@ -15,6 +15,9 @@ from tvsysid.errors import InputError
 from tvsysid.numerics import Array as Array  # noqa: PLC0414  # most rooms take both from here
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 
+SMALLEST, LARGEST = 1e-30, 1e30
+"""Of an ensemble's largest angle and torque: beyond these, products of variances of impedances are no numbers."""
+
 
 def checked_array(name: str, values: ArrayLike, axes: tuple[str, ...]) -> Array:
     """Read-only float64 view of numbers that are all finite and have the axes expected, or an error that says why not.
@@ -241,8 +244,8 @@ class Ensemble(_Signals):
     Raises
     ------
     InputError
-        For signals that are not finite numbers of one common shape, an angle that does not vary, a sampling rate that
-        is not positive, or a context that leaves no sample.
+        For signals that are not finite numbers of one common shape, an angle that does not vary, values up to less than
+        1e-30 or more than 1e30, a sampling rate that is not positive, or a context that leaves no sample.
 
     Examples
     --------
@@ -266,6 +269,13 @@ class Ensemble(_Signals):
     def __post_init__(self) -> None:
         axes = ("realization", "time")
         self._check(axes)
+        for name, unit in (("angle", "rad"), ("torque", "N·m")):
+            largest = max(abs(float(extreme(getattr(self, name)))) for extreme in (np.min, np.max))
+            if not SMALLEST <= largest <= LARGEST:
+                raise InputError(
+                    f"{name}: expected values in {unit}, the largest from {SMALLEST:g} to {LARGEST:g}, got values up "
+                    f"to {largest:.2g}, which cannot be computed with; is the file damaged, or the unit wrong?"
+                )
         whole = isinstance(self.context, (int, np.integer)) and not isinstance(self.context, bool)
         if not whole or not 0 <= 2 * self.context < self.angle.shape[1]:
             raise InputError(

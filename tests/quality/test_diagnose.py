@@ -113,14 +113,12 @@ def test_the_comb_shows_reflex_and_feedback():
         ([1, 2], "expected an Ensemble, got list", "tvsysid.preprocess.segment"),
         ("one", "at least two realizations to compare, got one", "shorter period"),
         ("short", "derivatives are known at 16 samples of a realization at 100 Hz, it takes 30", "0.12 s of context"),
-        ("huge", "got values up to 1e\\+200", "damaged"),
     ],
 )
 def test_what_cannot_be_diagnosed_is_told(given, expected, advice, clean):
     made = {
         "one": lambda: clean.select([0]),
         "short": lambda: tv.Ensemble(clean.angle[:, :40], clean.torque[:, :40], 100.0),
-        "huge": lambda: dataclasses.replace(clean, torque=clean.torque * 1e200 / np.abs(clean.torque).max()),
     }
     ensemble = made[given]() if isinstance(given, str) else given
     with pytest.raises(tv.InputError, match=f"{expected}.*{advice}"):

@@ -23,7 +23,6 @@ from tvsysid.signals import Ensemble
 if TYPE_CHECKING:
     import pandas as pd
 
-LARGEST = 1e60  # value beyond which squares of derivatives are no numbers
 OF_ANY_SIGNAL = ("few-realizations", "repeated-realizations", "same-channel")  # do not take the torque for an answer
 MOST_POWER = 0.95  # share of the angle's power that lies within its bandwidth
 LAGS = 0.12  # in s, to either side, of the correlation matrix that is looked at: those of impulse-response methods
@@ -217,11 +216,6 @@ def diagnose(ensemble: Ensemble) -> Diagnosis:
     if len(ensemble) < 2:
         raise InputError(
             "diagnose: expected at least two realizations to compare, got one; cut the recording with a shorter period"
-        )
-    largest = max(float(np.abs(values).max()) for values in (ensemble.angle, ensemble.torque))
-    if largest > LARGEST:
-        raise InputError(
-            f"diagnose: expected angles in rad and torques in N·m, got values up to {largest:.2g}; is the file damaged?"
         )
     data = FittedEnsemble.of(ensemble)
     known = known_samples(data.ensemble.samples, data.ensemble.context)

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, ParamSpec, TypeVar
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from tvsysid.errors import DataQualityWarning, InputError, describe_error
 from tvsysid.estimates import IMPEDANCE
-from tvsysid.methods import METHODS, Choice, Evidence, Method, Tuned, apply, label_of, parse, reason_to_skip
+from tvsysid.methods import METHODS, Evidence, Tuned, label_of, parse
+from tvsysid.methods.apart import Identified, checked_limit, identify
 from tvsysid.methods.apply import Identifies
+from tvsysid.methods.base import SkippedError
+from tvsysid.methods.forkserver import TIME_LIMIT
+from tvsysid.methods.travel import pickled
 from tvsysid.metrics import time_varying_vaf, vaf
 from tvsysid.models import Model
 from tvsysid.signals import Array, Ensemble, Frozen
@@ -22,8 +26,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Progress = Callable[[int, int], object]
-P = ParamSpec("P")
-Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -31,7 +33,8 @@ class Comparison(Frozen):
     """What several methods found in one ensemble; mappings are by the methods' labels.
 
     ``methods`` have the settings that were used, ``evidence`` is for those that were chosen from the data; ``models``
-    are of the methods that could serve the ensemble, ``skipped`` says why the others could not. ``bands`` are lower and
+    are of those that succeeded, ``skipped`` says which could not serve the ensemble, ``failed`` which failed, and why.
+    ``bands`` are lower and
     upper limits of the 95 % bands of estimates over time, by quantity; NaN where there is none. ``vaf`` is the variance
     of the recorded torque accounted for in each realization, in per cent, shape (realization,), ``time_varying_vaf``
     that at each time over realizations, shape (time,).
@@ -50,9 +53,11 @@ class Comparison(Frozen):
     vaf: Mapping[str, Array]
     time_varying_vaf: Mapping[str, Array]
     evidence: Mapping[str, Evidence]
+    failed: Mapping[str, str]
 
     def __repr__(self) -> str:
-        return f"Comparison({', '.join(self.models) or 'no method'} on {self.ensemble!r})"
+        failed = f"; failed: {', '.join(self.failed)}" if self.failed else ""
+        return f"Comparison({', '.join(self.models)} on {self.ensemble!r}{failed})"
 
     def _repr_html_(self) -> str:
         return str(self.summary().to_html(index=False, na_rep="", float_format="{:.4g}".format))
@@ -105,8 +110,12 @@ def compare(
     *,
     tune: bool = False,
     progress: Progress | None = None,
+    time_limit: float = TIME_LIMIT,
 ) -> Comparison:
-    """Identify one ensemble by several methods; what ``tvsysid identify`` does. One that cannot serve it is skipped.
+    """Identify one ensemble by several methods; what ``tvsysid identify`` does.
+
+    One that cannot serve the ensemble is skipped, and one that fails spoils no other: methods that are not the
+    package's own run in processes of their own, on a copy of the ensemble.
 
     Parameters
     ----------
@@ -119,12 +128,13 @@ def compare(
         Whether each method's settings are chosen from the data first.
     progress
         Called with the number of methods done and of all, before each.
+    time_limit
+        Seconds after which a method that is not the package's own has failed.
 
     Raises
     ------
     InputError
-        For an unknown method, one that fails, settings that cannot be chosen from data, or if no method can serve the
-        ensemble.
+        For an unknown method, or if every method failed or was skipped; says why.
 
     Warns
     -----
@@ -152,23 +162,30 @@ def compare(
     if not named:
         raise InputError("compare: expected a method at least, got none")
     chosen = {label: parse(item) if isinstance(item, str) else item for label, item in named.items()}
-    models: dict[str, Model] = {}
+    found: dict[str, Identified] = {}
     skipped: dict[str, str] = {}
-    evidence: dict[str, Evidence] = {}
+    failed: dict[str, str] = {}
+    limit = checked_limit(time_limit)
     # Small matrices: BLAS threads would only wait for each other.
     with threadpool_limits(1):
-        for number, (label, method) in enumerate(list(chosen.items())):
+        for number, (label, method) in enumerate(chosen.items()):
             if progress is not None:
                 progress(number, len(chosen))
-            if reason := _guarded(label, reason_to_skip, method, ensemble):
-                skipped[label] = reason
-                continue
-            if tune or isinstance(method, Tuned):
-                chosen[label], evidence[label] = _tuned(label, method, ensemble)
-            models[label] = _guarded(label, apply, chosen[label], ensemble, label)
+            try:
+                travelling, own = pickled({label: method})[label], tune or isinstance(method, Tuned)
+                found[label] = identify(travelling, ensemble, label, tune=own, limit=limit, keep=True)
+            except SkippedError as error:
+                skipped[label] = str(error)
+            except Exception as error:
+                failed[label] = str(error) if isinstance(error, InputError) else describe_error(error)
+        models = {label: each.model for label, each in found.items()}
         bands = {label: _bands_of(label, model) for label, model in models.items()}
     if not models:
-        raise InputError("; ".join(f"{label}: {reason}" for label, reason in skipped.items()))
+        reasons = [*(f"{label}: {why}" for label, why in skipped.items())]
+        reasons += [f"method {label}: {why}" for label, why in failed.items()]
+        raise InputError("; ".join(reasons))
+    evidence = {label: each.evidence for label, each in found.items() if each.evidence is not None}
+    chosen |= {label: _with_settings(chosen[label], each) for label, each in evidence.items()}
     torque = ensemble.torque[:, ensemble.core]
     predicted = {label: model.predict(ensemble) for label, model in models.items()}
     return Comparison(
@@ -180,28 +197,14 @@ def compare(
         {label: vaf(torque, values) for label, values in predicted.items()},
         {label: time_varying_vaf(torque, values) for label, values in predicted.items()},
         evidence,
+        failed,
     )
 
 
-def _guarded(label: str, verb: Callable[P, Result], *given: P.args, **named: P.kwargs) -> Result:
-    """What a verb gives; an error of a plugin names its place in the plugin's code."""
-    try:
-        return verb(*given, **named)
-    except InputError:
-        raise
-    except Exception as error:
-        raise InputError(f"method {label}: {describe_error(error)}") from error
-
-
-def _tuned(label: str, method: Identifies, ensemble: Ensemble) -> Choice[Method]:
-    """Method with settings chosen from the data, and the evidence for them."""
+def _with_settings(method: Identifies, evidence: Evidence) -> Identifies:
+    """Method with the settings that were chosen."""
     own = method.method if isinstance(method, Tuned) else method
-    if not isinstance(own, Method):
-        raise InputError(
-            f"method {label}: its settings cannot be chosen from data; leave out tune (--tune), and write "
-            "key:tuned=true for those methods whose settings can"
-        )
-    return own.tuned(ensemble)
+    return replace(own, **evidence.settings)  # type: ignore[type-var]  # those that can be tuned are dataclasses
 
 
 def _bands_of(label: str, model: Model) -> dict[str, tuple[Array, Array]]:

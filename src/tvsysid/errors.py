@@ -51,11 +51,21 @@ def describe_error(error: BaseException, file: str | None = None) -> str:
 
     That is one of the user's ``file``, if that is known.
     """
-    text, (name, line) = str(error), _place(error, file)
+    text, (name, line) = plain_text(error), _place(error, file)
     if isinstance(error, SyntaxError):
         text, name, line = str(error.msg), error.filename, error.lineno
     said = textwrap.shorten(f"{type(error).__name__}: {text}".rstrip(": "), 300, placeholder=" …")
     return printable(f"{said} ({Path(name).name}, line {line})" if name and line else said)
+
+
+def plain_text(message: object) -> str:
+    """Text of anybody's exception or warning: what can be printed of it, in one line of at most 1000 characters."""
+    try:
+        text = str(message)
+    except BaseException:  # its text is code that anybody wrote
+        return "its text cannot be read"
+    shown = "".join(each if each.isprintable() else " " for each in text[:10_000])
+    return textwrap.shorten(shown, 1000, placeholder=" …")
 
 
 def _place(error: BaseException, file: str | None) -> tuple[str | None, int | None]:

@@ -6,12 +6,12 @@ import warnings
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tvsysid.errors import DataQualityWarning, InputError
+from tvsysid.errors import DataQualityWarning, InputError, describe_error
 from tvsysid.numerics import Array
 from tvsysid.numerics.bands import critical_value, simultaneous_value
 
@@ -39,6 +39,18 @@ def frozen(array: NDArray[Scalar]) -> NDArray[Scalar]:
     array = array.copy(order="K") if array.flags.writeable else array.view()
     array.flags.writeable = False
     return array
+
+
+def plain_array(what: str, given: object) -> NDArray[Any]:
+    """Array of what somebody gave, whatever it holds; an InputError where numbers could be taken for others."""
+    if isinstance(given, np.ma.MaskedArray):
+        raise InputError(f"{what}: got a masked array; fill what is masked with NaN: values.filled(np.nan)")
+    if isinstance(given, np.ndarray) and type(given) not in (np.ndarray, np.memmap):
+        raise InputError(f"{what}: expected a plain NumPy array, got one of type {type(given).__name__}")
+    try:
+        return np.asarray(given)
+    except Exception as error:
+        raise InputError(f"{what}: expected an array of numbers, got {describe_error(error)}") from error
 
 
 def read_only(values: ArrayLike) -> Array:
@@ -139,7 +151,7 @@ class Estimate:
     error: StandardError | DeferredError | None = None
 
     def __post_init__(self) -> None:
-        values = np.asarray(self.values)
+        values = plain_array("estimate", self.values)
         if values.dtype.kind not in "fiu" or np.isinf(values).any():
             infinite = ", some of them infinite" if values.dtype.kind == "f" else ""
             raise InputError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -396,3 +397,14 @@ class Ensemble(_Signals):
                 "mean_subtracted": int(self.mean_subtracted),  # NetCDF has no truth values
             },
         )
+
+
+def digest(ensemble: Ensemble) -> str:
+    """Tells these data from others, whatever object holds them."""
+    cut = ensemble.angle.shape, ensemble.sampling_rate, ensemble.context, ensemble.mean_subtracted
+    found = hashlib.sha256(repr(cut).encode())
+    for values in (ensemble.angle, ensemble.torque, ensemble.onsets, ensemble.trials):
+        found.update(np.asarray(values).tobytes())
+    for name, values in ensemble.channels.items():
+        found.update(name.encode() + values.tobytes())
+    return found.hexdigest()[:16]

@@ -13,6 +13,7 @@ from tests.contracts.toys import Cascade, Instrumental, Scheduled
 
 import tvsysid as tv
 from tvsysid import cli
+from tvsysid.report import problems
 
 OBJECTS = '''
 from dataclasses import dataclass
@@ -99,11 +100,17 @@ def test_takes_part_in_a_benchmark(toy, tmp_path):
 
 
 @pytest.mark.parametrize("toy", [Scheduled, Instrumental])
-def test_fails_with_the_reason_where_its_channel_is_missing(toy):
-    results = tv.study.run(study_of(toy, system="joint", trials=1), workers=1)
-    failures = results.failure.isel(scenario=0, trial=0)
-    assert "it needs the channel" in str(failures.sel(method_key=toy.__name__).item())
-    assert str(failures.sel(method_key="sds").item()) == ""
+def test_is_skipped_with_the_reason_where_its_channel_is_missing_and_not_tried_again(toy, tmp_path):
+    study, counts = study_of(toy, system="joint", trials=1), []
+    for _ in range(2):
+        counted = {"progress": lambda done, total: counts.append((done, total))}
+        results = tv.study.run(study, store=tmp_path / "results.zarr", workers=1, **counted)
+    assert counts == [(0, 1), (1, 1), (1, 1)]
+    (problem,) = problems(results)
+    assert (problem["method"], problem["kind"], problem["count"]) == (toy.__name__, "skipped", 1)
+    assert problem["first"].startswith("it needs the channel")
+    assert (results.failure == "").all()
+    assert np.isnan(results.estimate.sel(method_key=toy.__name__)).all()
 
 
 @pytest.mark.slow

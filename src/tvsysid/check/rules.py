@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -12,7 +13,7 @@ from threadpoolctl import threadpool_limits
 
 from tvsysid import metrics
 from tvsysid.check.subject import LEVEL, FailedError, Subject, numbers, simulated_case
-from tvsysid.errors import InputError
+from tvsysid.errors import InputError, plain_text
 from tvsysid.estimates import IMPEDANCE
 from tvsysid.methods.base import Input, inputs_of, reason_to_skip
 from tvsysid.numerics import Array
@@ -281,9 +282,10 @@ def _few_realizations(subject: Subject) -> str:
             if reason := reason_to_skip(subject.method, few):
                 raise InputError(reason)
             model = subject.identify(few)
-        except (Exception, SystemExit) as error:
+        except BaseException as error:
+            _leave_interruption(error)
             plain = isinstance(error, ValueError) and not isinstance(error, np.linalg.LinAlgError)
-            if not (plain and str(error).strip()):
+            if not (plain and plain_text(error)):
                 advice = "expected a result, or a tvsysid.InputError that says how many are needed"
                 raise FailedError(f"{words}: {subject.described(error)}; {advice}") from error
             came.append(f"{words}: refused ({subject.described(error)})")
@@ -334,6 +336,12 @@ _RULES = (
 )
 
 
+def _leave_interruption(error: BaseException) -> None:
+    """Raise an interruption that may be the user's: none reaches a process that ignores it, as that of a method."""
+    if isinstance(error, KeyboardInterrupt) and signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
+        raise error
+
+
 def _judged(rule: _Rule, subject: Subject, done: dict[str, Check]) -> Check:
     if rule.needs is not None and not done[rule.needs].passed:
         before = done[rule.needs]
@@ -348,8 +356,10 @@ def _judged(rule: _Rule, subject: Subject, done: dict[str, Check]) -> Check:
         return Check(rule.name, True, rule.judge(subject), rule.required)
     except FailedError as error:
         message = str(error)
-    except (Exception, SystemExit) as error:
-        wrote = isinstance(error, ValueError) and any(words in str(error) for words in ("read-only", "WRITEABLE"))
+    except BaseException as error:
+        _leave_interruption(error)
+        said = plain_text(error)
+        wrote = isinstance(error, ValueError) and any(words in said for words in ("read-only", "WRITEABLE"))
         message = f"it {'refused:' if isinstance(error, InputError) else 'stopped with'} {subject.described(error)}"
         if wrote:  # NumPy has no class for that error
             advice = "it writes to an array that all methods share; work on a copy, as in ensemble.angle.copy()"

@@ -13,6 +13,7 @@ import numpy as np
 
 from tvsysid import simulate
 from tvsysid.errors import DataQualityWarning, describe_error
+from tvsysid.estimates import plain_array
 from tvsysid.methods.apply import apply
 from tvsysid.methods.base import Input, inputs_of
 from tvsysid.preprocess import decimate, segment
@@ -160,7 +161,7 @@ class Subject:
 
 def numbers(what: str, given: object, ensemble: Ensemble, over: str = "(realization, time)") -> Array:
     """Real numbers of the shape that they should have; NaN among them, but nothing infinite."""
-    values = np.asarray(given)
+    values = plain_array(what, given)
     shape = (len(ensemble), ensemble.samples)[over == "(time,)" :]
     if values.shape != shape:
         with_context = ensemble.context > 0 and values.shape[-1:] == ensemble.angle.shape[1:]

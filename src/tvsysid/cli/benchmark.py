@@ -10,7 +10,17 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from tvsysid.cli.console import duration_text, remark, say, say_written, show_table, waiting
-from tvsysid.cli.options import MethodOption, OutOption, SchedulerOption, SeedOption, WorkersOption, given, option
+from tvsysid.cli.options import (
+    TIME_LIMIT,
+    MethodOption,
+    OutOption,
+    SchedulerOption,
+    SeedOption,
+    TimeLimitOption,
+    WorkersOption,
+    given,
+    option,
+)
 from tvsysid.cli.running import STORE, check_folder, command_line, print_met, run_in, show_claims
 from tvsysid.errors import InputError
 
@@ -81,6 +91,7 @@ def benchmark(
     trials: Annotated[int | None, option("N", "Monte-Carlo trials of each scenario. [20]")] = None,
     seed: SeedOption = None,
     workers: WorkersOption = None,
+    time_limit: TimeLimitOption = TIME_LIMIT,
     scheduler: SchedulerOption = None,
     dry_run: Annotated[
         bool, option("", "Print what would be run, with an estimate of time and size, and stop.", "--dry-run")
@@ -128,7 +139,7 @@ def benchmark(
     count = len(study.scenarios)
     title = f"{count} scenario{'s' if count > 1 else ''} x {study.trials} trials x {len(study.named_methods)} methods"
     check_folder(out)
-    results = run_in(out, partial(run, study), title, "trials", workers, scheduler)
+    results = run_in(out, partial(run, study, time_limit=time_limit), title, "trials", workers, scheduler)
     if not write(results, out, command_line()):
         raise typer.Exit(1)
 

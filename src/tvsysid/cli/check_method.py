@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -25,8 +26,9 @@ def check_method(
 ) -> None:
     """Check whether a method of your own works with the package.
 
-    The method identifies simulated joints, which takes some seconds. Each check prints what was expected and what the
-    method did. The exit code is 0 if it passes every required check, 1 if not, and 2 if it cannot be loaded.
+    The method identifies simulated joints, which takes some seconds; after ten minutes it is ended. Each check prints
+    what was expected and what the method did. The exit code is 0 if it passes every required check, 1 if not, and 2 if
+    it cannot be loaded, or ends its process.
 
     Example: `tvsysid check-method mymethod:SlidingFit`
 
@@ -52,20 +54,15 @@ def check_method(
 
 def _checked_apart(name: str) -> list[Check]:
     """Results of the checks, run in a process of their own, in case the method crashes it."""
-    from concurrent.futures import BrokenExecutor
-
     from tvsysid.methods import parse
-    from tvsysid.study import processes
+    from tvsysid.methods.forkserver import MethodError, call
 
     parse(name)  # a wrong name is reported from this process
-    with processes(1) as pool:
-        try:
-            return pool.submit(_checks_of, name).result()
-        except BrokenExecutor as error:
-            raise InputError(
-                f"method {name}: it ended the whole process, as os._exit or a crash in compiled code does; a method "
-                "must return a model or raise an error"
-            ) from error
+    try:
+        checks: list[Check] = call(pickle.dumps(name), _checks_of)
+    except MethodError as error:
+        raise InputError(f"method {name}: {error}; a method must return a model or raise an error") from error
+    return checks
 
 
 def _checks_of(name: str) -> list[Check]:

@@ -10,7 +10,17 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from tvsysid.cli.console import progress, remark, say_written, show_table, shown_warnings, waiting
-from tvsysid.cli.options import MethodOption, OutOption, SchedulerOption, SeedOption, WorkersOption, given, option
+from tvsysid.cli.options import (
+    TIME_LIMIT,
+    MethodOption,
+    OutOption,
+    SchedulerOption,
+    SeedOption,
+    TimeLimitOption,
+    WorkersOption,
+    given,
+    option,
+)
 from tvsysid.cli.running import STORE, check_folder, command_line, print_met, run_in, show_claims
 from tvsysid.errors import InputError
 
@@ -41,6 +51,7 @@ def experiment(
     ] = None,
     seed: SeedOption = None,
     workers: WorkersOption = None,
+    time_limit: TimeLimitOption = TIME_LIMIT,
     scheduler: SchedulerOption = None,
     out: OutOption = Path("tvsysid-experiment"),
 ) -> None:
@@ -96,7 +107,9 @@ def experiment(
         raise InputError("no recording can be used; correct the errors above")
     title = f"{len(what.recordings)} recordings x {len(what.analyses)} analyses x {what.bootstraps} bootstraps"
     with shown_warnings():
-        results = run_in(out, partial(run, what, prepared=prepared), title, "analyses", workers, scheduler)
+        results = run_in(
+            out, partial(run, what, prepared=prepared, time_limit=time_limit), title, "analyses", workers, scheduler
+        )
     if not write(what, results, prepared, out, command_line()):
         raise typer.Exit(1)
 

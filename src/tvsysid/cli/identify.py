@@ -36,6 +36,7 @@ def identify(
     start: options.StartOption = 0.0,
     context: options.ContextOption = 0.5,
     method: options.MethodOption = DEFAULT_METHODS,
+    time_limit: options.TimeLimitOption = options.TIME_LIMIT,
     tune: Annotated[bool, options.option("", "Choose each method's settings from the data.", "--tune")] = False,
     out: options.OutOption = Path("tvsysid-identify"),
 ) -> None:
@@ -51,7 +52,7 @@ def identify(
 
     A method that needs a further channel (EMG, a reference signal, a scheduling variable) gets it by `--channel`. An
     input or a reference loses its mean as angle and torque do; a scheduling variable keeps it. A method that cannot
-    serve the recording is skipped, and the reason is printed.
+    serve the recording is skipped, and the reason is printed. One that fails spoils no other; the exit code is then 1.
 
     Writes to the folder:
 
@@ -90,9 +91,11 @@ def identify(
         ensemble = preprocess.subtract_mean(preprocess.segment(recording, period, context), deviating)
         say(f"{file.name}: {ensemble!r}")
         with progress("identifying") as advance:
-            found = compare(ensemble, method, tune=tune, progress=advance)
+            found = compare(ensemble, method, tune=tune, progress=advance, time_limit=time_limit)
     for label, reason in found.skipped.items():
         remark("warning", f"{label} is skipped: {reason}")
+    for label, reason in found.failed.items():
+        remark("error", f"{label} failed: {reason}")
     with whole_file(out / "stiffness.csv") as table:
         found.over_time().to_csv(table, index=False, float_format="%.6g")
     write_models(out / "models.nc", {label.replace("/", "_"): each for label, each in found.models.items()}, ensemble)
@@ -103,6 +106,8 @@ def identify(
     _show_impedance(found)
     _show_further(found)
     say_written(out, ["stiffness.csv", "models.nc", "stiffness.png", "stiffness.pdf", *_write_tuning(found, out)])
+    if found.failed:
+        raise typer.Exit(1)
 
 
 def _show_impedance(found: Comparison) -> None:

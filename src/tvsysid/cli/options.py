@@ -85,6 +85,15 @@ SchedulerOption = Annotated[
         "Run on a Dask cluster instead: address of its scheduler, such as tcp://host:8786; needs `tvsysid[dask]`.",
     ),
 ]
+TimeLimitOption = Annotated[
+    float,
+    option(
+        "S",
+        "Seconds that one identification by a method of your own may take; one that takes longer has failed, and is not "
+        "tried again.",
+    ),
+]
+TIME_LIMIT = 600.0  # that of tvsysid.methods, which takes long to import
 OutOption = Annotated[Path, option("DIR", "Folder for the results.", "--out")]
 
 

@@ -101,7 +101,7 @@ def print_met(results: xr.Dataset, met: list[Problem], units: str, counted: str)
         remark("warning", text)
     for problem in met:
         failed = problem["kind"] == "failed"
-        what = "failed and are left out" if failed else "gave warnings"
+        what = {"failed": "failed and are left out", "skipped": "were skipped"}.get(problem["kind"], "gave warnings")
         text = "{method}: {count} of {trials} {counted} {what}; the first: {first}"
         remark("error" if failed else "warning", text.format(what=what, counted=counted, **problem))
     return not any(problem["kind"] == "failed" for problem in met)

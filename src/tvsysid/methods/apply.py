@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, field
+from typing import Any, Protocol
 
+import cloudpickle
 import numpy as np
 
 from tvsysid.errors import InputError
-from tvsysid.estimates import IMPEDANCE, UNITS, Estimate
+from tvsysid.estimates import IMPEDANCE, UNITS, Estimate, plain_array
 from tvsysid.methods.base import inputs_of, reason_to_skip
 from tvsysid.models import Diagnostics, Model
-from tvsysid.signals import Array, Ensemble
+from tvsysid.signals import Array, Ensemble, digest
+
+LONGEST_NAME = 80  # letters of a quantity, pathway or axis
 
 
 class Identifies(Protocol):
@@ -60,23 +63,30 @@ def apply(method: Identifies, ensemble: Ensemble, label: str | None = None) -> M
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class AdoptedModel(Model):
-    """Model of a method that has ``found`` one of its own."""
+    """Model of a method that has ``found`` one of its own.
+
+    That is pickled, or None, where it was identified in another process. Then the ``torques`` of its pathways are known
+    for the ensemble that it is ``of``, by its digest.
+    """
 
     found: object
+    torques: Mapping[str, Array] = field(default_factory=dict)
+    of: str = ""
 
     def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
-        own = getattr(self.found, "pathways", None)
-        torques = own(ensemble) if callable(own) else {"intrinsic": self.found.predict(ensemble)}  # type: ignore[attr-defined]
-        return {str(name): self._checked(torque, ensemble) for name, torque in torques.items()}
-
-    def _checked(self, torque: object, ensemble: Ensemble) -> Array:
-        predicted = np.asarray(torque, dtype=np.float64)
-        if predicted.shape != (len(ensemble), ensemble.samples):
-            raise InputError(
-                f"{self.method}: predict(ensemble) must be of shape (realization, time), here ({len(ensemble)}, "
-                f"{ensemble.samples}), it is {predicted.shape}"
-            )
-        return predicted
+        if self.of and self.of == digest(ensemble):
+            return dict(self.torques)
+        found: Any = cloudpickle.loads(self.found) if isinstance(self.found, bytes) else self.found
+        if found is None:
+            raise InputError(f"{self.method}: the model predicts only for the ensemble that it was identified from")
+        own = getattr(found, "pathways", None)
+        torques = own(ensemble) if callable(own) else {"intrinsic": found.predict(ensemble)}
+        shape = (len(ensemble), ensemble.samples)
+        whole = "predict(ensemble) must be of shape (realization, time), here"
+        return {
+            _name(name, self.method): _numbers(torque, shape, f"{self.method}: {whole}")
+            for name, torque in torques.items()
+        }
 
 
 def _adopted(found: object, label: str, ensemble: Ensemble) -> AdoptedModel:
@@ -88,14 +98,16 @@ def _adopted(found: object, label: str, ensemble: Ensemble) -> AdoptedModel:
             )
     own = getattr(found, "estimates", None)
     given = own if isinstance(own, Mapping) else _plain_attributes(found, label, ensemble.samples)
-    estimates = {str(name): _estimate(str(name), value, label) for name, value in given.items()}
-    coordinates = {name: np.asarray(each) for name, each in getattr(found, "coordinates", {}).items()}
+    estimates = {_name(name, label): _estimate(str(name), value, label) for name, value in given.items()}
     return AdoptedModel(
         method=label,
         sampling_rate=ensemble.sampling_rate,
         time=ensemble.time,
         estimates=estimates,
-        coordinates=coordinates,
+        coordinates={
+            _name(name, label): plain_array(f"{label}: coordinates of {name}", each)
+            for name, each in getattr(found, "coordinates", {}).items()
+        },
         diagnostics=Diagnostics(parameters=math.nan),
         found=found,
     )
@@ -103,22 +115,42 @@ def _adopted(found: object, label: str, ensemble: Ensemble) -> AdoptedModel:
 
 def _plain_attributes(found: object, label: str, count: int) -> dict[str, Array]:
     """Stiffness, viscosity and inertia given as attributes, each (time,); the last two may be single numbers."""
-    stiffness = np.array(getattr(found, "stiffness", np.nan), dtype=np.float64)
-    if stiffness.shape != (count,):
-        raise InputError(f"{label}: the model's stiffness must be of shape ({count},), it is {stiffness.shape}")
-    given = {"stiffness": stiffness}
-    for name in IMPEDANCE[1:]:
-        values = np.array(getattr(found, name, np.nan), dtype=np.float64)
-        if np.isfinite(values).any() and values.shape in ((), (count,)):
-            given[name] = np.array(np.broadcast_to(values, count))
+    given = {}
+    for name in IMPEDANCE:
+        value = plain_array(f"{label}: the model's {name}", getattr(found, name, np.nan))
+        if name != "stiffness" and value.shape == ():
+            value = np.broadcast_to(np.nan if value.item() is None else value, count)
+        values = _numbers(value, (count,), f"{label}: the model's {name} must be of shape")
+        if name == "stiffness" or not np.isnan(values).all():
+            given[name] = values
     return given
+
+
+def _numbers(given: object, shape: tuple[int, ...], expected: str) -> Array:
+    """Real numbers of this shape; NaN among them, but nothing infinite."""
+    what = expected.partition(" must")[0]
+    values = plain_array(what, given)
+    if values.shape != shape:
+        raise InputError(f"{expected} {shape}, it is {values.shape}")
+    if values.dtype.kind not in "fiu" or np.isinf(values).any():
+        infinite = ", some of them infinite; give NaN where nothing can be said" if values.dtype.kind == "f" else ""
+        raise InputError(f"{what}: expected real numbers, got values of type {values.dtype}{infinite}")
+    return np.array(values, dtype=np.float64)
+
+
+def _name(name: object, label: str) -> str:
+    """Name of a quantity, pathway or axis, if it can be one."""
+    text = str(name)
+    if not text.isprintable() or not 0 < len(text) <= LONGEST_NAME:
+        raise InputError(f"{label}: expected names of 1 to {LONGEST_NAME} letters, got {text[: LONGEST_NAME + 1]!r}")
+    return text
 
 
 def _estimate(name: str, value: object, label: str) -> Estimate:
     if isinstance(value, Estimate):
         return value
     try:
-        return Estimate(np.asarray(value), UNITS.get(name, ""))
+        return Estimate(value, UNITS.get(name, ""))  # type: ignore[arg-type]  # it says what it expected
     except InputError as error:
         raise InputError(f"{label}: {name}: {error}") from error
 

@@ -127,6 +127,10 @@ class Method(ABC):
         yield from ()
 
 
+class SkippedError(InputError):
+    """A method cannot serve an ensemble; the message is the reason."""
+
+
 def inputs_of(method: object) -> tuple[Input, ...]:
     """Signals that a method needs beside angle and torque."""
     inputs = getattr(method, "inputs", ())
@@ -145,7 +149,10 @@ def reason_to_skip(method: object, ensemble: Ensemble) -> str | None:
             f"it needs the channel {needed}, the ensemble has {there}; read it as a further channel (--channel NAME=…)"
         )
     skip = getattr(method, "skip", None)
-    return skip(ensemble) if callable(skip) else None
+    reason = skip(ensemble) if callable(skip) else None
+    if reason and not isinstance(reason, str):
+        raise InputError(f"{type(method).__name__}: skip must return a reason in words, or None; got {type(reason)}")
+    return reason or None
 
 
 def _check_ensemble(method: Method, verb: str, ensemble: object) -> None:

@@ -13,6 +13,7 @@ from tvsysid.figures import Picture
 from tvsysid.figures.words import count
 from tvsysid.methods import METHODS
 from tvsysid.report.page import Block, Bullets, Code, Figure, Fold, Heading, Row, Section, Table, columns, number
+from tvsysid.study.task import SKIPPED
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -28,7 +29,7 @@ SYMBOLS = {"holds": "✓", "does not hold": "✗", "undecided": "?", "not studie
 
 
 class Problem(TypedDict):
-    """Identifications of one method that failed or gave warnings."""
+    """Identifications of one method that failed, were skipped, or gave warnings."""
 
     method: str
     kind: str
@@ -41,7 +42,7 @@ def problems(results: xr.Dataset) -> list[Problem]:
     """What failed or gave warnings in a study: how often, and the first reason.
 
     A dict for each: ``method`` (label of the method, of the analysis, or of a recording of which nothing could be
-    identified), ``kind`` (``"failed"`` or ``"warning"``), ``count`` of how many ``trials``, and the ``first`` reason.
+    identified), ``kind`` (``"failed"``, ``"skipped"`` or ``"warning"``), ``count`` of how many ``trials``, and the ``first`` reason.
     """
     found: list[Problem] = []
     if "recording" not in results.dims:
@@ -67,7 +68,13 @@ def problems(results: xr.Dataset) -> list[Problem]:
 
 def _texts(results: xr.Dataset, **where: str) -> Iterator[tuple[str, xr.DataArray]]:
     yield "failed", results.failure.sel(where)
-    yield "warning", results.warnings.sel(where)
+    warned = results.warnings.sel(where)
+    every = [str(text) for text in warned.values.ravel()]
+    for kind, texts in (
+        ("skipped", [text.removeprefix(SKIPPED) if text.startswith(SKIPPED) else "" for text in every]),
+        ("warning", ["" if text.startswith(SKIPPED) else text for text in every]),
+    ):
+        yield kind, warned.copy(data=np.array(texts, dtype=object).reshape(warned.shape))
 
 
 def _problem(method: str, kind: str, reasons: list[str], trials: int) -> Problem:
@@ -80,7 +87,9 @@ def problems_section(found: Iterable[Problem], what: str) -> Section:
         Row((each["method"], each["kind"], f"{each['count']} of {each['trials']}", each["first"])) for each in found
     ]
     headings = columns({what: "label", "what": "", "how many": "number", "first reason": "long"})
-    caption = "Identifications that failed are left out of the metrics; those that gave a warning count."
+    caption = (
+        "Identifications that failed or were skipped are left out of the metrics; those that gave a warning count."
+    )
     table = Table("Failures and warnings", caption, headings, rows)
     blocks = [table] if rows else ["No identification failed, and none gave a warning."]
     return Section("problems", "Failures and warnings", blocks)

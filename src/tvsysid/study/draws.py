@@ -41,10 +41,8 @@ class DrawsTask(task.Task):
         Gives arrays of ``shapes`` over (bootstrap, ...), with NaN where a draw failed; ``seconds``, ``warnings`` and
         ``failure`` of all together.
         """
-        (name, method), *_ = self.methods.items()
+        (name,) = self.methods
         ensemble = self.ensemble
-        if name in self.left_out:
-            return self.all_failed(self.left_out[name])
         if ensemble is None:
             return self.all_failed(self.reason)
         try:
@@ -54,7 +52,7 @@ class DrawsTask(task.Task):
             return self.all_failed(str(error))
         distinct, place = np.unique(weights, axis=0, return_inverse=True)
         every = np.arange(len(ensemble))
-        found = [self._row(method, ensemble, np.repeat(every, counts)) for counts in distinct]
+        found = [self._row(name, ensemble, np.repeat(every, counts)) for counts in distinct]
         rows = [found[number] for number in place.ravel()]
         failures = [row["failure"] for row in rows if row["failure"]]
         failure = f"every draw failed, the first: {failures[0]}" if len(failures) == len(rows) else ""
@@ -65,7 +63,7 @@ class DrawsTask(task.Task):
         """Outcome where the method gave no result."""
         return self._outcome([task.failed(reason)] * self.bootstraps, "", reason, np.nan)
 
-    def _row(self, method: bytes, ensemble: Ensemble, chosen: np.ndarray) -> Row:
+    def _row(self, name: str, ensemble: Ensemble, chosen: np.ndarray) -> Row:
         """What one draw gives; VAFs are means over its realizations."""
         drawn = ensemble.select(chosen)
 
@@ -78,7 +76,7 @@ class DrawsTask(task.Task):
             found |= {"estimate": task.over_time(model, self.quantities)}
             return found | task.over_schedule(model, self.scheduled)
 
-        return task.attempt(method, drawn, measure)
+        return self.attempt(name, drawn, measure)
 
     def _warnings(self, count: int, rows: list[Row], failures: list[str]) -> Iterator[str]:
         """Each warning once, whatever its numbers, with how often it was met.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import glob
-import hashlib
 import os
 import warnings
 from collections.abc import Callable
@@ -17,7 +16,7 @@ from tvsysid.methods import deviating_channels
 from tvsysid.methods.base import inputs_of
 from tvsysid.preprocess import Account, Preparation, prepare
 from tvsysid.recordings import read_usable_trials
-from tvsysid.signals import Array, Ensemble, Recording
+from tvsysid.signals import Array, Ensemble, Recording, digest
 from tvsysid.simulate import PERTURBATIONS, Participant, Simulation
 from tvsysid.study.recorded import Experiment, Recorded
 from tvsysid.study.task import Known, single_thread
@@ -61,16 +60,7 @@ class Prepared:
     @property
     def digest(self) -> str:
         """Of the ensemble; what tells these data from others."""
-        if self.ensemble is None:
-            return NOTHING
-        ensemble = self.ensemble
-        cut = ensemble.angle.shape, ensemble.sampling_rate, ensemble.context, ensemble.mean_subtracted
-        found = hashlib.sha256(repr(cut).encode())
-        for values in (ensemble.angle, ensemble.torque, ensemble.onsets, ensemble.trials):
-            found.update(np.asarray(values).tobytes())
-        for name, values in ensemble.channels.items():
-            found.update(name.encode() + values.tobytes())
-        return found.hexdigest()[:16]
+        return NOTHING if self.ensemble is None else digest(self.ensemble)
 
 
 def prepared_recordings(

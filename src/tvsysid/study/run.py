@@ -12,6 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tvsysid.errors import InputError
+from tvsysid.methods.apart import checked_limit
+from tvsysid.methods.forkserver import TIME_LIMIT
 from tvsysid.study.contents import EXPERIMENT
 from tvsysid.study.prepared import Prepared
 from tvsysid.study.recorded import Experiment
@@ -35,6 +37,7 @@ def run(
     workers: int | None = None,
     executor: Executor | None = None,
     progress: Callable[[int, int], None] | None = None,
+    time_limit: float = TIME_LIMIT,
 ) -> xr.Dataset:
     """Run a study, or what is missing of it, and collect what its metrics are made from.
 
@@ -58,6 +61,9 @@ def run(
         submitit. Then ``workers`` is the number of tasks that it runs at a time.
     progress
         Called with the numbers of tasks there and in all, first before any is run.
+    time_limit
+        Seconds for each identification by a method that is not the package's own. One that takes longer is ended, has
+        failed, and is not tried again in this run (of an experiment: with this recording); resuming tries it again.
 
     Returns
     -------
@@ -97,12 +103,13 @@ def run(
     """
     if workers is not None and workers < 1:
         raise InputError(f"workers must be at least 1, got {workers!r}")
+    time_limit = checked_limit(time_limit)
     source = source_of(study, prepared)
     with tempfile.TemporaryDirectory() if store is None else nullcontext(store) as folder:
         path = Path(folder) / "results.zarr" if store is None else Path(folder)
         with open_store(path, source.layout) as opened:
             source.begin(opened)
-            carry_out_missing(opened, source.task_at, workers, executor, progress)
+            carry_out_missing(opened, source.task_at, workers, executor, progress, time_limit)
             results = source.completed(opened.results())
         return results.load() if store is None else results
 

@@ -11,13 +11,14 @@ from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
 from tvsysid.errors import DataQualityWarning, InputError
+from tvsysid.methods.travel import pickled
 from tvsysid.study.contents import RECORDINGS, Layout, layout_of, of_recordings
 from tvsysid.study.draws import DrawsTask
 from tvsysid.study.prepared import Prepared, prepared_recordings
 from tvsysid.study.recorded import Experiment
 from tvsysid.study.simulated import Scenario, Study
 from tvsysid.study.store import Place, Store
-from tvsysid.study.task import Task, pickled
+from tvsysid.study.task import Task
 from tvsysid.study.trial import Trial
 
 if TYPE_CHECKING:
@@ -102,7 +103,7 @@ class Recordings(Source):
             seed=self._experiment.seed_of(item.recorded, analysis.realizations),
             quantities=self._experiment.quantities,
             shapes=self.layout.shapes("bootstrap"),
-            # A method may die of one recording alone.
+            # A method may hang or die of one recording alone.
             methods={f"{analysis.name} on {item.recorded.label}": self._methods[analysis.name]},
             reason=item.failure,
         )

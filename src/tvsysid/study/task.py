@@ -4,28 +4,28 @@ from __future__ import annotations
 
 import hashlib
 import platform
-import sys
 import threading
 import time
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
-import cloudpickle
 import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
 from tvsysid import __version__, metrics
-from tvsysid.errors import DataQualityWarning, InputError, describe_error, library_folders, printable
-from tvsysid.methods import apply
+from tvsysid.errors import DataQualityWarning, InputError, describe_error, printable
+from tvsysid.methods.apart import identify
+from tvsysid.methods.base import SkippedError
+from tvsysid.methods.forkserver import TIME_LIMIT, HungError, MethodError
+from tvsysid.methods.travel import module_of, name_of_module
 from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_known
 from tvsysid.signals import Array, Ensemble
@@ -35,6 +35,7 @@ Row = dict[str, Any]
 """What one identification gave: numbers by name, ``warnings``, ``failure`` (empty if there is none), ``spent`` (s)."""
 Known = Mapping[str, Array | None]
 """Noiseless torque of each pathway that is measured, shape (realization, time), where it is known."""
+SKIPPED = "skipped: "  # what the warning begins with of a method that cannot serve the data
 Shapes = Mapping[str, tuple[int, ...]]  # numbers that are measured of each identification, and their shapes
 
 
@@ -51,7 +52,8 @@ class Task(ABC):
 
     ``methods`` are pickled by label, each by itself, so that one that cannot be unpickled spoils no other; ``shapes``
     are those of what is measured of each identification; ``versions`` tell of the software of the process that sends
-    it, and a worker with another is refused; ``left_out`` says which methods are not to be tried, and why.
+    it, and a worker with another is refused; ``left_out`` says which methods are not to be tried, and why. Somebody
+    else's method has ``time_limit`` seconds for each identification; one that hangs is not tried again in this ``run``.
     """
 
     label: str
@@ -59,6 +61,8 @@ class Task(ABC):
     shapes: Shapes
     versions: Mapping[str, str] = field(default_factory=versions)
     left_out: Mapping[str, str] = field(default_factory=dict)
+    time_limit: float = TIME_LIMIT
+    run: str = ""
 
     @abstractmethod
     def work(self) -> Outcome:
@@ -67,6 +71,30 @@ class Task(ABC):
     @abstractmethod
     def all_failed(self, reason: str) -> Outcome:
         """Outcome where no method gave a result."""
+
+    def attempt(self, name: str, ensemble: Ensemble, measure: Callable[[Model], Row]) -> Row:
+        """Identify an ensemble by one of the methods and measure the model; a failure is kept as a text."""
+        hung = _given_up.setdefault(self.run, {}) if self.run else {}
+        if reason := self.left_out.get(name) or hung.get(name):
+            return failed(reason)
+        started = time.perf_counter()
+        try:
+            # Unpickled each time, so that nothing that it remembers passes from one identification to the next.
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always", DataQualityWarning)
+                model, _, seconds = identify(self.methods[name], ensemble, limit=self.time_limit)
+            _check_found(model)
+            told = [str(item.message) for item in caught if issubclass(item.category, DataQualityWarning)]
+            row = {"seconds": seconds, "spent": seconds, "warnings": told, "failure": ""}
+            return row | {"parameters": model.diagnostics.parameters} | measure(model)
+        except SkippedError as error:
+            return failed("") | {"warnings": [f"{SKIPPED}{error}"]}
+        except MethodError as error:
+            if isinstance(error, HungError):
+                hung[name] = f"not tried again in this run: {error} (in {self.label})"
+            return failed(str(error)) | {"spent": time.perf_counter() - started}
+        except Exception as error:
+            return failed(describe_error(error)) | {"spent": time.perf_counter() - started}
 
 
 def carry_out(task: Task) -> Outcome:
@@ -82,6 +110,15 @@ def single_thread() -> AbstractContextManager[object]:
     """BLAS with one thread, for the last bits of what it gives depend on their number."""
     limited: AbstractContextManager[object] = _blas().limit(limits=1)
     return limited
+
+
+_given_up: dict[str, dict[str, str]] = {}
+"""Methods that hung in this process, and what is said of them, by run."""
+
+
+def given_up(task: Task) -> dict[str, str]:
+    """Methods that hung in this process in a task's run, and what is said of them where they are not tried again."""
+    return _given_up.get(task.run, {})
 
 
 _blas = cache(ThreadpoolController)
@@ -102,26 +139,6 @@ class Clock:
             yield
         finally:
             self.seconds[name] += time.perf_counter() - started
-
-
-def attempt(method: bytes, ensemble: Ensemble, measure: Callable[[Model], Row]) -> Row:
-    """Identify an ensemble by any method and measure the model; a failure is kept as a text."""
-    started = time.perf_counter()
-    try:
-        # Unpickled each time, so that nothing that it remembers passes from one identification to the next.
-        ready = cloudpickle.loads(method)
-        started = time.perf_counter()
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always", DataQualityWarning)
-            model = apply(ready, ensemble, type(ready).__name__)
-        _check_found(model)
-        seconds = time.perf_counter() - started
-        told = [str(item.message) for item in caught if issubclass(item.category, DataQualityWarning)]
-        row = {"seconds": seconds, "spent": seconds, "warnings": told, "failure": ""}
-        return row | {"parameters": model.diagnostics.parameters} | measure(model)
-    # A method that calls sys.exit() has failed like any other.
-    except (Exception, SystemExit) as error:
-        return failed(describe_error(error)) | {"spent": time.perf_counter() - started}
 
 
 def failed(reason: str) -> Row:
@@ -213,47 +230,11 @@ def digests(items: Mapping[str, Any]) -> dict[str, str]:
     """Digest of the file that holds each method of somebody else's: a method that was changed is another one."""
     found = {}
     for label, item in items.items():
-        module = _module_of(item)
+        module = module_of(item)
         file = getattr(module, "__file__", None)
-        if file and not _name_of_module(item).startswith("tvsysid.") and Path(file).is_file():
+        if file and not name_of_module(item).startswith("tvsysid.") and Path(file).is_file():
             found[label] = hashlib.sha256(Path(file).read_bytes()).hexdigest()[:12]
     return found
-
-
-def pickled(items: Mapping[str, Any], what: str = "method", parts: Sequence[Any] = ()) -> dict[str, bytes]:
-    """Methods as they travel; a class from a script, notebook or loose file travels whole, for workers lack that.
-
-    So do the classes of what they are made of, if it is named as ``parts``. Raises an InputError if one cannot be
-    pickled.
-    """
-    travelling = {}
-    for label, item in items.items():
-        with ExitStack() as registered:
-            for module in {_module_of(part) for part in (item, *parts)}:
-                if module is not None and _is_loose(module):
-                    cloudpickle.register_pickle_by_value(module)
-                    registered.callback(cloudpickle.unregister_pickle_by_value, module)
-            try:
-                travelling[label] = cloudpickle.dumps(item)
-            except Exception as error:
-                reason = f"{type(error).__name__}: {error}"
-                raise InputError(f"{what} {label}: cannot be sent to a worker: {reason}") from error
-    return travelling
-
-
-def _name_of_module(item: Any) -> str:
-    """Of the class, or of a function itself."""
-    return str(getattr(item, "__module__", None) or type(item).__module__)
-
-
-def _module_of(item: Any) -> ModuleType | None:
-    return sys.modules.get(_name_of_module(item))
-
-
-def _is_loose(module: ModuleType) -> bool:
-    """Whether a module is a file of the user's, not an installed package."""
-    file = getattr(module, "__file__", None)
-    return bool(file) and not str(file).startswith(library_folders()) and module.__name__ != "__main__"
 
 
 def differences(theirs: Mapping[str, Any], ours: Mapping[str, Any]) -> str:

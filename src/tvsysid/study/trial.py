@@ -91,10 +91,7 @@ class Trial(task.Task):
                 explained = task.explained(torque, np.asarray(sum(own.values())), ensemble.sampling_rate)
                 return bands | estimate | explained | task.of_pathways(own, known)
 
-        rows = [
-            task.failed(self.left_out[label]) if label in self.left_out else task.attempt(method, ensemble, measure)
-            for label, method in self.methods.items()
-        ]
+        rows = [self.attempt(label, ensemble, measure) for label in self.methods]
         return self._outcome(rows, list(clock.seconds.values()), truth)
 
     def all_failed(self, reason: str) -> Outcome:

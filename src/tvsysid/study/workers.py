@@ -6,6 +6,7 @@ import multiprocessing
 import os
 import signal
 import threading
+import uuid
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
 from concurrent.futures import ProcessPoolExecutor as Pool
@@ -15,9 +16,10 @@ from functools import partial
 from itertools import islice
 from typing import Any
 
-from tvsysid.errors import InputError
+from tvsysid.errors import InputError, describe_error
+from tvsysid.methods.forkserver import TIME_LIMIT
 from tvsysid.study.store import Place, Store
-from tvsysid.study.task import Outcome, Task, carry_out
+from tvsysid.study.task import Outcome, Task, carry_out, given_up
 
 AHEAD = 2  # tasks that wait for each worker: enough to keep it busy; more would only take memory
 UNKNOWN_WORKERS = 32  # assumed of an executor that does not say how many it has
@@ -36,24 +38,43 @@ def carry_out_missing(
     workers: int | None = None,
     executor: Executor | None = None,
     progress: Callable[[int, int], None] | None = None,
+    time_limit: float = TIME_LIMIT,
 ) -> None:
     """Carry out the tasks of a study that its store lacks, and write what comes back; arguments are those of `run`."""
-    places, total = store.missing(), len(store.places)
+    places, total, run = store.missing(), len(store.places), uuid.uuid4().hex
     done = total - len(places)
+    left_out: dict[str, str] = {}
+
+    def limited(place: Place) -> Task:
+        return replace(task_at(place), left_out=dict(left_out), time_limit=time_limit, run=run)
+
     if progress is not None:
         progress(done, total)
     # Closed at once if writing fails, so that no worker goes on in vain.
-    with closing(_outcomes(task_at, places, workers, executor)) as outcomes:
-        for place, outcome in outcomes:
+    with closing(_outcomes(limited, left_out, places, workers, executor)) as outcomes:
+        for place, (outcome, hung) in outcomes:
+            left_out |= hung
             store.write(place, outcome)
             done += 1
             if progress is not None:
                 progress(done, total)
 
 
+Result = tuple[Outcome, dict[str, str]]  # and methods that are not to be tried again, with what is said of them
+
+
+def _result_of(task: Task) -> Result:
+    """What a worker does."""
+    return carry_out(task), given_up(task)
+
+
 def _outcomes(
-    task_at: Callable[[Place], Task], places: list[Place], workers: int | None, executor: Executor | None
-) -> Generator[tuple[Place, Outcome]]:
+    task_at: Callable[[Place], Task],
+    killers: dict[str, str],
+    places: list[Place],
+    workers: int | None,
+    executor: Executor | None,
+) -> Generator[tuple[Place, Result]]:
     if executor is not None:
         at_a_time = workers or int(getattr(executor, "_max_workers", UNKNOWN_WORKERS))
         try:
@@ -68,17 +89,17 @@ def _outcomes(
     if workers == 1:
         for place in places:
             task = task_at(place)
-            yield place, _outcome(partial(carry_out, task), task)
+            yield place, _outcome(partial(_result_of, task), task)
     else:
-        yield from _from_processes(task_at, places, workers)
+        yield from _from_processes(task_at, killers, places, workers)
 
 
 def _from(
     executor: Executor, task_at: Callable[[Place], Task], places: Iterable[Place], workers: int
-) -> Generator[tuple[Place, Outcome]]:
+) -> Generator[tuple[Place, Result]]:
     """Outcomes as they come; never more than a few trials are under way."""
     queue = iter(places)
-    pending: dict[Future[Outcome], Place] = {}
+    pending: dict[Future[Result], Place] = {}
     try:
         while True:
             for place in islice(queue, (1 + AHEAD) * workers - len(pending)):
@@ -94,37 +115,32 @@ def _from(
             future.cancel()
 
 
-def _outcome(result: Callable[[], Outcome], task: Task) -> Outcome:
+def _outcome(result: Callable[[], Result], task: Task) -> Result:
     """What a task gives, or that it failed where it raised what is nobody's word to the user."""
     try:
         return result()
     except (BrokenExecutor, CancelledError, InputError):
         raise
     except Exception as error:
-        return task.all_failed(f"the worker failed: {type(error).__name__}: {error}")
+        return task.all_failed(f"the worker failed: {describe_error(error)}"), {}
 
 
-def _submit(executor: Executor, task: Task) -> Future[Outcome]:
+def _submit(executor: Executor, task: Task) -> Future[Result]:
     try:
-        return executor.submit(carry_out, task)
+        return executor.submit(_result_of, task)
     except RuntimeError as error:  # it was shut down
         raise BrokenExecutor(str(error)) from error
 
 
 def _from_processes(
-    task_at: Callable[[Place], Task], places: list[Place], workers: int
-) -> Generator[tuple[Place, Outcome]]:
+    task_at: Callable[[Place], Task], killers: dict[str, str], places: list[Place], workers: int
+) -> Generator[tuple[Place, Result]]:
     """Outcomes from local processes; where one dies, its tasks are done again, each by itself."""
     left = dict.fromkeys(places)
-    killers: dict[str, str] = {}
-
-    def without_killers(place: Place) -> Task:
-        return replace(task_at(place), left_out=dict(killers))
-
     while left:
         try:
             with processes(min(workers, len(left))) as pool:
-                for place, outcome in _from(pool, without_killers, list(left), workers):
+                for place, outcome in _from(pool, task_at, list(left), workers):
                     del left[place]
                     yield place, outcome
         except BrokenExecutor:
@@ -134,8 +150,11 @@ def _from_processes(
                 yield place, _alone(task_at(place), killers)
 
 
-def _alone(task: Task, killers: dict[str, str]) -> Outcome:
-    """Outcome of a task in a process of its own; a method that kills it is found, marked and not tried again."""
+def _alone(task: Task, killers: dict[str, str]) -> Result:
+    """Outcome of a task in a process of its own; a method that kills it is found, marked and not tried again.
+
+    It is one of the package's own, which takes more memory than there is: others run in processes of their own.
+    """
     while True:
         try:
             return _in_one_process(replace(task, left_out=dict(killers)))
@@ -151,12 +170,12 @@ def _alone(task: Task, killers: dict[str, str]) -> Outcome:
                     )
                     break
             else:
-                return task.all_failed("the worker process died, though each method by itself does not kill it")
+                return task.all_failed("the worker process died, though each method by itself does not kill it"), {}
 
 
-def _in_one_process(task: Task) -> Outcome:
+def _in_one_process(task: Task) -> Result:
     with processes(1) as pool:
-        return _outcome(pool.submit(carry_out, task).result, task)
+        return _outcome(pool.submit(_result_of, task).result, task)
 
 
 @contextmanager

@@ -1,0 +1,136 @@
+"""Identify by any method: the package's own in this process, somebody else's in one of its own, on a copy of the data.
+
+What somebody else's method does to its process or to the data reaches no other method. What comes back is made of the
+package's own classes, numbers and text alone, so that nobody's code runs here.
+"""
+
+from __future__ import annotations
+
+import math
+import pickle
+import time
+from contextlib import suppress
+from typing import Any, NamedTuple
+
+import cloudpickle
+import numpy as np
+
+from tvsysid.errors import InputError, plain_text
+from tvsysid.estimates import Estimate, StandardError
+from tvsysid.methods.apply import AdoptedModel, apply
+from tvsysid.methods.base import Choice, Method, SkippedError, reason_to_skip
+from tvsysid.methods.forkserver import TIME_LIMIT, call
+from tvsysid.methods.travel import plain
+from tvsysid.methods.tuning.evidence import Evidence, Tuned
+from tvsysid.models import Diagnostics, Model
+from tvsysid.signals import Ensemble, digest
+
+
+class Identified(NamedTuple):
+    """A model, the evidence for the settings if they were chosen from the data, and the seconds that both took."""
+
+    model: Model
+    evidence: Evidence | None
+    seconds: float
+
+
+def checked_limit(seconds: float) -> float:
+    """Time limit, if it is a positive number of seconds."""
+    if isinstance(seconds, bool) or not isinstance(seconds, (int, float)) or not 0 < seconds < math.inf:
+        raise InputError(f"time_limit: expected a positive number of seconds, got {seconds!r}")
+    return float(seconds)
+
+
+def identify(
+    method: bytes,
+    ensemble: Ensemble,
+    label: str = "",
+    *,
+    tune: bool = False,
+    limit: float = TIME_LIMIT,
+    keep: bool = False,
+) -> Identified:
+    """Identify by a pickled method, whoever wrote it; its settings chosen from the data first if it is to ``tune``.
+
+    ``label`` is for messages. Somebody else's model predicts for the ensemble that it was identified from, and for
+    others if it is to ``keep`` its own code.
+
+    Raises
+    ------
+    SkippedError, MethodError
+        If the method cannot serve the ensemble; if somebody else's fails, or takes longer than the limit in seconds
+        (HungError). Errors of the package's own methods pass.
+    """
+    try:
+        own = plain(method)
+    except Exception:  # it holds somebody else's code, or is no pickle
+        found: Identified = call(method, _identified_apart, ensemble, label, tune, keep, limit=limit)
+        return found
+    return _identified(own, ensemble, label, tune)
+
+
+def _identified(method: Any, ensemble: Ensemble, label: str, tune: bool) -> Identified:
+    label = label or type(method).__name__
+    if reason := reason_to_skip(method, ensemble):
+        raise SkippedError(reason)
+    started = time.perf_counter()
+    method, evidence = _tuned(method, ensemble) if tune else (method, None)
+    model = apply(method, ensemble, label)
+    return Identified(model, evidence, time.perf_counter() - started)
+
+
+def _tuned(method: Any, ensemble: Ensemble) -> Choice[Method]:
+    """Method with settings chosen from the data, and the evidence for them."""
+    own = method.method if isinstance(method, Tuned) else method
+    if not isinstance(own, Method):
+        raise InputError(
+            "its settings cannot be chosen from data; leave out tune (--tune), and write key:tuned=true for those "
+            "methods whose settings can"
+        )
+    return own.tuned(ensemble)
+
+
+def _identified_apart(method: Any, ensemble: Ensemble, label: str, tune: bool, keep: bool) -> Identified:
+    """What the process of somebody else's method does; all of its own code has run when this returns."""
+    before = digest(ensemble)
+    found = _identified(method, ensemble, label, tune)
+    plainly = _own_code_left_behind(found.model, ensemble, keep)
+    model = found.model if _travels(found.model) else plainly
+    with suppress(Exception):  # what is there now may be no data at all
+        if digest(ensemble) == before:
+            return found._replace(model=model)
+    raise InputError("it changed the ensemble, which must stay as it is; work on a copy, as in ensemble.angle.copy()")
+
+
+def _travels(model: Model) -> bool:
+    with suppress(Exception):
+        plain(pickle.dumps(model))
+        return True
+    return False
+
+
+def _own_code_left_behind(model: Model, ensemble: Ensemble, keep: bool) -> AdoptedModel:
+    """What a model of anybody's class estimates and predicts, as arrays."""
+    content = None
+    if keep:
+        with suppress(Exception):  # then it predicts for this ensemble only
+            content = cloudpickle.dumps(model.found if isinstance(model, AdoptedModel) else model)
+    told = model.diagnostics
+    return AdoptedModel(
+        method=str(model.method),
+        sampling_rate=float(model.sampling_rate),
+        time=np.array(model.time),
+        estimates={str(name): _worked_out(each) for name, each in model.estimates.items()},
+        coordinates={str(name): np.array(values) for name, values in model.coordinates.items()},
+        diagnostics=Diagnostics(float(told.parameters), warnings=tuple(map(plain_text, told.warnings))),
+        found=content,
+        torques={str(name): np.array(torque) for name, torque in model.pathways(ensemble).items()},
+        of=digest(ensemble),
+    )
+
+
+def _worked_out(estimate: Estimate) -> Estimate:
+    error = estimate.standard_error
+    if error is not None:
+        error = StandardError(np.array(error.values), np.array(error.freedom), float(error.arc), str(error.absent))
+    return Estimate(np.array(estimate.values), str(estimate.unit), tuple(map(str, estimate.axes)), error)

@@ -1,0 +1,149 @@
+"""Methods that do what no method should spoil no other, and are reported with what they did."""
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.conftest import ensemble_of
+from tests.study import hostile
+
+import tvsysid as tv
+from tvsysid.methods import forkserver
+from tvsysid.report import problems
+from tvsysid.study import Study, run
+
+OWN = ["sds", "birf"]
+SETTINGS = {"duration_s": 20.0, "trials": 2, "perturbation": "prbs"}
+LIMIT = 1.0  # s
+
+
+@pytest.fixture(scope="module")
+def results():
+    every = [kind() for kind in (*hostile.FAILURES, *hostile.HARMLESS)]
+    return run(Study(**SETTINGS, methods=[OWN[0], *every, OWN[1]]), workers=1, time_limit=LIMIT)
+
+
+@pytest.mark.slow
+def test_the_package_s_own_methods_give_the_same_bits(results):
+    alone = run(Study(**SETTINGS, methods=OWN), workers=1)
+    together = results.sel(method_key=OWN)
+    assert (together.failure == "").all()
+    for name in ("estimate", "standard_error", "covered", "vaf", "bandpassed_vaf", "time_varying_vaf", "parameters"):
+        np.testing.assert_array_equal(together[name], alone[name], err_msg=name)
+
+
+@pytest.mark.slow
+def test_each_is_reported_with_what_it_did(results):
+    told = {problem["method"]: problem for problem in problems(results) if problem["kind"] == "failed"}
+    assert set(told) == {kind.__name__ for kind in hostile.FAILURES}
+    for kind, reason in hostile.FAILURES.items():
+        assert reason in told[kind.__name__]["first"]
+        assert told[kind.__name__]["count"] == SETTINGS["trials"]
+        assert told[kind.__name__]["first"].isprintable()
+        assert np.isnan(results.estimate.sel(method_key=kind.__name__)).all()
+    for kind in hostile.HARMLESS:
+        assert (results.estimate.sel(method_key=kind.__name__, quantity="stiffness") == 100.0).all()
+
+
+@pytest.mark.slow
+def test_one_that_hangs_is_not_tried_again_in_the_run(results):
+    first, second = results.failure.sel(method_key="Hangs").values.ravel()
+    assert first.startswith(f"it took longer than the time limit of {LIMIT:g} s")
+    assert second.startswith("not tried again in this run: it took longer")
+
+
+@pytest.mark.slow
+def test_this_process_is_as_it_was(results):
+    assert os.getcwd() != "/"
+    assert callable(np.linalg.solve)
+    assert np.geterr()["divide"] == "warn"
+    assert not sys.stdout.closed
+
+
+@pytest.mark.slow
+def test_one_that_hangs_in_a_worker_is_ended_there_and_resuming_tries_it_again(tmp_path):
+    study = Study(**SETTINGS, methods=["sds", hostile.HangsInNativeCode(), hostile.Interrupts()])
+    for _ in range(2):
+        started = time.monotonic()
+        found = run(study, workers=2, time_limit=LIMIT, store=tmp_path / "results.zarr")
+        assert time.monotonic() - started < 60
+        assert (found.failure.sel(method_key="sds") == "").all()
+        assert any(text.startswith("it took longer") for text in found.failure.values[..., 1].ravel())
+        assert all(text.startswith("KeyboardInterrupt") for text in found.failure.values[..., 2].ravel())
+
+
+@pytest.mark.slow
+def test_all_that_it_started_ends_with_the_process_that_asked(tmp_path):
+    """Killed in the middle of a hang."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import sys\n"
+        f"sys.path[:0] = {[str(Path(__file__).parents[2])]!r}\n"
+        "from tests.conftest import ensemble_of\n"
+        "from tests.study import hostile\n"
+        "import tvsysid as tv\n"
+        "tv.compare(ensemble_of(), ['sds', hostile.LeavesFork(), hostile.LeavesThread()])\n"
+        "from tvsysid.methods.forkserver import _servers\n"
+        "print(*(each.process for each in _servers[0].children.values()), _servers[0].program.pid, flush=True)\n"
+        "tv.compare(ensemble_of(), ['sds', hostile.Hangs()])\n"
+    )
+    with subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, text=True) as program:
+        pids = [int(word) for word in program.stdout.readline().split()]
+        assert len(pids) == 3
+        program.kill()
+    until = time.monotonic() + 10
+    while any(map(is_alive, pids)) and time.monotonic() < until:
+        time.sleep(0.05)
+    assert not any(map(is_alive, pids))
+
+
+def is_alive(process):
+    try:
+        os.killpg(process, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def test_in_a_comparison_the_others_finish():
+    ensemble = ensemble_of()
+    found = tv.compare(ensemble, [hostile.SetsFlags(), "sds", hostile.Interrupts(), hostile.LeavesThread()])
+    assert list(found.models) == ["sds", "LeavesThread"]
+    assert "it changed the ensemble" in found.failed["SetsFlags"]
+    assert "KeyboardInterrupt (hostile.py, line" in found.failed["Interrupts"]
+    assert "failed: SetsFlags, Interrupts" in repr(found)
+    np.testing.assert_array_equal(found.models["sds"].stiffness, tv.ShortDataSegments().identify(ensemble).stiffness)
+    other = ensemble.select([0, 1, 2])
+    assert found.models["LeavesThread"].predict(ensemble).shape == (len(ensemble), ensemble.samples)
+    with pytest.raises(tv.InputError, match="must be of shape"):  # its own code, on other data
+        found.models["LeavesThread"].predict(other)
+
+
+def test_one_that_kills_the_server_is_followed_by_others():
+    class KillsParent:
+        def identify(self, ensemble):
+            os.kill(os.getppid(), 9)
+            time.sleep(0.1)
+            return hostile.found(ensemble)
+
+    found = tv.compare(ensemble_of(), [KillsParent(), hostile.LeavesThread(), "esm"])
+    assert list(found.models)[-2:] == ["LeavesThread", "esm"]
+
+
+@pytest.mark.parametrize("limit", [0, -1, float("nan"), float("inf"), True, "10"])
+def test_a_limit_is_a_positive_number_of_seconds(limit):
+    with pytest.raises(tv.InputError, match="time_limit: expected a positive number of seconds"):
+        tv.compare(ensemble_of(), ["sds"], time_limit=limit)
+    with pytest.raises(tv.InputError, match="time_limit: expected a positive number of seconds"):
+        run(Study(**SETTINGS, methods="sds"), time_limit=limit)
+
+
+def test_where_nothing_can_be_forked_methods_run_in_this_process(monkeypatch):
+    monkeypatch.setattr(forkserver, "FORKS", False)
+    found = tv.compare(ensemble_of(), [hostile.SetsAttribute(), hostile.GivesComplex(), "sds"])
+    assert list(found.models) == ["sds"]
+    assert "it changed the ensemble" in found.failed["SetsAttribute"]

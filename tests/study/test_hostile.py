@@ -18,7 +18,7 @@ from tvsysid.study import Study, run
 
 OWN = ["sds", "birf"]
 SETTINGS = {"duration_s": 20.0, "trials": 2, "perturbation": "prbs"}
-LIMIT = 1.0  # s
+LIMIT = 2.0  # s
 
 
 @pytest.fixture(scope="module")
@@ -67,10 +67,8 @@ def test_this_process_is_as_it_was(results):
 @pytest.mark.slow
 def test_one_that_hangs_in_a_worker_is_ended_there_and_resuming_tries_it_again(tmp_path):
     study = Study(**SETTINGS, methods=["sds", hostile.HangsInNativeCode(), hostile.Interrupts()])
-    for _ in range(2):
-        started = time.monotonic()
-        found = run(study, workers=2, time_limit=LIMIT, store=tmp_path / "results.zarr")
-        assert time.monotonic() - started < 60
+    for workers in (2, 1):
+        found = run(study, workers=workers, time_limit=LIMIT, store=tmp_path / "results.zarr")
         assert (found.failure.sel(method_key="sds") == "").all()
         assert any(text.startswith("it took longer") for text in found.failure.values[..., 1].ravel())
         assert all(text.startswith("KeyboardInterrupt") for text in found.failure.values[..., 2].ravel())

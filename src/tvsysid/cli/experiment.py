@@ -107,9 +107,8 @@ def experiment(
         raise InputError("no recording can be used; correct the errors above")
     title = f"{len(what.recordings)} recordings x {len(what.analyses)} analyses x {what.bootstraps} bootstraps"
     with shown_warnings():
-        results = run_in(
-            out, partial(run, what, prepared=prepared, time_limit=time_limit), title, "analyses", workers, scheduler
-        )
+        study_run = partial(run, what, prepared=prepared, time_limit=time_limit)
+        results = run_in(out, study_run, title, "analyses", workers, scheduler)
     if not write(what, results, prepared, out, command_line()):
         raise typer.Exit(1)
 

@@ -89,8 +89,8 @@ TimeLimitOption = Annotated[
     float,
     option(
         "S",
-        "Seconds that one identification by a method of your own may take; one that takes longer has failed, and is not "
-        "tried again.",
+        "Seconds that an identification by a method of your own may take; one that takes longer is ended, and has "
+        "failed.",
     ),
 ]
 TIME_LIMIT = 600.0  # that of tvsysid.methods, which takes long to import

@@ -42,7 +42,8 @@ def problems(results: xr.Dataset) -> list[Problem]:
     """What failed or gave warnings in a study: how often, and the first reason.
 
     A dict for each: ``method`` (label of the method, of the analysis, or of a recording of which nothing could be
-    identified), ``kind`` (``"failed"``, ``"skipped"`` or ``"warning"``), ``count`` of how many ``trials``, and the ``first`` reason.
+    identified), ``kind`` (``"failed"``, ``"skipped"`` or ``"warning"``), ``count`` of how many ``trials``, and the
+    ``first`` reason.
     """
     found: list[Problem] = []
     if "recording" not in results.dims:
@@ -87,9 +88,7 @@ def problems_section(found: Iterable[Problem], what: str) -> Section:
         Row((each["method"], each["kind"], f"{each['count']} of {each['trials']}", each["first"])) for each in found
     ]
     headings = columns({what: "label", "what": "", "how many": "number", "first reason": "long"})
-    caption = (
-        "Identifications that failed or were skipped are left out of the metrics; those that gave a warning count."
-    )
+    caption = "What failed or was skipped is left out of the metrics; what gave a warning counts."
     table = Table("Failures and warnings", caption, headings, rows)
     blocks = [table] if rows else ["No identification failed, and none gave a warning."]
     return Section("problems", "Failures and warnings", blocks)

@@ -20,6 +20,7 @@ def test_identify_by_an_own_method(tvsysid, tmp_path, monkeypatch):
         "class Mine:\n"
         "    def identify(self, ensemble):\n        return Model(np.full(ensemble.samples, 80.0))\n"
         "class Faulty:\n    def identify(self, ensemble):\n        return 1 / 0\n"
+        "class Hangs:\n    def identify(self, ensemble):\n        while True: pass\n"
     )
     tvsysid("simulate", "joint.mat", "--duration", 40)
     code, out, err = tvsysid("identify", "joint.mat", *IDENTIFY, "--method", "plainly:Mine", "--method", "sds")
@@ -31,6 +32,12 @@ def test_identify_by_an_own_method(tvsysid, tmp_path, monkeypatch):
     code, _, err = tvsysid("identify", "joint.mat", *IDENTIFY, "--method", "plainly:Faulty")
     assert code == 2
     assert "method plainly:Faulty: ZeroDivisionError: division by zero (plainly.py, line 12)" in err
+    methods = [word for name in ("plainly:Faulty", "sds", "plainly:Hangs") for word in ("--method", name)]
+    code, out, err = tvsysid("identify", "joint.mat", *IDENTIFY, *methods, "--time-limit", 2, "--out", "others")
+    assert code == 1
+    assert "error: plainly:Faulty failed: ZeroDivisionError: division by zero (plainly.py, line 12)" in err
+    assert "error: plainly:Hangs failed: it took longer than the time limit of 2 s and was ended" in err
+    assert set(pd.read_csv(tmp_path / "others" / "stiffness.csv").method) == {"sds"}
 
 
 @pytest.mark.parametrize("name", ["joint.mat", "joint.csv"])

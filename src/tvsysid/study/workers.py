@@ -159,11 +159,13 @@ def _alone(task: Task, killers: dict[str, str]) -> Result:
         try:
             return _in_one_process(replace(task, left_out=dict(killers)))
         except BrokenExecutor:
-            for label in [label for label in task.methods if label not in killers]:
-                others = dict.fromkeys((other for other in task.methods if other != label), "not tried")
+            untried = dict.fromkeys(task.methods, "not tried")
+            for label in (None, *(label for label in task.methods if label not in killers)):
                 try:
-                    _in_one_process(replace(task, left_out=others))
+                    _in_one_process(replace(task, left_out={each: untried[each] for each in untried if each != label}))
                 except BrokenExecutor:
+                    if label is None:
+                        return task.all_failed("the worker process died before any method was tried"), {}
                     killers[label] = (
                         f"its worker process died in {task.label}, so it was not tried again: it crashed, or took more "
                         "memory than there is"

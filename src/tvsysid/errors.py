@@ -64,8 +64,7 @@ def plain_text(message: object) -> str:
         text = str(message)
     except BaseException:  # its text is code that anybody wrote
         return "its text cannot be read"
-    shown = "".join(each if each.isprintable() else " " for each in text[:10_000])
-    return textwrap.shorten(shown, 1000, placeholder=" …")
+    return textwrap.shorten(one_line(text[:10_000]), 1000, placeholder=" …")
 
 
 def _place(error: BaseException, file: str | None) -> tuple[str | None, int | None]:

@@ -1,5 +1,7 @@
 """The same two signals in files of every format, as laboratories' programs write them."""
 
+import warnings
+
 import h5py
 import numpy as np
 import pandas as pd
@@ -106,10 +108,12 @@ def write_object(file, values, age):
             record[name][0, 0] = item
         savemat(file, {"io": MatlabObject(record, "nldat")})
         return
-    import matio
-    from matio.utils import MatlabOpaque
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of pandas, about options that the library sets
+        import matio
+        from matio.utils import MatlabOpaque
 
-    matio.save_to_mat(str(file), {"io": MatlabOpaque(values, "nldat")}, version="v7" if age == "v7" else "v7.3")
+        matio.save_to_mat(str(file), {"io": MatlabOpaque(values, "nldat")}, version="v7" if age == "v7" else "v7.3")
 
 
 WRITERS = {

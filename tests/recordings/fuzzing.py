@@ -1,0 +1,218 @@
+"""Damaged files of every format, read by processes with limits: what is not read is refused, and nothing worse.
+
+A mutant follows from the seed, its number and the sound files. Run by itself, any number of them are tried::
+
+    python -m tests.recordings.fuzzing --count 10000 --seed 1 --keep FOLDER
+"""
+
+import argparse
+import json
+import os
+import select
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import h5py
+import numpy as np
+from scipy.io import savemat
+from tests.recordings import files, mutations
+from tests.recordings.reading import GIB, memory
+
+import tvsysid
+
+HANG = 90  # seconds, on a machine that has other work; `reading.py` counts those of the processor
+MOST = 4 * GIB  # of memory that a process takes before it is ended
+
+
+def write_mat_5(file, angle, torque, **settings):
+    """Every kind of variable that SciPy writes."""
+    others = {"note": "ankle", "flag": torque > 0, "coarse": (1000 * angle).astype("i2"), "cell": files.cells("a", "b")}
+    savemat(file, {"pos": angle, "run": {"pos": angle[:, None], "tq": torque}, "tq": torque} | others, **settings)
+    undated(file)
+
+
+def undated(file):
+    """The same content whenever it is written: a MAT file's header tells the time."""
+    content = file.read_bytes()
+    file.write_bytes(b"MATLAB 5.0 MAT-file, Platform: GLNXA64".ljust(116) + content[116:])
+
+
+def write_object(file, angle, torque, age):
+    files.write_object(file, files.nldat([angle, torque]), age)
+    if age != "v7.3":
+        undated(file)
+
+
+def write_mat_4(file, angle, torque):
+    savemat(file, {"pos": angle, "tq": torque, "fs": 200.0, "note": "ankle"}, format="4")
+
+
+def write_netcdf(file, angle, torque):
+    """With attributes few enough to be found by damage."""
+    with h5py.File(file, "w", track_order=True) as root:
+        for name, values in {"pos": angle, "tq": torque}.items():
+            root.create_dataset(name, data=values, compression="gzip", shuffle=True).attrs["units"] = "rad"
+        root.create_group("day1")["pos"] = angle
+
+
+SEEDS = {
+    "version4.mat": write_mat_4,
+    "version5.mat": write_mat_5,
+    "version7.mat": partial(write_mat_5, do_compression=True),
+    "old-object.mat": partial(write_object, age="old"),
+    "object.mat": partial(write_object, age="v7"),
+    "object73.mat": partial(write_object, age="v7.3"),
+    "tracked.nc": write_netcdf,
+} | {name: files.WRITERS[name] for name in files.WRITERS if name not in ("v5.mat", "ankle.hdf5")}
+INSIDE = {
+    "version7.mat": mutations.inside_mat,
+    "object.mat": mutations.inside_mat,
+    "ankle.npz": mutations.inside_zip,
+    "ankle.h5": mutations.inside_chunk,
+}
+
+
+def sound_files(folder):
+    """A small file of each format, by name."""
+    random = np.random.default_rng(1)
+    signals = random.normal(scale=0.1, size=60), random.normal(size=60)
+    for name, write in SEEDS.items():
+        write(folder / name, *signals)
+    return {name: (folder / name).read_bytes() for name in SEEDS}
+
+
+def mutant(sound, seed, number):
+    """Name of the sound file, and the content of what became of it."""
+    random = np.random.default_rng([seed, number])
+    names = list(sound)
+    name = names[number % len(names)]
+    content, chosen = sound[name], random.random()
+    if chosen < 0.05:
+        return name, mutations.spliced(random, content, sound[names[random.integers(len(names))]])
+    if chosen < 0.7 and name in INSIDE:
+        return name, INSIDE[name](random, content)
+    content = mutations.damaged(random, content)
+    return name, mutations.with_checksums(content) if chosen < 0.9 else content
+
+
+class Outcome(NamedTuple):
+    """What became of one mutant."""
+
+    name: str
+    number: int
+    content: bytes
+    read: int = 0
+    wrong: tuple[str, ...] = ()
+    seconds: float = 0.0
+    bytes: int = 0
+
+
+class Reader:
+    """A process that reads files until one kills it; the next gets another."""
+
+    def __init__(self, folder, warm):
+        self.errors, self.warm, self.process = folder / "errors.txt", warm, None
+
+    def start(self):
+        place = os.pathsep.join([str(Path(tvsysid.__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
+        with self.errors.open("a+") as errors:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "tests.recordings.reading", *self.warm],
+                cwd=Path(__file__).parents[2],
+                env=os.environ | {"PYTHONPATH": place, "OPENBLAS_NUM_THREADS": "1"},
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=errors,
+                text=True,
+            )
+        if not self.answer(120):
+            raise RuntimeError(f"sound files cannot be read: {self.last_words()}")
+
+    def answer(self, seconds, room=MOST):
+        """One line; nothing if it does not come in time, or takes more memory than that."""
+        end, most = time.monotonic() + seconds, memory("VmRSS", self.process.pid) + room
+        while time.monotonic() < end and memory("VmRSS", self.process.pid) < most:
+            if select.select([self.process.stdout], [], [], 0.1)[0]:
+                return self.process.stdout.readline()
+        return None
+
+    def last_words(self):
+        """What it printed before it died, without the list of modules."""
+        return self.errors.read_text(errors="replace").partition("Extension modules")[0][-1500:]
+
+    def read(self, file):
+        """What happened, as `reading.py` reports it."""
+        if self.process is None or self.process.poll() is not None:
+            self.start()
+        os.truncate(self.errors, 0)
+        print(file, file=self.process.stdin, flush=True)
+        answer = self.answer(HANG)
+        if answer:
+            return json.loads(answer)
+        taken = memory("VmRSS", self.process.pid)
+        self.end()
+        how = f"was ended after {HANG} s or at {taken / 1e9:.3g} GB" if answer is None else "died"
+        return {"wrong": [f"the process {how}: {self.last_words()}"]}
+
+    def end(self):
+        if self.process is not None:
+            self.process.kill()
+            self.process.communicate()
+
+
+def attack(folder, seed, numbers):
+    """Outcome of each mutant."""
+    sound = sound_files(folder)
+    reader = Reader(folder, [str(folder / name) for name in sound])
+    try:
+        for number in numbers:
+            name, content = mutant(sound, seed, number)
+            file = folder / f"mutant-{name}"
+            file.write_bytes(content)
+            yield Outcome(name, number, content, **reader.read(file))
+    finally:
+        reader.end()
+
+
+def main():
+    parser = argparse.ArgumentParser(description="Read damaged files of every format.")
+    parser.add_argument("--count", type=int, default=10_000)
+    parser.add_argument("--first", type=int, default=0, help="number of the first mutant")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--keep", type=Path, default=Path("findings"), help="folder for what was found")
+    options = parser.parse_args()
+    read, refused, found = Counter(), Counter(), Counter()
+    slowest, most = Counter(), Counter()
+    with tempfile.TemporaryDirectory() as folder:
+        for outcome in attack(Path(folder), options.seed, range(options.first, options.first + options.count)):
+            name = outcome.name
+            (found if outcome.wrong else read if outcome.read else refused)[name] += 1
+            slowest[name], most[name] = max(slowest[name], outcome.seconds), max(most[name], outcome.bytes)
+            if outcome.wrong:
+                keep(options, outcome)
+    print(f"{'format':15}{'read':>8}{'refused':>8}{'findings':>9}{'longest':>10}{'most memory':>13}")
+    for name in SEEDS:
+        print(
+            f"{name:15}{read[name]:8}{refused[name]:8}{found[name]:9}{slowest[name]:8.2f} s{most[name] / 1e6:10.0f} MB"
+        )
+    print(f"{'all':15}{read.total():8}{refused.total():8}{found.total():9}")
+    sys.exit(1 if found.total() else 0)
+
+
+def keep(options, outcome):
+    """The mutant, and what happened beside it."""
+    options.keep.mkdir(parents=True, exist_ok=True)
+    file = options.keep / f"{options.seed}-{outcome.number}-{outcome.name}"
+    file.write_bytes(outcome.content)
+    file.with_suffix(f"{file.suffix}.txt").write_text("\n".join(outcome.wrong), encoding="utf-8")
+    print(f"{file}: {outcome.wrong[0][:400]}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,53 @@
+"""Damaged files are read or refused; they never end, hang or fill the process that reads them (`fuzzing.py`)."""
+
+import sys
+from pathlib import Path
+
+import h5py
+import pytest
+from tests.recordings.fuzzing import SEEDS, Reader, attack, mutant, sound_files
+from tests.recordings.mutations import lookup3, with_checksums
+
+SEED, COUNT = 1, 300
+FOUND = sorted(Path(__file__).with_name("found").iterdir())  # mutants that did what their names say
+limited = pytest.mark.skipif(sys.platform != "linux", reason="limits and peaks of memory are read as Linux tells them")
+
+
+def test_mutants_follow_from_their_number(tmp_path):
+    sound = sound_files(tmp_path)
+    mutants = [mutant(sound, SEED, number) for number in range(48)]
+    assert mutants == [mutant(sound, SEED, number) for number in range(48)]
+    assert sum(content != sound[name] for name, content in mutants) > 40
+
+
+def test_checksums_are_those_of_hdf5(tmp_path):
+    assert lookup3(b"Four score and seven years ago") == 0x17770551
+    for name, content in sound_files(tmp_path).items():
+        assert with_checksums(content) == content, name
+    (tmp_path / "wrong.h5").write_bytes((tmp_path / "tracked.nc").read_bytes().replace(b"tq", b"Tq"))
+    with h5py.File(tmp_path / "wrong.h5") as root, pytest.raises(Exception, match="incorrect metadata checksum"):
+        list(root)
+    (tmp_path / "right.h5").write_bytes(with_checksums((tmp_path / "wrong.h5").read_bytes()))
+    with h5py.File(tmp_path / "right.h5") as root:
+        assert "Tq" in root
+
+
+@limited
+@pytest.mark.slow
+def test_damage_is_read_or_refused(tmp_path):
+    outcomes = list(attack(tmp_path, SEED, range(COUNT)))
+    assert len(outcomes) == COUNT
+    assert {outcome.name for outcome in outcomes if outcome.read} == set(SEEDS)
+    assert {outcome.name for outcome in outcomes if not outcome.read} == set(SEEDS)
+    assert {f"{item.name}, seed {SEED}, number {item.number}": item.wrong for item in outcomes if item.wrong} == {}
+
+
+@limited
+@pytest.mark.slow
+def test_what_once_did_harm_is_read_or_refused(tmp_path):
+    sound_files(tmp_path)
+    reader = Reader(tmp_path, [str(tmp_path / "ankle.h5")])
+    try:
+        assert {file.name: reader.read(file)["wrong"] for file in FOUND} == {file.name: [] for file in FOUND}
+    finally:
+        reader.end()

@@ -40,13 +40,12 @@ def write_mat_5(file, angle, torque, **settings):
 def undated(file):
     """The same content whenever it is written: a MAT file's header tells the time."""
     content = file.read_bytes()
-    file.write_bytes(b"MATLAB 5.0 MAT-file, Platform: GLNXA64".ljust(116) + content[116:])
+    file.write_bytes(content[:20].ljust(116) + content[116:])
 
 
 def write_object(file, angle, torque, age):
     files.write_object(file, files.nldat([angle, torque]), age)
-    if age != "v7.3":
-        undated(file)
+    undated(file)
 
 
 def write_mat_4(file, angle, torque):

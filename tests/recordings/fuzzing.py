@@ -20,7 +20,9 @@ from typing import NamedTuple
 
 import h5py
 import numpy as np
+import pandas as pd
 from scipy.io import savemat
+from scipy.sparse import csc_array
 from tests.recordings import files, mutations
 from tests.recordings.reading import GIB, memory
 
@@ -33,6 +35,7 @@ MOST = 4 * GIB  # of memory that a process takes before it is ended
 def write_mat_5(file, angle, torque, **settings):
     """Every kind of variable that SciPy writes."""
     others = {"note": "ankle", "flag": torque > 0, "coarse": (1000 * angle).astype("i2"), "cell": files.cells("a", "b")}
+    others |= {"sparse": csc_array(np.eye(3)), "complex": angle * 1j}
     savemat(file, {"pos": angle, "run": {"pos": angle[:, None], "tq": torque}, "tq": torque} | others, **settings)
     undated(file)
 
@@ -52,12 +55,29 @@ def write_mat_4(file, angle, torque):
     savemat(file, {"pos": angle, "tq": torque, "fs": 200.0, "note": "ankle"}, format="4")
 
 
-def write_netcdf(file, angle, torque):
-    """With attributes few enough to be found by damage."""
+def write_hdf5(file, angle, torque):
+    """Every kind of link, type and filter; headers with checksums."""
     with h5py.File(file, "w", track_order=True) as root:
-        for name, values in {"pos": angle, "tq": torque}.items():
-            root.create_dataset(name, data=values, compression="gzip", shuffle=True).attrs["units"] = "rad"
-        root.create_group("day1")["pos"] = angle
+        for name, kind in {"pos": "gzip", "tq": "lzf", "scaled": None}.items():
+            filters = {"compression": kind, "shuffle": bool(kind), "fletcher32": not kind}
+            root.create_dataset(name, data=torque, chunks=(16,), **filters).attrs["units"] = "N m"
+        root["run/pos"] = angle
+        root["text"] = ["ankle", "knee"]
+        root["records"] = np.array([(1, 2.0)], dtype=[("first", "i4"), ("second", "f8")])
+        root["none"] = h5py.Empty("f8")
+        root["soft"], root["out"] = h5py.SoftLink("/run/pos"), h5py.ExternalLink("other.h5", "pos")
+        layout = h5py.VirtualLayout(shape=(60,), dtype="f8")
+        layout[:] = h5py.VirtualSource("other.h5", "tq", shape=(60,))
+        root.create_virtual_dataset("virtual", layout)
+
+
+def write_parquet(file, angle, torque):
+    """Every kind of column."""
+    table = pd.DataFrame({"pos": angle, "tq": torque, "side": pd.Categorical(["left", "right"] * 30)})
+    table["day"], table["note"] = pd.Timestamp("2026-01-01"), "ankle"
+    table["gaps"] = pd.array([1, None] * 30, dtype="Int16")
+    table["list"] = [[1.0]] * 60
+    table.to_parquet(file, compression="zstd")
 
 
 SEEDS = {
@@ -67,13 +87,16 @@ SEEDS = {
     "old-object.mat": partial(write_object, age="old"),
     "object.mat": partial(write_object, age="v7"),
     "object73.mat": partial(write_object, age="v7.3"),
-    "tracked.nc": write_netcdf,
+    "every.h5": write_hdf5,
+    "every.nc": write_hdf5,
+    "every.parquet": write_parquet,
 } | {name: files.WRITERS[name] for name in files.WRITERS if name not in ("v5.mat", "ankle.hdf5")}
 INSIDE = {
     "version7.mat": mutations.inside_mat,
     "object.mat": mutations.inside_mat,
     "ankle.npz": mutations.inside_zip,
     "ankle.h5": mutations.inside_chunk,
+    "every.h5": mutations.inside_chunk,
 }
 
 

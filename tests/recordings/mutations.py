@@ -138,11 +138,11 @@ def inside_chunk(random, content):
     stream = io.BytesIO(content)
     with h5py.File(stream, "r+") as root:
         chunked = []
-        root.visititems(lambda _, item: chunked.append(item) if getattr(item, "compression", None) else None)
+        root.visititems(lambda _, item: chunked.append(item) if getattr(item, "compression", None) == "gzip" else None)
         data = chunked[random.integers(len(chunked))].id
         place = data.get_chunk_info(0).chunk_offset
-        values = zlib.decompress(data.read_direct_chunk(place)[1])
-        data.write_direct_chunk(place, zlib.compress(damaged(random, values)))
+        mask, values = data.read_direct_chunk(place)
+        data.write_direct_chunk(place, zlib.compress(damaged(random, zlib.decompress(values))), mask)
     return stream.getvalue()
 
 

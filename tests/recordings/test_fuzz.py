@@ -24,12 +24,13 @@ def test_checksums_are_those_of_hdf5(tmp_path):
     assert lookup3(b"Four score and seven years ago") == 0x17770551
     for name, content in sound_files(tmp_path).items():
         assert with_checksums(content) == content, name
-    (tmp_path / "wrong.h5").write_bytes((tmp_path / "tracked.nc").read_bytes().replace(b"tq", b"Tq"))
+    content = (tmp_path / "ankle.nc").read_bytes().replace(b"coarse", b"roughs")
+    (tmp_path / "wrong.h5").write_bytes(content)
     with h5py.File(tmp_path / "wrong.h5") as root, pytest.raises(Exception, match="incorrect metadata checksum"):
         list(root)
-    (tmp_path / "right.h5").write_bytes(with_checksums((tmp_path / "wrong.h5").read_bytes()))
+    (tmp_path / "right.h5").write_bytes(with_checksums(content))
     with h5py.File(tmp_path / "right.h5") as root:
-        assert "Tq" in root
+        assert "roughs" in root
 
 
 @limited

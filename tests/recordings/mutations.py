@@ -129,7 +129,7 @@ def inside_zip(random, content):
     chosen, written = int(random.integers(len(members))), io.BytesIO()
     with zipfile.ZipFile(written, "w", zipfile.ZIP_DEFLATED) as archive:
         for number, (item, data) in enumerate(members):
-            archive.writestr(item, damaged(random, data[:128]) + data[128:] if number == chosen else data)
+            archive.writestr(item, damaged(random, data) if number == chosen else data)
     return written.getvalue()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import errno
 import io
 import os
@@ -9,10 +10,11 @@ import signal
 import sys
 import time
 from contextlib import suppress
-from types import FrameType
-from typing import Any
 
-from tvsysid.errors import InputError, one_line
+TYPE_CHECKING = False  # importing typing takes a while, in which Ctrl-C would show a traceback
+if TYPE_CHECKING:
+    from types import FrameType
+    from typing import Any
 
 INTERRUPTED = 130  # exit code after Ctrl-C; 128 and the signal's number after any other that ends a program
 TWICE_S = 1.0  # seconds within which a second signal is the same request: a job's end is often announced twice
@@ -44,7 +46,11 @@ def main() -> None:
     if code == INTERRUPTED or stopped:
         code = 128 + next(iter(stopped)) if stopped else INTERRUPTED
         text = text if text.startswith("interrupted") else "interrupted; the files that were written are complete"
-    _end(code, text)
+    _say_end(code, text)
+    if stopped:  # Python may insist on ending by SIGINT, if what was interrupted was code that it made while it ran
+        atexit._run_exitfuncs()
+        os._exit(code)
+    sys.exit(code)
 
 
 def _open_standard_streams() -> None:
@@ -74,6 +80,7 @@ def _run() -> tuple[int, str]:
             sys.path.append(os.getcwd())  # at the end, so that no file in it hides a module
     from tvsysid.cli.app import app, usage_error
     from tvsysid.cli.console import output
+    from tvsysid.errors import InputError
 
     try:
         code = app(prog_name="tvsysid", standalone_mode=False)
@@ -102,9 +109,11 @@ def _of_the_system(error: OSError) -> str:
     )
 
 
-def _end(code: int, text: str) -> None:
-    """Say why the program ends, and end it; a signal only ends it sooner."""
+def _say_end(code: int, text: str) -> None:
+    """Say why the program ends; from here on, a signal only ends it sooner."""
     _on_signals(lambda number, frame: os._exit(code))
+    from tvsysid.errors import one_line
+
     if sys.stderr is not None and text:
         with suppress(OSError):
             print(f"tvsysid: {one_line(text)}", file=sys.stderr, flush=True)
@@ -114,4 +123,3 @@ def _end(code: int, text: str) -> None:
                 stream.flush()
         except OSError:  # it would fail again, and be reported, when the interpreter ends
             os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
-    sys.exit(code)

@@ -122,6 +122,8 @@ def test_no_file_is_shown_that_could_not_name_an_object(tmp_path, study):
         ({}, 1),
         ({"stiffness": ["SquareWave(low=60.0)"]}, 0),
         ({"also": [{"system": ["Mine"]}]}, 0),
+        ({"methods": ["sds:window=0.2", "mymodule:Mine"]}, 1),
+        ({"methods": ["Mine"]}, 0),  # an object without a repr of its own
     ):
         settings = json.loads(results.attrs["study"]) | setting
         write_report(tmp_path / "r.html", results.assign_attrs(study=json.dumps(settings)), summary, claims(), {})
@@ -210,3 +212,14 @@ def test_numbers_and_settings_as_text():
     cells = number(9.8765, 0.1234, 2), number(1234.5), number(float("nan"))
     assert [cell.text for cell in cells] == ["9.88 ± 0.12", "1230", "–"]
     assert (in_words([1.0, "eirf", None]), in_words({"alignment": 2})) == ("1, eirf, none", "alignment 2")
+
+
+def test_a_system_that_takes_no_stiffness_has_no_profiles_among_its_settings(tmp_path, study):
+    results, summary = study
+    own = results.assign_coords(
+        {name: results[name].copy(data=["own"] * results.sizes["scenario"]) for name in ("profile", "viscosity")}
+    )
+    for found, there in ((results, True), (own, False)):
+        write_report(tmp_path / "r.html", found, summary, claims(), {})
+        text = table(Elements((tmp_path / "r.html").read_text()), "Settings of the study")
+        assert ("stiffness profiles" in text) == there

@@ -60,7 +60,8 @@ def run_in(
             at_a_time = threads if workers is None else workers
             return study_run(store=out / STORE, workers=at_a_time, executor=executor, progress=count_kept)
     except KeyboardInterrupt:
-        sys.exit(f"interrupted; {kept[0]} of {kept[1]} {units} are in {out / STORE}; the same command resumes")
+        count = f"{kept[0]} of {kept[1]} {units} are" if kept[1] else "what was done is"
+        sys.exit(f"interrupted; {count} in {out / STORE}; the same command resumes")
     except OSError as error:
         raise InputError(
             f"{error.filename or out}: {error.strerror or error}; {kept[0]} of {kept[1]} {units} are kept; "

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple, get_type_hints
 
 from pydantic import ConfigDict, PydanticUserError, TypeAdapter, ValidationError
 
-from tvsysid.errors import InputError, describe_error
+from tvsysid.errors import InputError, describe_error, one_line
 from tvsysid.methods.apply import Identifies
 from tvsysid.methods.base import Method
 from tvsysid.methods.birf import BasisIRF
@@ -140,6 +140,8 @@ def from_text(text: str, what: str) -> Any:
 
     ``what`` it is to be is one of :data:`VERBS`; errors are those of :func:`parse`.
     """
+    if not text.isprintable():
+        raise InputError(f"{what} {text!r}: expected a name and settings without control characters")
     key, rest = _split(text)
     target, settings = _target(key, what), {}
     for part in filter(None, _parts(rest)):
@@ -204,7 +206,7 @@ def label_of(item: object) -> str:
     """Name in results: as typed, the repr, or the name of the class where the repr shows an address only."""
     if isinstance(item, str):
         return item
-    return type(item).__name__ if " at 0x" in repr(item) else repr(item)
+    return type(item).__name__ if " at 0x" in repr(item) else one_line(repr(item))
 
 
 def key_of(text: str) -> str:

@@ -13,6 +13,7 @@ from tvsysid.figures import Picture
 from tvsysid.figures.words import count
 from tvsysid.methods import METHODS
 from tvsysid.report.page import Block, Bullets, Code, Figure, Fold, Heading, Row, Section, Table, columns, number
+from tvsysid.study.settings import in_words
 from tvsysid.study.task import SKIPPED
 
 if TYPE_CHECKING:
@@ -203,14 +204,3 @@ def settings_of(results: xr.Dataset, name: str) -> dict[str, Any]:
     except (TypeError, ValueError):
         return {}
     return settings if isinstance(settings, dict) else {}
-
-
-def in_words(value: Any) -> str:
-    """Setting as text, like "1, eirf, none" or "alignment 2"."""
-    if isinstance(value, list):
-        return ", ".join(map(in_words, value))
-    if isinstance(value, dict):
-        return ", ".join(f"{name} {in_words(each)}" for name, each in value.items())
-    if value is None:
-        return "none"
-    return f"{value:g}" if isinstance(value, float) else str(value)

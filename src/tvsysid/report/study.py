@@ -13,8 +13,9 @@ import tomli_w
 
 from tvsysid.figures import Picture
 from tvsysid.figures.words import TRAITS, count, described, trait
+from tvsysid.methods import names
 from tvsysid.report import page, sections
-from tvsysid.study.simulated import KINDS
+from tvsysid.study.simulated import KINDS, OWN
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -107,7 +108,10 @@ def write_report(
         f"{methods} identified the same simulated data: {scenarios} with {count(sizes['trial'], 'trial')} each, "
         f"{count(failure.size, 'identification')} in all, of which {failed or 'none'} failed."
     )
-    settings = {SETTINGS.get(name, name.replace("_", " ")): value for name, value in study.items()}
+    # A system of one's own may have a stiffness that nobody can set.
+    unused = [name for name in ("profile", "viscosity") if (results[name] == OWN).all()]
+    said = {name: value for name, value in study.items() if {"stiffness": "profile"}.get(name, name) not in unused}
+    settings = {SETTINGS.get(name, name.replace("_", " ")): value for name, value in said.items()}
     seconds = float(results.seconds.sum() + results.stage_seconds.sum())
     main = main_scenario(traits_of(results))
     lines = [done, *sections.unfinished(results, "trials"), *outcome(results, summary, claims)]
@@ -132,13 +136,13 @@ def write_report(
 
 def _nameless(study: Mapping[str, Any]) -> bool:
     """Whether something was given as an object, which no file can name."""
-    parts = [
+    kinds = {"methods": names()} | {name: tuple(known) for name, (known, _, _) in KINDS.items()}
+    return any(
         label not in known and (":" not in label or OBJECT.fullmatch(label))
         for settings in (study, *study.get("also", ()))
-        for name, (known, _, _) in KINDS.items()
+        for name, known in kinds.items()
         for label in settings.get(name, ())
-    ]
-    return any(parts) or any(OBJECT.fullmatch(label) for label in study.get("methods", ()))
+    )
 
 
 def traits_of(results: xr.Dataset) -> dict[str, dict[str, Any]]:

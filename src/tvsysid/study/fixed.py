@@ -20,7 +20,7 @@ import numpy as np
 from tvsysid.errors import InputError
 from tvsysid.study import files
 from tvsysid.study.contents import CHECKSUMS, NUMBERS, RECORDINGS, Fixed, Layout, Variable
-from tvsysid.study.task import differences
+from tvsysid.study.settings import differences
 
 ROOT, MANIFEST = "zarr.json", "manifest"
 

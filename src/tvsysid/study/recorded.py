@@ -181,10 +181,11 @@ class Experiment(StudySettings):
     @classmethod
     def _names_for_files(cls, values: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
         for name in [*values, *(name for recorded in values.values() for name in recorded)]:
-            if not name.isprintable() or not name or set(name) & set("/\\:") or name[0] == "." or len(name) > LONGEST:
+            # A spreadsheet takes what begins with = + - @ for a formula.
+            if not name.isprintable() or not 0 < len(name) <= LONGEST or set(name) & set("/\\:") or name[0] in ".=+-@":
                 raise ValueError(
-                    f"expected names that files may have: up to {LONGEST} characters, no slashes or colons; got the "
-                    f"name {name[: LONGEST + 1]!r}"
+                    f"expected names that files and tables may have: up to {LONGEST} characters, no slashes or colons, "
+                    f"and none of . = + - @ first; got the name {name[: LONGEST + 1]!r}"
                 )
         if empty := [name for name, recorded in values.items() if not recorded]:
             raise ValueError(f"expected perturbations with files for each participant; {empty[0]} has none")

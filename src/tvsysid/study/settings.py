@@ -125,6 +125,46 @@ AnyMethod = Annotated[Any, AfterValidator(_identifies)]  # key of a method, or a
 Whole = Annotated[int, BeforeValidator(_whole)]
 
 
+def in_words(value: Any) -> str:
+    """Setting as text, like "1, eirf, none" or "alignment 2"."""
+    if isinstance(value, list):
+        return ", ".join(map(in_words, value))
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {in_words(each)}" for name, each in value.items())
+    if value is None:
+        return "none"
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def differences(theirs: Mapping[str, Any], ours: Mapping[str, Any], of: str = "") -> str:
+    """What differs between two mappings, in words.
+
+    Examples
+    --------
+    >>> differences({"trials": 9, "methods": [{"name": "sds", "realizations": [75]}]},
+    ...             {"seed": 1, "methods": [{"name": "sds", "realizations": [75, 150]}]})
+    'trials: 9 there, nothing here; methods sds realizations: 75 there, 75, 150 here; seed: nothing there, 1 here'
+    """
+    found = []
+    for name in dict.fromkeys([*theirs, *ours]):
+        there, here = (_by_name(each.get(name, "nothing")) for each in (theirs, ours))
+        if isinstance(there, Mapping) and isinstance(here, Mapping):
+            found.append(differences(there, here, f"{of}{name} "))
+        elif there != here:
+            found.append(f"{of}{name}: {in_words(there)} there, {in_words(here)} here")
+    return "; ".join(filter(None, found))
+
+
+def _by_name(value: Any) -> Any:
+    """Value, or mappings in a list by their names, or else by their numbers from 1."""
+    if not isinstance(value, list) or not value or not all(isinstance(each, Mapping) for each in value):
+        return value
+    return {
+        str(each.get("name", place)): {key: kept for key, kept in each.items() if key != "name"}
+        for place, each in enumerate(value, start=1)
+    }
+
+
 def spawn_key(text: str) -> list[int]:
     """Key of a stream of random numbers of its own."""
     digest = hashlib.sha256(text.encode()).digest()

@@ -29,6 +29,7 @@ from tvsysid.methods.travel import module_of, name_of_module
 from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_known
 from tvsysid.signals import Array, Ensemble
+from tvsysid.study.settings import differences
 
 Outcome = dict[str, NDArray[Any]]  # what a task measured: an array for each variable of its study's layout
 Row = dict[str, Any]
@@ -235,12 +236,3 @@ def digests(items: Mapping[str, Any]) -> dict[str, str]:
         if file and not name_of_module(item).startswith("tvsysid.") and Path(file).is_file():
             found[label] = hashlib.sha256(Path(file).read_bytes()).hexdigest()[:12]
     return found
-
-
-def differences(theirs: Mapping[str, Any], ours: Mapping[str, Any]) -> str:
-    """What differs between two mappings, in words."""
-    return "; ".join(
-        f"{name}: {theirs.get(name, 'nothing')} there, {ours.get(name, 'nothing')} here"
-        for name in dict.fromkeys([*theirs, *ours])
-        if theirs.get(name) != ours.get(name)
-    )

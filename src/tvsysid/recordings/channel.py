@@ -21,7 +21,7 @@ UNIT_NAMES = ("units", "unit")
 NUMBERS = "biufc"
 NO_UNITS = ("", "defaultunits", "unknown", "none")
 MOST_CHANNELS = 10_000  # of a file
-TIMES_ITS_SIZE = 3  # memory that reading, converting and checking a channel takes, over that of its float64 values
+TIMES_ITS_SIZE = 3  # values as read, as columns of trials one after the other, and in SI units
 
 
 @dataclass(frozen=True)
@@ -57,6 +57,11 @@ class Channel:
         return 8 * math.prod(self.shape)
 
     @property
+    def needed(self) -> int:
+        """Bytes of memory that reading, converting and checking it takes beyond what is taken already."""
+        return (TIMES_ITS_SIZE - self.held) * self.size
+
+    @property
     def described(self) -> str:
         """Shape, and unit and rate where they are stated, in words."""
         words = " x ".join(map(str, self.shape)) or "one value"
@@ -73,7 +78,7 @@ class Channel:
             raise InputError(f"{name}: expected samples, got an empty array of shape {self.shape}")
         if self.values is None:
             raise InputError(f"{name}: expected real numbers, got {self.dtype}; name another channel or convert it")
-        check_fits(name, TIMES_ITS_SIZE * self.size)
+        check_fits(name, self.needed)
         return self.values()
 
 

@@ -18,8 +18,10 @@ except ImportError:  # not on Windows
 
 SMALLER = "save the part that is needed to a file of its own"
 SPARE = 768 * 2**20  # bytes that a file may take beyond those that it accounts for: libraries, their tables and blocks
-SECONDS, SECONDS_PER_BYTE = 5.0, 1e-6  # of processor time that a file may take; a sound one takes a tenth of it
-PATIENCE = 12  # the time on the clock is this many times that of the processor: other programs may be at work
+# Processor time that a file may take, and each byte of it and of its values: ten times that of a sound one.
+SECONDS, SECONDS_PER_BYTE, SECONDS_PER_VALUE_BYTE = 5.0, 1e-6, 5e-8
+CLOCK = getattr(signal, "ITIMER_PROF", None)  # of the processor's time; Windows has none
+PATIENCE = 60 if CLOCK is not None else 4  # how much more time may go by, while other programs are at work
 
 
 def available() -> int | None:
@@ -91,11 +93,11 @@ def claim(name: str, least: int, most: int) -> None:
     """Check as :func:`check_fits` does that ``least`` bytes can be had, and let the file being read take ``most``."""
     check_fits(name, least)
     if _reading.room is not None:
-        _reading.allow(most)
+        _reading.allow(most, least)
 
 
 def seconds_for(size: int) -> float:
-    """Processor time that reading a file of so many bytes may take."""
+    """Processor time that a file of so many bytes may take before more is known of it."""
     return SECONDS + SECONDS_PER_BYTE * size
 
 
@@ -104,6 +106,7 @@ class _Reading:
 
     room: int | None = None
     """Bytes that were available when it began."""
+    seconds = SECONDS
 
     @contextmanager
     def limited(self, size: int) -> Iterator[None]:
@@ -115,22 +118,21 @@ class _Reading:
         if resource is not None:
             outer = resource.getrlimit(resource.RLIMIT_AS)
             resource.setrlimit(resource.RLIMIT_CORE, (0, resource.getrlimit(resource.RLIMIT_CORE)[1]))
-        self.room = available()
+        self.room, self.seconds = available(), seconds_for(size)
         self.allow(2 * size)
-        clock = getattr(signal, "ITIMER_PROF", None)
-        if clock is not None:
-            signal.setitimer(clock, seconds_for(size))
         try:
             yield
         finally:
-            if clock is not None:
-                signal.setitimer(clock, 0)
+            if CLOCK is not None:
+                signal.setitimer(CLOCK, 0)
             if outer is not None:
                 resource.setrlimit(resource.RLIMIT_AS, outer)
             self.room = None
 
-    def allow(self, size: int) -> None:
-        """Let the process have ``size`` bytes, and those to spare, beyond what it has."""
+    def allow(self, size: int, values: int = 0) -> None:
+        """Let it have ``size`` bytes, and those to spare, beyond what it has, and time for so many of values."""
+        if CLOCK is not None:
+            signal.setitimer(CLOCK, self.seconds + SECONDS_PER_VALUE_BYTE * values)
         addresses = _addresses()
         if resource is None or addresses is None:
             return

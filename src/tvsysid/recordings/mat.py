@@ -32,12 +32,11 @@ def read_mat_5(file: Path) -> Iterator[tuple[str, Channel]]:
     A structure's fields are channels ``name.field``. An ``nldat`` object's channels are ``name.channel``, with the
     units and the increment of time that it states.
     """
-    size = _inflated(file)
+    bytes_stored = values = _inflated(file)
     with suppress(TypeError):  # it knows no objects
-        size = max(size, 8 * sum(math.prod(shape) for _, shape, _ in whosmat(file)))
-    claim(
-        str(file), size, 12 * size
-    )  # whole numbers are stored in an eighth of the space, and read before they are converted
+        # A value is stored in a byte at least: more of them are a lie, or a sparse matrix.
+        values = min(8 * sum(math.prod(shape) for _, shape, _ in whosmat(file)), 8 * bytes_stored)
+    claim(str(file), max(values, bytes_stored), max(3 * values, 10 * bytes_stored))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", MatReadWarning)  # of objects, which are read below
         warnings.filterwarnings("error", message='Duplicate variable name "(?!None")')  # what it calls objects

@@ -56,7 +56,7 @@ def describe_file(path: str | Path) -> dict[str, Channel]:
         read: Callable[[], NDArray[Any]] | None = None
         if name in told["readable"]:
             read = partial(np.asarray, arrays[name]) if name in arrays else partial(values, name)
-        channels[name] = Channel(tuple(shape), dtype, unit, rate, read)
+        channels[name] = Channel(tuple(shape), dtype, unit, rate, read, held=name in arrays)
     return channels
 
 
@@ -166,8 +166,8 @@ def _why(code: int | None, late: bool, seconds: float) -> str:
     signals = {-item.value: item.name for item in signal.Signals}
     name = signals.get(code or 0, f"code {code}")
     if late or name in ("SIGPROF", "SIGXCPU"):
-        took = f"{PATIENCE * seconds:.0f} s" if late else f"{seconds:.0f} s of processor time"
-        return f"reading it took more than {took}, and was stopped; it is probably damaged: copy it again"
+        took = "too long" if late else f"more than {seconds:.0f} s of processor time"
+        return f"reading it took {took}, and was stopped; it is probably damaged: copy it again"
     if name == "SIGKILL":
         return f"the system ended its reading, as it does when memory runs out; {SMALLER}"
     return f"the library that reads such files crashed ({name}); it is damaged: copy it again"

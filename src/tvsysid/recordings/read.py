@@ -12,7 +12,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from tvsysid.errors import DataQualityWarning, InputError
-from tvsysid.recordings.channel import TIMES_ITS_SIZE, Channel
+from tvsysid.recordings.channel import Channel
 from tvsysid.recordings.limits import check_fits
 from tvsysid.recordings.plausible import contradictions, implausible, unlike_trials
 from tvsysid.recordings.process import describe_file
@@ -287,7 +287,7 @@ def _signals(file: Path, request: _Request) -> tuple[dict[str, Channel], dict[st
             f"{file.name}: the channels have different lengths: {told}; name channels that were sampled together, or "
             "cut or resample them before"
         )
-    check_fits(file.name, sum(8 * TIMES_ITS_SIZE * math.prod(shape) for shape in shapes.values()))
+    check_fits(file.name, sum(found[name].needed for name in shapes))
     signals = {}
     for name in names:
         values = found[name].read(f"{file.name}: {name}")

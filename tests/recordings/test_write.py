@@ -4,6 +4,7 @@ import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
+from scipy.io import loadmat, savemat
 
 import tvsysid as tv
 from tvsysid.recordings import (
@@ -174,3 +175,18 @@ def test_what_cannot_be_written_or_loaded_is_refused(tmp_path, random, monkeypat
         write_recording(tmp_path / f"ankle{ending}", tv.Recording(torque, angle, 100.0))
     assert (tmp_path / f"ankle{ending}").read_bytes() == before
     assert [item.name for item in tmp_path.iterdir()] == [f"ankle{ending}"]
+
+
+def test_what_is_missing_or_damaged_is_told_with_the_name_of_the_file(tmp_path):
+    write_recording(tmp_path / "whole.mat", tv.Recording(np.arange(60.0), np.arange(60.0), 100))
+    whole = loadmat(tmp_path / "whole.mat")
+    for name, values in {
+        "trial_starts": None,
+        "sampling_rate": np.ones(3),
+        "angle": np.full(60, np.nan),
+        "channels": "[1]",
+    }.items():
+        changed = {key: item for key, item in (whole | {name: values}).items() if item is not None and key[0] != "_"}
+        savemat(tmp_path / "damaged.mat", changed)
+        with pytest.raises(tv.InputError, match=r"damaged\.mat: (not as write_recording wrote it|angle: 60 of 60)"):
+            load_recording(tmp_path / "damaged.mat")

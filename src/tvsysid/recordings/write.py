@@ -138,16 +138,16 @@ def load_recording(path: str | Path) -> Recording:
 
     An InputError is raised for a file of other origin; read that by :func:`tvsysid.read_recording`.
     """
-    found, channels = _loaded(path, "recording")
-    return Recording(
-        np.ravel(found["angle"]),
-        np.ravel(found["torque"]),
-        float(found["sampling_rate"]),
-        float(found["start"]),
-        {name: np.ravel(values) for name, values in channels.items()},
-        tuple(np.ravel(found["trial_starts"]).astype(np.int64).tolist()),
-        float(found.get("origin", 0.0)),
-    )
+    with _loaded(path, "recording") as (found, channels):
+        return Recording(
+            np.ravel(found["angle"]),
+            np.ravel(found["torque"]),
+            float(found["sampling_rate"]),
+            float(found["start"]),
+            {name: np.ravel(values) for name, values in channels.items()},
+            tuple(np.ravel(found["trial_starts"]).astype(np.int64).tolist()),
+            float(found.get("origin", 0.0)),
+        )
 
 
 def write_ensemble(path: str | Path, ensemble: Ensemble) -> None:
@@ -163,19 +163,19 @@ def write_ensemble(path: str | Path, ensemble: Ensemble) -> None:
 
 def load_ensemble(path: str | Path) -> Ensemble:
     """Ensemble that :func:`write_ensemble` wrote; errors as of :func:`load_recording`."""
-    found, channels = _loaded(path, "ensemble")
-    return Ensemble(
-        found["angle"],
-        found["torque"],
-        float(found["sampling_rate"]),
-        context=int(found["context"]),
-        onsets=np.ravel(found["onsets"]),
-        trials=np.ravel(found["trials"]).astype(np.int64),
-        channels=channels,
-        left_out=int(found["left_out"]),
-        mean_subtracted=bool(found["mean_subtracted"]),
-        origin=float(found.get("origin", 0.0)),
-    )
+    with _loaded(path, "ensemble") as (found, channels):
+        return Ensemble(
+            found["angle"],
+            found["torque"],
+            float(found["sampling_rate"]),
+            context=int(found["context"]),
+            onsets=np.ravel(found["onsets"]),
+            trials=np.ravel(found["trials"]).astype(np.int64),
+            channels=channels,
+            left_out=int(found["left_out"]),
+            mean_subtracted=bool(found["mean_subtracted"]),
+            origin=float(found.get("origin", 0.0)),
+        )
 
 
 def _write(
@@ -210,13 +210,19 @@ def _write(
             dataset.to_netcdf(temporary, engine="h5netcdf", mode="w")
 
 
-def _loaded(path: str | Path, kind: str) -> tuple[dict[str, Any], dict[str, NDArray[np.float64]]]:
-    """What a file holds by the names of variables, and its channels by theirs."""
+@contextmanager
+def _loaded(path: str | Path, kind: str) -> Iterator[tuple[dict[str, Any], dict[str, NDArray[np.float64]]]]:
+    """What a file holds by the names of variables, and its channels by theirs; errors in using it name the file."""
     file = _checked(path, ".nc", ".mat")
     found = contents_of(file)
     if str(found.get("tvsysid", "")) != kind:
         raise InputError(f"{file}: not written by write_{kind}; what others wrote is read by read_recording")
-    return found, {name: found[variable] for name, variable in json.loads(str(found["channels"])).items()}
+    try:
+        yield found, {name: found[variable] for name, variable in json.loads(str(found["channels"])).items()}
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from error
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+        raise InputError(f"{file}: not as write_{kind} wrote it ({error!r}); copy it again") from error
 
 
 def _checked(path: str | Path, *endings: str) -> Path:

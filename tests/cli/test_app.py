@@ -14,6 +14,7 @@ def test_help(tvsysid, command):
     code, out, _ = tvsysid(*command, "--help")
     assert code == 0
     assert "Usage: tvsysid" in out
+    assert "<bool>" not in out
 
 
 def test_without_a_command_the_help_is_shown(tvsysid):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 
 from tvsysid.cli.benchmark import benchmark
 from tvsysid.cli.check_method import check_method
@@ -16,8 +17,26 @@ from tvsysid.cli.methods import methods
 from tvsysid.cli.report import report
 from tvsysid.cli.simulate import simulate
 
+
+def _flag(option: Any) -> Any:
+    """The option ``--help``, which takes no value, though the parser's own help shows the type of one."""
+    option.metavar = ""
+    return option
+
+
+class _Command(TyperCommand):
+    def get_help_option(self, ctx: Any) -> Any:
+        return _flag(super().get_help_option(ctx))
+
+
+class _Commands(TyperGroup):
+    def get_help_option(self, ctx: Any) -> Any:
+        return _flag(super().get_help_option(ctx))
+
+
 app = typer.Typer(
     name="tvsysid",
+    cls=_Commands,
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode="markdown",
@@ -26,7 +45,7 @@ app = typer.Typer(
     "All units are SI: rad, N·m, s, Hz, N·m/rad, N·m·s/rad, kg·m².",
 )
 for command in (benchmark, experiment, report, identify, inspect, methods, check_method, simulate):
-    app.command()(command)
+    app.command(cls=_Command)(command)
 
 
 @app.callback(invoke_without_command=True)

@@ -48,6 +48,10 @@ def run_in(
 ) -> xr.Dataset:
     """Results of a run with store, workers, executor and progress; if it ends early, the message says how to resume."""
     kept = [0, 0]
+
+    def count() -> str:
+        return f"{kept[0]} of {kept[1]} {units} are" if kept[1] else "what was done is"
+
     try:
         with progress(title) as advance, _executor(scheduler) as (executor, threads):
 
@@ -60,11 +64,10 @@ def run_in(
             at_a_time = threads if workers is None else workers
             return study_run(store=out / STORE, workers=at_a_time, executor=executor, progress=count_kept)
     except KeyboardInterrupt:
-        count = f"{kept[0]} of {kept[1]} {units} are" if kept[1] else "what was done is"
-        sys.exit(f"interrupted; {count} in {out / STORE}; the same command resumes")
+        sys.exit(f"interrupted; {count()} in {out / STORE}; the same command resumes")
     except OSError as error:
         raise InputError(
-            f"{error.filename or out}: {error.strerror or error}; {kept[0]} of {kept[1]} {units} are kept; "
+            f"{error.filename or out}: {error.strerror or error}; {count()} kept; "
             "solve this, and the same command resumes from there"
         ) from error
 

@@ -84,7 +84,7 @@ class AdoptedModel(Model):
         shape = (len(ensemble), ensemble.samples)
         whole = "predict(ensemble) must be of shape (realization, time), here"
         return {
-            _name(name, self.method): _numbers(torque, shape, f"{self.method}: {whole}")
+            checked_name(name, self.method): _numbers(torque, shape, f"{self.method}: {whole}")
             for name, torque in torques.items()
         }
 
@@ -98,14 +98,14 @@ def _adopted(found: object, label: str, ensemble: Ensemble) -> AdoptedModel:
             )
     own = getattr(found, "estimates", None)
     given = own if isinstance(own, Mapping) else _plain_attributes(found, label, ensemble.samples)
-    estimates = {_name(name, label): _estimate(str(name), value, label) for name, value in given.items()}
+    estimates = {checked_name(name, label): _estimate(str(name), value, label) for name, value in given.items()}
     return AdoptedModel(
         method=label,
         sampling_rate=ensemble.sampling_rate,
         time=ensemble.time,
         estimates=estimates,
         coordinates={
-            _name(name, label): plain_array(f"{label}: coordinates of {name}", each)
+            checked_name(name, label): plain_array(f"{label}: coordinates of {name}", each)
             for name, each in getattr(found, "coordinates", {}).items()
         },
         diagnostics=Diagnostics(parameters=math.nan),
@@ -138,11 +138,14 @@ def _numbers(given: object, shape: tuple[int, ...], expected: str) -> Array:
     return np.array(values, dtype=np.float64)
 
 
-def _name(name: object, label: str) -> str:
-    """Name of a quantity, pathway or axis, if it can be one."""
+def checked_name(name: object, label: str) -> str:
+    """Name of a quantity, pathway or axis, if files and tables may have it."""
     text = str(name)
-    if not text.isprintable() or not 0 < len(text) <= LONGEST_NAME:
-        raise InputError(f"{label}: expected names of 1 to {LONGEST_NAME} letters, got {text[: LONGEST_NAME + 1]!r}")
+    if not text.isprintable() or not 0 < len(text) <= LONGEST_NAME or not text[0].isalpha() or "/" in text:
+        raise InputError(
+            f"{label}: expected names of 1 to {LONGEST_NAME} letters, the first a letter of the alphabet, and no "
+            f"slash; got {text[: LONGEST_NAME + 1]!r}"
+        )
     return text
 
 
@@ -156,6 +159,8 @@ def _estimate(name: str, value: object, label: str) -> Estimate:
 
 
 def _check_shapes(model: Model, label: str, ensemble: Ensemble) -> None:
+    for name in (*model.estimates, *model.coordinates):
+        checked_name(name, label)
     lengths = {"realization": len(ensemble), "time": ensemble.samples}
     lengths |= {name: len(values) for name, values in model.coordinates.items()}
     for name, estimate in model.estimates.items():

@@ -12,9 +12,10 @@ from typing import Annotated, Any, ClassVar, Self, TypeVar, get_args
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, ValidationError
 
-from tvsysid.errors import InputError
+from tvsysid.errors import InputError, one_line
 from tvsysid.estimates import UNITS
 from tvsysid.methods import from_text, parse
+from tvsysid.methods.apply import checked_name
 
 Value = TypeVar("Value")
 
@@ -43,14 +44,17 @@ class StudySettings(Settings):
 
     def said(self, attribute: str, *names: str) -> tuple[str, ...]:
         """Names, and those that methods say in an attribute of theirs, each once."""
-        methods = self.named_methods.values()
-        return tuple(dict.fromkeys([*names, *(name for method in methods for name in getattr(method, attribute, ()))]))
+        said = {label: getattr(method, attribute, ()) for label, method in self.named_methods.items()}
+        checked = [checked_name(name, f"method {label}") for label, every in said.items() for name in every]
+        return tuple(dict.fromkeys([*names, *checked]))
 
     @property
     def units(self) -> dict[str, str]:
         """Units by quantity: the package's, and those that methods state (``quantities`` as a mapping)."""
         said = [getattr(method, "quantities", ()) for method in self.named_methods.values()]
-        return {name: unit for each in said if isinstance(each, Mapping) for name, unit in each.items()} | UNITS
+        return {
+            name: one_line(unit) for each in said if isinstance(each, Mapping) for name, unit in each.items()
+        } | UNITS
 
     @property
     def scheduled(self) -> dict[str, int]:

@@ -153,6 +153,9 @@ class Recording(_Signals):
         Index of the first sample of each trial; nothing is filtered or cut across these.
     origin
         Where time 0 lies within a trial as it was recorded, in s, if the ends were taken off and time begins anew.
+    delay_removed
+        By how many seconds the torque was recorded later than the rest, which was corrected
+        (:func:`tvsysid.preprocess.align_channels`).
 
     Raises
     ------
@@ -175,6 +178,7 @@ class Recording(_Signals):
     channels: Mapping[str, Array] = field(default_factory=dict)
     trial_starts: tuple[int, ...] = (0,)
     origin: float = 0.0
+    delay_removed: float = 0.0
 
     def __post_init__(self) -> None:
         self._check(("time",))
@@ -239,8 +243,8 @@ class Ensemble(_Signals):
     mean_subtracted
         Whether the mean over realizations was subtracted (:func:`tvsysid.preprocess.subtract_mean`): the noise of R
         realizations then counts as that of R - 1.
-    origin
-        That of the recording that it was cut from.
+    origin, delay_removed
+        Those of the recording that it was cut from.
 
     Raises
     ------
@@ -266,6 +270,7 @@ class Ensemble(_Signals):
     left_out: int = 0
     mean_subtracted: bool = False
     origin: float = 0.0
+    delay_removed: float = 0.0
 
     def __post_init__(self) -> None:
         axes = ("realization", "time")
@@ -381,6 +386,7 @@ class Ensemble(_Signals):
 
         time = (np.arange(self.angle.shape[1]) - self.context) / self.sampling_rate
         dims = ("realization", "time")
+        about = ("sampling_rate", "context", "left_out", "origin", "delay_removed")
         return xr.Dataset(
             {
                 "angle": (dims, self.angle, {"units": "rad"}),
@@ -393,7 +399,7 @@ class Ensemble(_Signals):
                 "trial": ("realization", self.trials),
             },
             attrs={
-                **{name: getattr(self, name) for name in ("sampling_rate", "context", "left_out", "origin")},
+                **{name: getattr(self, name) for name in about},
                 "mean_subtracted": int(self.mean_subtracted),  # NetCDF has no truth values
             },
         )

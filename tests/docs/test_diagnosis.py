@@ -22,7 +22,8 @@ def test_it_lists_every_finding_and_no_other():
 def test_each_has_its_limit_effect_and_remedy(name):
     kind, told = FAULTS[name], " ".join(SECTIONS[name].split())
     assert told.lower().startswith(f": {kind.title.lower()} ")
-    assert f"Measure: {kind.measure}; wrong {kind.wrong} {kind.limit:g} {kind.unit}." in told
+    lowest = f" or below {kind.lowest:g} {kind.unit}" if kind.lowest else ""
+    assert f"Measure: {kind.measure}; wrong {kind.wrong} {kind.limit:g} {kind.unit}{lowest}." in told
     assert f"Effect: {kind.effect}." in told
     assert f"Remedy: {kind.remedy}." in told
 

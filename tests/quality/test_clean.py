@@ -25,7 +25,7 @@ def test_simulated_joints_are_clean(profile, perturbation, number):
     index = 2 * ["square", "sine", "constant"].index(profile) + number
     duration, snr = SCENARIOS[index]
     diagnosis = tv.diagnose(cut(simulated(duration, perturbation, profile, snr, 100 + index)))
-    assert diagnosis.clean, diagnosis
+    assert not diagnosis.findings, diagnosis
 
 
 @pytest.mark.parametrize("perturbation", ["noise", "prbs"])
@@ -33,7 +33,7 @@ def test_without_decimation_and_without_context(perturbation):
     recording = simulated(60.0, perturbation)
     for ensemble in (tv.preprocess.segment(recording, 2.0), tv.preprocess.segment(recording, 2.0, context=0.0)):
         diagnosis = tv.diagnose(tv.preprocess.subtract_mean(ensemble))
-        assert diagnosis.clean, diagnosis
+        assert not diagnosis.findings, diagnosis
 
 
 def wandering(recording, share, seed):
@@ -62,7 +62,7 @@ def test_bursts_of_voluntary_torque_are_no_losses(perturbation, loudness):
     noise = lfilter(*taps, np.random.default_rng(3).standard_normal(ensemble.torque.shape), axis=1)
     noise *= loudness / noise.std() * np.convolve(burst, np.hanning(11) / 5, "same")
     diagnosis = tv.diagnose(tv.preprocess.subtract_mean(replace(ensemble, torque=ensemble.torque + noise)))
-    assert diagnosis.clean, diagnosis
+    assert not diagnosis.findings, diagnosis
 
 
 @pytest.mark.parametrize("perturbation", ["noise", "prbs"])
@@ -73,7 +73,7 @@ def test_the_loudest_of_many_realizations_is_not_unlike_them(perturbation):
     noise = lfilter(*butter(2, 10, fs=100), random.standard_normal(ensemble.torque.shape), axis=1)
     noise *= 0.3 * ensemble.torque.std() / noise.std() * levels
     diagnosis = tv.diagnose(tv.preprocess.subtract_mean(replace(ensemble, torque=ensemble.torque + noise)))
-    assert diagnosis.clean, diagnosis
+    assert not diagnosis.findings, diagnosis
 
 
 @pytest.mark.parametrize("perturbation", [tv.simulate.FilteredNoise(), tv.simulate.PRBS()])
@@ -83,7 +83,7 @@ def test_a_period_that_divides_by_nothing(perturbation):
         tv.simulate.Joint(stiffness=profile).simulate(60, perturbation=perturbation, snr_db=10, seed=1).recording
     )
     diagnosis = tv.diagnose(tv.preprocess.subtract_mean(tv.preprocess.segment(recording, 1.111)))
-    assert diagnosis.clean, diagnosis
+    assert not diagnosis.findings, diagnosis
     assert diagnosis.measures["mean stiffness"][0] == pytest.approx(100, rel=0.05)
 
 
@@ -96,7 +96,7 @@ def test_the_clock_of_a_prbs_is_no_period():
         .recording
     )
     diagnosis = tv.diagnose(cut(recording, 1.0))
-    assert diagnosis.clean, diagnosis
+    assert not diagnosis.findings, diagnosis
 
 
 def test_lines_are_those_of_a_slow_sum():
@@ -119,13 +119,14 @@ def test_a_subtracted_mean_is_not_judged(clean):
 @pytest.mark.parametrize("perturbation", ["noise", "prbs"])
 def test_a_prepared_participant_is_clean(perturbation):
     diagnosis = tv.diagnose(prepared(1, perturbation).ensemble)
-    assert diagnosis.clean, diagnosis
+    assert not diagnosis.findings, diagnosis
 
 
 @pytest.mark.parametrize(
     ("record", "expected"),
     [
-        ("walking", set()),
+        # By 2 ms: with 2 ms less, inertia and viscosity explain 92 rather than 89 % of the torque.
+        ("walking", {"delay"}),
         ("dorsiflexor", set()),
         ("dorsiflexor_2", set()),
         # Strong reflexes: an intrinsic model explains only some 60 % there.

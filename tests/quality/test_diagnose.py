@@ -1,4 +1,5 @@
 import dataclasses
+import re
 import warnings
 
 import numpy as np
@@ -20,24 +21,24 @@ def spoilt():
 def test_a_finding_says_what_how_strong_what_it_does_and_what_to_do(spoilt):
     assert [check.name for check in spoilt.findings] == ["delay", "unlike-realizations"]
     delay, unlike = spoilt.findings
-    assert delay.what == "the torque fits best if it is 30 ms late: " + delay.what.partition(": ")[2]
+    assert re.match(r"the torque is (29|30).* ms late; that makes inertia .* kg·m² .*and viscosity", delay.what)
     assert (delay.value, delay.fault.unit, delay.fault.limit, delay.fault.wrong) == (
-        pytest.approx(30, abs=3),
+        pytest.approx(30, abs=0.5),
         "ms",
-        5,
+        0.75,
         "above",
     )
-    assert "lowers the viscosity" in delay.fault.effect
-    assert "shift one channel" in delay.fault.remedy
+    assert "takes viscosity times d from the inertia" in delay.fault.effect
+    assert "align_channels" in delay.fault.remedy
     assert unlike.strength == "11 realizations, at most 0 is in order"
 
 
 def test_it_prints(spoilt, diagnosis):
     text = repr(spoilt)
-    assert text.startswith("Diagnosis of 75 realizations of 2 s at 100 Hz: 2 faults found in 28 checks")
-    assert "- delay: the torque fits best" in text
+    assert text.startswith("Diagnosis of 75 realizations of 2 s at 100 Hz: 2 faults found in 29 checks")
+    assert "- delay: the torque is" in text
     assert "    effect: a torque that is late by d" in text
-    assert "    remedy: shift one channel" in text
+    assert "    remedy: find what delays a channel" in text
     assert text.endswith("\nnot judged: mean-torque, mean-angle (the mean over realizations has been subtracted)")
     assert repr(diagnosis).count("\n") == 1
     assert "no fault found" in repr(diagnosis)
@@ -71,6 +72,19 @@ def test_clean_means_no_findings(spoilt, diagnosis):
     assert diagnosis.clean
     assert diagnosis.findings == ()
     assert not spoilt.clean
+
+
+def test_what_is_uncertain_is_not_called_clean(diagnosis):
+    checks = tuple(
+        dataclasses.replace(check, value=24.3, significant=False) if check.name == "drift" else check
+        for check in diagnosis.checks
+    )
+    unsure = dataclasses.replace(diagnosis, checks=checks)
+    assert not unsure.findings
+    assert not unsure.clean
+    assert [check.name for check in unsure.uncertain] == ["drift"]
+    assert unsure.verdict == "1 of 29 checks uncertain, nothing found for sure"
+    assert "no fault found" not in repr(unsure) + unsure._repr_html_()
 
 
 def test_measures_are_those_of_the_joint(diagnosis):
@@ -194,6 +208,8 @@ def test_states_of_a_check():
     assert states == ["found", "uncertain", "in order", "not judged"]
     assert Finding("drift", 24.3, False, "").strength.endswith("but not significant")
     assert Finding("weak-answer", 0.0, True, "").strength == "0 %, at least 30 is in order"
+    assert Finding("torque-unit", 0.1, True, "").strength == "0.1 N·m/rad, at least 0.2 is in order"
+    assert Finding("torque-unit", 2000.0, True, "").strength == "2e+03 N·m/rad, at most 1500 is in order"
     assert Finding("drift", -16.1, True, "").strength == "-16.1 %, at most ±10 is in order"
 
 

@@ -104,7 +104,8 @@ def test_a_delay_is_measured(seconds):
 @pytest.mark.parametrize(("seconds", "snr_db"), [(0.002, 20.0), (0.004, 30.0), (-0.008, 30.0), (0.012, 30.0)])
 def test_a_small_delay_is_nothing_else(perturbation, seconds, snr_db):
     findings = found(cut(faults.late(simulated(perturbation=perturbation, snr_db=snr_db), seconds)))
-    assert set(findings) == ({"delay"} if abs(seconds) > 0.005 else set())
+    assert set(findings) == {"delay"}
+    assert findings["delay"].value == pytest.approx(1000 * seconds, abs=0.4)
 
 
 @pytest.mark.parametrize("perturbation", ["noise", "prbs"])

@@ -8,8 +8,9 @@ from scipy.stats import kstest, ttest_1samp
 from tests.faults import cut, late, simulated
 
 import tvsysid as tv
+from tvsysid.numerics.interpolation import between
 from tvsysid.quality.fitted import FittedEnsemble
-from tvsysid.quality.resampling import between, lowered
+from tvsysid.quality.resampling import lowered
 from tvsysid.quality.statistics import FOLDS, gained, innovations, p_value_of, without
 
 

@@ -15,6 +15,7 @@ from tvsysid.cli.running import check_folder
 
 if TYPE_CHECKING:
     from tvsysid.comparison import Comparison
+    from tvsysid.signals import Recording
 
 DEFAULT_METHODS = ["eirf", "sds", "birf", "esm", "kbr"]  # those of tvsysid.methods.names(), which takes long to import
 SLOW_RATE = 250.0  # Hz from which on identifying without decimation takes minutes
@@ -37,6 +38,12 @@ def identify(
     context: options.ContextOption = 0.5,
     method: options.MethodOption = DEFAULT_METHODS,
     time_limit: options.TimeLimitOption = options.TIME_LIMIT,
+    align_channels: Annotated[
+        bool,
+        options.option(
+            "", "Estimate the delay between angle and torque, and correct it if it is significant.", "--align-channels"
+        ),
+    ] = False,
     tune: Annotated[bool, options.option("", "Choose each method's settings from the data.", "--tune")] = False,
     out: options.OutOption = Path("tvsysid-identify"),
 ) -> None:
@@ -53,6 +60,10 @@ def identify(
     A method that needs a further channel (EMG, a reference signal, a scheduling variable) gets it by `--channel`. An
     input or a reference loses its mean as angle and torque do; a scheduling variable keeps it. A method that cannot
     serve the recording is skipped, and the reason is printed. One that fails spoils no other; the exit code is then 1.
+
+    With `--align-channels`, the delay of the torque is estimated as by `tvsysid inspect --diagnose`. One that is found
+    is corrected before decimation, and printed with what it did to inertia and viscosity. The figure's title states
+    it, and `delay_removed` (in s) in `models.nc`.
 
     Writes to the folder:
 
@@ -82,6 +93,8 @@ def identify(
     check_folder(out)
     with shown_warnings():
         recording = options.read(file, angle, torque, rate, columns, torque_sign, angle_unit, start, channel)
+        if align_channels:
+            recording = _aligned(recording, period, context)
         if decimate is not None:
             recording = preprocess.decimate(recording, decimate)
         if recording.sampling_rate > SLOW_RATE:
@@ -100,6 +113,8 @@ def identify(
         found.over_time().to_csv(table, index=False, float_format="%.6g")
     write_models(out / "models.nc", {label.replace("/", "_"): each for label, each in found.models.items()}, ensemble)
     title = f"{file.name}: {len(ensemble)} realizations of {period:g} s, with 95 % bands"
+    if ensemble.delay_removed:
+        title += f"; torque taken {1000 * ensemble.delay_removed:+.2f} ms earlier"
     figure = identified_impedance(found.models, found.time_varying_vaf, title)
     for ending in ("png", "pdf"):
         save(figure, out / f"stiffness.{ending}")
@@ -108,6 +123,21 @@ def identify(
     say_written(out, ["stiffness.csv", "models.nc", "stiffness.png", "stiffness.pdf", *_write_tuning(found, out)])
     if found.failed:
         raise typer.Exit(1)
+
+
+def _aligned(recording: Recording, period: float, context: float) -> Recording:
+    """Recording less a delay between the channels, if one is found; prints what was done."""
+    from tvsysid import preprocess
+    from tvsysid.quality import diagnose
+
+    ensemble = preprocess.subtract_mean(preprocess.segment(recording, period, context))
+    (delay,) = (check for check in diagnose(ensemble).checks if check.name == "delay")
+    if not delay.found:
+        say(f"--align-channels: nothing is corrected; the delay is {delay.state}: {delay.what}")
+        return recording
+    side = "earlier" if delay.value > 0 else "later"
+    say(f"--align-channels: the torque is taken {abs(delay.value):.3g} ms {side}; {delay.what}")
+    return preprocess.align_channels(recording, delay.value / 1000)
 
 
 def _show_impedance(found: Comparison) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from tvsysid.errors import InputError
 from tvsysid.estimates import IMPEDANCE, UNITS, Estimate, plain_array
-from tvsysid.methods.base import inputs_of, reason_to_skip
+from tvsysid.methods.base import aligned, inputs_of, reason_to_skip
 from tvsysid.models import Diagnostics, Model
 from tvsysid.signals import Array, Ensemble, digest
 
@@ -108,7 +108,7 @@ def _adopted(found: object, label: str, ensemble: Ensemble) -> AdoptedModel:
             checked_name(name, label): plain_array(f"{label}: coordinates of {name}", each)
             for name, each in getattr(found, "coordinates", {}).items()
         },
-        diagnostics=Diagnostics(parameters=math.nan),
+        diagnostics=Diagnostics(parameters=math.nan, details=aligned(ensemble)),
         found=found,
     )
 

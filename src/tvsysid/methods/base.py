@@ -86,7 +86,8 @@ class Method(ABC):
         started = perf_counter()
         model = self._identify(ensemble)
         texts = (*self._own_warnings(ensemble), *_common_warnings(ensemble, model, *self._needed_band(ensemble)))
-        diagnostics = replace(model.diagnostics, warnings=texts, seconds=perf_counter() - started)
+        details = {**model.diagnostics.details, **aligned(ensemble)}
+        diagnostics = replace(model.diagnostics, warnings=texts, seconds=perf_counter() - started, details=details)
         for text in texts:
             warnings.warn(f"{self.key}: {text}", DataQualityWarning, stacklevel=2)
         return replace(model, diagnostics=diagnostics)
@@ -153,6 +154,11 @@ def reason_to_skip(method: object, ensemble: Ensemble) -> str | None:
     if reason and not isinstance(reason, str):
         raise InputError(f"{type(method).__name__}: skip must return a reason in words, or None; got {type(reason)}")
     return reason or None
+
+
+def aligned(ensemble: Ensemble) -> dict[str, float]:
+    """Delay between the channels that was corrected before, in s, for a model's diagnostics; nothing if none was."""
+    return {"delay_removed": ensemble.delay_removed} if ensemble.delay_removed else {}
 
 
 def _check_ensemble(method: Method, verb: str, ensemble: object) -> None:
@@ -234,7 +240,7 @@ def _common_warnings(ensemble: Ensemble, model: Model, low: float, high: float) 
             f"stiffness is negative at {100 * np.mean(known < 0):.0f} % of the samples: "
             "is the torque's sign reversed? (read it with torque_sign=-1, --torque-sign -1)"
         )
-    if len(known) and FAULTS["torque-unit"].beyond(usual := float(np.median(known))):
+    if len(known) and abs(usual := float(np.median(known))) > FAULTS["torque-unit"].limit:
         yield (
             f"the stiffness is {usual:.4g} N·m/rad in the median, stiffer than any joint: are the angle in rad and the "
             "torque in N·m, and not swapped?"

@@ -12,6 +12,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.signal import firwin, upfirdn
 
 from tvsysid.errors import InputError
+from tvsysid.numerics.interpolation import SINC, between
 from tvsysid.signals import Array, Ensemble, Recording, checked_rate
 
 TAPS = 31
@@ -101,6 +102,60 @@ def _filter_and_keep(x: Array, taps: Array, factor: int) -> Array:
     return np.asarray(upfirdn(taps, extended, down=factor)[skip : skip + kept])
 
 
+def align_channels(recording: Recording, delay: float) -> Recording:
+    """Take the torque so much earlier, to correct a delay between the channels: that of its filter, or of its clock.
+
+    Between samples, the torque is interpolated (windowed sinc). Samples for which no torque was recorded are cut off
+    one end of each trial; the times of the others stay. Further channels stay with the angle. The recording's
+    ``delay_removed`` states what was corrected; ensembles that are cut from it have it, and the models' diagnostics.
+
+    Parameters
+    ----------
+    delay
+        Seconds by which the torque was recorded later than the angle; negative where it was earlier. The finding
+        ``delay`` of :func:`tvsysid.diagnose` estimates it, in ms. Correct it before decimating.
+
+    Raises
+    ------
+    InputError
+        For a delay that is not a number, or as long as a trial.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> angle = np.sin(np.arange(1000) / 50)
+    >>> late = Recording(angle[3:], 80 * angle[:-3], sampling_rate=1000)
+    >>> mended = align_channels(late, 0.003)
+    >>> bool(np.allclose(mended.torque, 80 * mended.angle)), len(mended), mended.delay_removed
+    (True, 994, 0.003)
+    """
+    if not (isinstance(delay, (int, float, np.number)) and math.isfinite(delay)):
+        raise InputError(f"align_channels: delay must be a number of seconds, got {delay!r}")
+    samples = float(delay * recording.sampling_rate)
+    whole = round(samples)
+    lost = math.ceil(abs(samples) - 1e-9)
+    shortest = min(trial.stop - trial.start for trial in recording.trials)
+    if lost >= shortest:
+        seconds = shortest / recording.sampling_rate
+        raise InputError(f"align_channels: a delay of {delay:g} s leaves nothing of a trial of {seconds:g} s")
+    head, tail = (lost, 0) if samples < 0 else (0, lost)
+    kept = [slice(trial.start + head, trial.stop - tail) for trial in recording.trials]
+
+    def earlier(torque: Array) -> Array:
+        late = between(np.pad(torque, SINC, "reflect", reflect_type="odd"), samples - whole)[SINC:-SINC]
+        return late[np.clip(np.arange(head, len(torque) - tail) + whole, 0, len(torque) - 1)]
+
+    signals = every_signal(recording, lambda values: np.concatenate([values[trial] for trial in kept]))
+    signals["torque"] = np.concatenate([earlier(recording.torque[trial]) for trial in recording.trials])
+    return replace(
+        recording,
+        **signals,
+        start=recording.start + head / recording.sampling_rate,
+        trial_starts=_starts(trial.stop - trial.start for trial in kept),
+        delay_removed=recording.delay_removed + delay,
+    )
+
+
 def trim(recording: Recording, ends: float, margin: float = 0.0) -> Recording:
     """Remove the first and last seconds of each trial, and count its time from where what is left begins.
 
@@ -186,6 +241,7 @@ def segment(recording: Recording, period: float, context: float = 0.5) -> Ensemb
         trials=trial_of,
         left_out=left_out,
         origin=recording.origin,
+        delay_removed=recording.delay_removed,
     )
 
 

@@ -16,6 +16,8 @@ class Fault(NamedTuple):
         Value that is still in order.
     wrong
         On which side of the limit a value is wrong; above, the sign does not count.
+    lowest
+        Value below which it is wrong too, where that has two sides.
     """
 
     title: str
@@ -25,10 +27,13 @@ class Fault(NamedTuple):
     effect: str
     remedy: str
     wrong: Literal["above", "below"] = "above"
+    lowest: float = 0.0
 
     def beyond(self, value: float) -> bool:
         """Whether a value is on the wrong side of the limit."""
-        return abs(value) > self.limit if self.wrong == "above" else value < self.limit
+        if self.wrong == "below":
+            return value < self.limit
+        return abs(value) > self.limit or abs(value) < self.lowest
 
 
 # By name, in the order in which they are reported.
@@ -123,13 +128,14 @@ FAULTS: dict[str, Fault] = {
         " channels the other way round",
     ),
     "torque-unit": Fault(
-        "Stiffer than any joint",
+        "Stiffer or softer than any joint",
         "mean stiffness, without its sign",
         1500,
         "N·m/rad",
-        "stiffness, viscosity and inertia are too large by the same factor",
-        "convert the torque to N·m if it is in mN·m or N·cm, do not read radians as degrees, and do not swap the "
+        "stiffness, viscosity and inertia are wrong by the same factor",
+        "convert the torque to N·m if it is in mN·m, N·cm or kN·m, do not read radians as degrees, and do not swap the "
         "channels",
+        lowest=0.2,
     ),
     "sampling-rate": Fault(
         "Too slow or too fast for a joint",
@@ -143,10 +149,12 @@ FAULTS: dict[str, Fault] = {
     "delay": Fault(
         "Angle and torque are not recorded at the same time",
         "delay of the torque",
-        5,
+        0.75,
         "ms",
-        "a torque that is late by d lowers the viscosity by stiffness times d, even below zero, and distorts the rest",
-        "shift one channel against the other by this much before cutting, and find what delays it (a filter, a clock)",
+        "a torque that is late by d takes viscosity times d from the inertia (a tenth of it for 1 ms at the ankle) and "
+        "stiffness times d from the viscosity, and distorts the rest; an early one adds as much",
+        "find what delays a channel (a filter, a clock, a closed loop); correct it with "
+        "tv.preprocess.align_channels(recording, delay) (--align-channels)",
     ),
     "clock-skew": Fault(
         "The channels' clocks run apart",
@@ -207,12 +215,13 @@ FAULTS: dict[str, Fault] = {
         "align them before the mean is subtracted (tv.preprocess.align), or exclude them",
     ),
     "wrong-period": Fault(
-        "The behaviour does not repeat with this period",
+        "The behaviour does not repeat with this period, or the sampling rate is wrong",
         "variation of the stiffness with another period, as a share of the mean",
         10,
         "%",
         "each realization holds another part of the behaviour, so that the time variation averages out",
-        "cut with the period that is named here, if the behaviour has one, or sort it by what it depends on",
+        "cut with the period that is named here, if the behaviour has one, or sort it by what it depends on; check the "
+        "sampling rate: stated as a half of the true one, it makes the period twice as long",
     ),
     "clipped-angle": Fault(
         "The angle is clipped",
@@ -230,6 +239,15 @@ FAULTS: dict[str, Fault] = {
         "where the sensor is at its limit the torque does not answer: stiffness comes out too low where it is high",
         "widen the sensor's range; exclude the realizations concerned",
     ),
+    "coarse-angle": Fault(
+        "The angle is recorded in coarse steps",
+        "smallest step between values of the angle, over its standard deviation",
+        10,
+        "%",
+        "the steps are noise in the angle, most of it in the acceleration: inertia and viscosity come out too low, the "
+        "stiffness a little",
+        "record the angle with a finer converter, or a gain that uses its range; trust the stiffness only",
+    ),
     "lost-angle": Fault(
         "The angle is lost for a while",
         "time during which the torque moves and the angle does not",
@@ -241,7 +259,7 @@ FAULTS: dict[str, Fault] = {
     "lost-torque": Fault(
         "The torque is lost for a while",
         "time during which the angle moves and the torque does not",
-        0.25,
+        0.08,
         "s",
         "where the torque is held or zero the joint seems to have no stiffness",
         "exclude the realizations concerned",

@@ -9,11 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
+from scipy.ndimage import convolve1d, gaussian_filter1d
 
 from tvsysid.impedance import second_order_fit
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
-from tvsysid.quality.resampling import between, known_region, lowered
+from tvsysid.numerics.interpolation import between
+from tvsysid.quality.resampling import known_region, lowered
 from tvsysid.quality.statistics import innovations, prediction_error
 from tvsysid.signals import Array, Ensemble
 
@@ -21,6 +22,10 @@ ROWS = 100  # samples of all realizations together that a bin should have at lea
 SHORTEST_BIN = 0.05  # in s
 MOST_BINS_LONG = 10  # a bin is no longer than a realization divided by this
 WHITENING, PAST = 0.1, 0.12  # seconds of the past from which noise is predicted, and signals
+# Standard deviation in samples of a low-pass: near half the sampling rate, noise in the angle, what the decimation
+# folded there and the errors of the derivatives' filters pass for a delay, and for a smaller inertia.
+SMOOTH = 1.0
+NO_STEP = 1e-6  # of a standard deviation: values that are as near as that are the same
 ANSWERED = 0.1  # share of the torque that must be explained for the impedance to be spoken of
 NO_ANSWER = "the torque does not answer the angle"
 NOT_SEPARATE = "stiffness, viscosity and inertia are not separately identifiable"
@@ -133,6 +138,17 @@ def fit_motion(motion: Array, torque: Array, sampling_rate: float, first: int) -
     return SecondOrder(motion, torque, sampling_rate, first, bins, stiffness, viscosity, inertia)
 
 
+def _constant_impedance(motion: Array, torque: Array) -> tuple[Array, Array]:
+    """Stiffness, viscosity and inertia that are constant in time, and their standard errors."""
+    count = len(torque)
+    grams = np.einsum("art,brt->rab", motion, motion)
+    with_torque = np.einsum("art,rt->ra", motion, torque)
+    fit = second_order_fit(grams.sum(axis=0)[None], with_torque.sum(axis=0)[None])
+    values = fit.impedance[0]
+    influence = (with_torque - grams @ values) @ fit.inverse[0]
+    return values, np.sqrt(np.sum(influence**2, axis=0) * count / max(count - 1, 1))
+
+
 @dataclass(frozen=True, eq=False)
 class FittedEnsemble:
     """An ensemble as the checks see it: what the user gave, and the same at some 100 Hz."""
@@ -202,7 +218,8 @@ class FittedEnsemble:
 
         Slow noise, such as that of voluntary torque, would otherwise hide what single realizations tell.
         """
-        return np.asarray(lfilter(self._whitener, 1.0, signal, axis=-1)[..., self.whitening :])
+        taps = self._whitener
+        return np.asarray(convolve1d(signal, taps, axis=-1, origin=-(len(taps) // 2))[..., self.whitening :])
 
     @cached_property
     def white_parts(self) -> Array:
@@ -242,13 +259,26 @@ class FittedEnsemble:
         The errors come from the scatter over realizations, so that the noise may have any colour. NaN where the data
         do not tell the three apart.
         """
-        motion, count = self.fit.motion, len(self)
-        grams = np.einsum("art,brt->rab", motion, motion)
-        with_torque = np.einsum("art,rt->ra", motion, self.fit.torque)
-        fit = second_order_fit(grams.sum(axis=0)[None], with_torque.sum(axis=0)[None])
-        values = fit.impedance[0]
-        influence = (with_torque - grams @ values) @ fit.inverse[0]
-        return values, np.sqrt(np.sum(influence**2, axis=0) * count / max(count - 1, 1))
+        return _constant_impedance(self.fit.motion, self.fit.torque)
+
+    @cached_property
+    def smooth_impedance(self) -> tuple[Array, Array]:
+        """The same behind a low-pass, where noise in the angle (steps, spikes) hardly lowers the inertia."""
+        return _constant_impedance(
+            *(gaussian_filter1d(each, SMOOTH, axis=-1) for each in (self.fit.motion, self.fit.torque))
+        )
+
+    @cached_property
+    def angle_step(self) -> float:
+        """Smallest step in which the angle that was given is recorded, in % of its standard deviation."""
+        angle = self.given.angle[:, self.given.core]
+        values = np.sort(angle - angle.mean(axis=0), axis=0)
+        size = float(np.std(values))
+        apart = np.diff(values, axis=0)
+        apart = apart[apart > NO_STEP * size]
+        step = float(apart.min()) if apart.size else 0.0
+        # A signal of two levels, such as a PRBS, is not coarse.
+        return 100 * step / size if size > 0 and float(np.ptp(values, axis=0).max()) > 1.5 * step else 0.0
 
     @cached_property
     def own_fits(self) -> tuple[Array, Array]:

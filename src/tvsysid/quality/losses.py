@@ -6,11 +6,11 @@ from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d, median_filter
+from scipy.ndimage import maximum_filter1d, median_filter, uniform_filter1d
 
 from tvsysid.quality.catalogue import FAULTS
 from tvsysid.quality.fitted import FittedEnsemble, NotJudged, Seen, indices
-from tvsysid.quality.statistics import over_usual
+from tvsysid.quality.statistics import innovations, over_usual
 from tvsysid.signals import Array
 
 ALIKE = 3  # realizations that must be at the limit at one time
@@ -21,6 +21,8 @@ STILL = 0.1  # share of what is expected below which a signal does not move
 LOUD = 4.0  # times the usual power from which on a window's residual is out of the ordinary
 QUIET = 0.25  # share of a realization's windows that are quieter than what counts as its noise
 LEAST_SAMPLES = 10  # of a window
+BRIEF, LEAST_FAST = 0.06, 40  # s of a brief loss that are looked at together, and the samples that must be
+SILENT, QUIETEST = 0.2, 0.05  # times a quantile of the noise's power, and which, below which a torque is silent
 HALF_SPIKE = 3  # samples to either side from which a spike stands out
 # Quantiles against which surprises and residual are held: a PRBS surprises at every switch, noise never.
 USUAL_SURPRISE, USUAL_RESIDUAL = 0.99, 0.9
@@ -59,6 +61,12 @@ def clipped(data: FittedEnsemble, which: str) -> Seen:
     return Seen(share, f"at {share:.1f} % of the times at least {ALIKE} realizations have the same {sides} {which}")
 
 
+def coarse_angle(data: FittedEnsemble) -> Seen:
+    """Step in which the angle is recorded; seen only in what no filter has passed."""
+    step = data.angle_step
+    return Seen(step, f"the angle is recorded in steps of {step:.2g} % of its standard deviation")
+
+
 def lost(data: FittedEnsemble, which: str, heights: Mapping[str, Array]) -> Seen:
     """Time during which one signal stands still, or is but what the subtracted mean left, while the other moves.
 
@@ -76,6 +84,10 @@ def lost(data: FittedEnsemble, which: str, heights: Mapping[str, Array]) -> Seen
     if which == "torque":
         moving = expected > max(float(np.median(expected)), LOUD * typical)
         gone = moving & (there < STILL * expected) & (np.abs(together) < 2 * STILL * expected)
+        # Filters of both channels leave hardly any noise, so that the errors of the fit look like a loss when whitened.
+        raw = (np.gradient(each, axis=1)[:, data.whitening :] for each in (data.fit.torque, data.fit.parts.sum(axis=0)))
+        there, expected = (_window_power(each, samples) for each in raw)
+        gone &= there < 2 * STILL * expected
         # Where every torque is the same, and no mean was subtracted; an angle may be held, a torque not.
         torque = data.ensemble.torque
         gone |= np.ptp(_windows(torque[:, data.white_region], samples), axis=2) <= 1e-9 * float(np.std(torque))
@@ -86,15 +98,57 @@ def lost(data: FittedEnsemble, which: str, heights: Mapping[str, Array]) -> Seen
     alone = _against_neighbours(data, other) > FAR_OUT_OF_LINE
     spikes = maximum_filter1d(alone & (heights[other] > FAULTS[f"{other}-spikes"].limit), 2 * BESIDE + 1, axis=1)
     gone &= ~_windows(spikes, samples).any(axis=2)
-    if not gone.any():
+    times = np.repeat(gone, samples, axis=1) if gone.sum() > 1 else np.zeros((len(gone), gone.shape[1] * samples), bool)
+    if which == "torque":
+        times |= _briefly_silent(data)[:, : times.shape[1]]
+    if not times.any():
         return Seen(0.0, f"the {which} is there throughout")
-    seconds, concerned = float(gone.sum()) * samples / data.rate, indices(gone.any(axis=1))
-    begin = data.seconds(int(np.argmax(gone[concerned[0]])) * samples)
+    seconds, concerned = float(times.sum()) / data.rate, indices(times.any(axis=1))
+    begin = data.seconds(int(np.argmax(times[concerned[0]])))
     what = (
         f"the {which} does not follow for {seconds:.2g} s in {len(concerned)} realizations, first in realization "
         f"{concerned[0]} from about {begin:.2g} s on"
     )
     return Seen(seconds, what, realizations=concerned)
+
+
+def _briefly_silent(data: FittedEnsemble) -> NDArray[np.bool_]:
+    """Times of some BRIEF seconds at which the torque should move, does not, and has no noise of its own either.
+
+    The noise is what the torque's past does not predict at the rate that was given: at some 100 Hz, so short a time has
+    too few samples. A torque that is held or zero has only what the subtracted mean left. Shape (realization,
+    time - w).
+    """
+    given, fit = data.given, data.fit
+    fast, slow = round(BRIEF * given.sampling_rate), max(5, round(BRIEF * data.rate))
+    if fast < LEAST_FAST:
+        return np.zeros(data.white_residual.shape, dtype=bool)
+    if not given.mean_subtracted:
+        held = np.diff(given.torque, axis=1) == 0
+        silent = maximum_filter1d(uniform_filter1d(held.astype(float), fast, axis=1) > 1 - 0.5 / fast, fast, axis=1)
+        return np.asarray(silent[:, np.clip(_given_samples(data), 0, silent.shape[1] - 1)])
+    order = 6
+    noise = innovations(np.asarray(given.torque - given.torque.mean(axis=0)), order)
+    power = uniform_filter1d(noise**2, fast, axis=1, mode="nearest")
+    silent = maximum_filter1d(power < SILENT * np.quantile(power, QUIETEST), fast, axis=1)
+    measured, expected, left = (_change(values, slow) for values in (fit.torque, fit.parts.sum(axis=0), fit.residual))
+    gone = (measured < STILL * expected) & (expected > LOUD * float(np.median(left)))
+    gone = maximum_filter1d(gone, slow, axis=1)[:, data.whitening :]
+    place = np.clip(_given_samples(data) - order, 0, silent.shape[1] - 1)
+    return np.asarray(gone & silent[:, place])
+
+
+def _given_samples(data: FittedEnsemble) -> NDArray[np.int64]:
+    """Whitened samples as samples of what was given."""
+    seconds = (np.arange(data.white_residual.shape[1]) + data.white_region.start - data.ensemble.context) / data.rate
+    return np.asarray(np.round(seconds * data.given.sampling_rate).astype(np.int64) + data.given.context)
+
+
+def _change(values: Array, samples: int) -> Array:
+    """Variance over so many samples about each of a signal's changes from sample to sample."""
+    change = np.gradient(values, axis=1)
+    mean, square = (uniform_filter1d(each, samples, axis=1) for each in (change, change**2))
+    return np.asarray(np.maximum(square - mean**2, 0.0))
 
 
 def _windows(values: NDArray[np.generic], samples: int) -> NDArray[np.generic]:

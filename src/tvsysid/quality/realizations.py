@@ -26,6 +26,7 @@ MOST = 0.5  # share of the realizations beyond which it is not misalignment
 ALIKE = 0.7  # correlation between the behaviour of odd and even realizations from which on it has a shape of its own
 DEEP = 0.1  # variation of the stiffness over its mean below which its shape tells nothing
 PARTS = 10  # parts of a realization that must tell alike how it differs; those side by side share too much
+BROAD = 2.5  # standard deviation in samples of the low-pass behind which a shift must be better too
 SMOOTH = 1.5  # standard deviation in samples of the low-pass behind which realizations are compared
 TINY = np.finfo(float).tiny
 
@@ -90,17 +91,24 @@ def misaligned(data: FittedEnsemble) -> Seen:
     reach = len(stiffness) // 4 // step
     shifts = np.arange(-reach, reach + 1) * step
     inertial = fit.torque - fit.parts[2] * (1 + again.inertia)
-    left = np.empty((len(shifts), len(fit.torque)))
     weights = 1 / _local_noise(data)
-    for row, shift in zip(left, shifts, strict=True):
-        answer = np.roll(stiffness, shift) * fit.motion[0] + np.roll(viscosity, shift) * fit.motion[1]
-        row[:] = data.whitened(inertial - answer) ** 2 @ weights
+
+    def error(shift: int, which: int | slice = slice(None)) -> Array:
+        """What the behaviour of all leaves of realizations, whitened, if it comes so many samples later."""
+        answer = np.roll(stiffness, shift) * fit.motion[0, which] + np.roll(viscosity, shift) * fit.motion[1, which]
+        return data.whitened(inertial[which] - answer)
+
+    left = np.stack([error(int(shift)) ** 2 @ weights for shift in shifts])
     best = np.argmin(left, axis=0)
     gain = 1 - left[best, np.arange(left.shape[1])] / np.maximum(left[reach], TINY)
     seconds = shifts[best] / rate
     # Likelihood ratio of white noise whose level is the realization's own: the best of so many shifts, and of all.
     likelier = 0.5 * len(weights) * -np.log1p(-np.clip(gain, 0.0, 1 - 1e-12))
     clear = (gain > BETTER) & (likelier > math.log(left.size / SIGNIFICANT))
+    # Equal filters leave hardly any noise at high frequency, so that there the error of the fit is all that is seen.
+    for realization in np.flatnonzero(clear).tolist():
+        slow = [gaussian_filter1d(error(int(shift), realization), BROAD) for shift in (shifts[best[realization]], 0)]
+        clear[realization] = slow[0] ** 2 @ weights < (1 - BETTER) * (slow[1] ** 2 @ weights)
     out = indices(clear & (np.abs(seconds) >= SHORTEST_SHIFT))
     count, every = len(out), len(data)
     what = f"{count} of {every} realizations {'fits' if count == 1 else 'fit'} better elsewhere"

@@ -1,4 +1,4 @@
-"""An ensemble at some 100 Hz, and values between samples."""
+"""An ensemble at some 100 Hz."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
-from scipy.ndimage import correlate1d
 from scipy.signal import firwin, oaconvolve
 
 from tvsysid.numerics.differentiation import HALF_WIDTH
@@ -17,7 +16,6 @@ from tvsysid.signals import Array, Ensemble, Recording
 LOWEST_RATE = 100.0  # in Hz; what is above is taken down to it or little more
 SHORTEST = 30  # samples of a realization whose derivatives must be known
 TAPS = 3  # samples of the lower rate that a low-pass is long if the rate does not divide, as that to a tenth is
-SINC = 12  # samples to either side that a value between samples is made from
 
 
 def known_region(samples: int, context: int) -> slice:
@@ -78,12 +76,3 @@ def _resampled(ensemble: Ensemble) -> Ensemble | None:
 
     angle, torque = lower(ensemble.angle), lower(ensemble.torque)
     return replace(ensemble, angle=angle, torque=torque, sampling_rate=rate / step, context=margin, channels={})
-
-
-def between(values: Array, later: float) -> Array:
-    """Values a fraction of a sample later, shape (realization, time): a windowed sinc, which smooths hardly at all."""
-    if later == 0:
-        return values
-    lags = np.arange(-SINC, SINC + 1)
-    taps = np.sinc(lags - later) * np.kaiser(2 * SINC + 1, 5.0)
-    return np.asarray(correlate1d(values, taps / taps.sum(), axis=1, mode="nearest"))

@@ -102,7 +102,9 @@ def torque_unit(data: FittedEnsemble) -> Seen:
 
 def sampling_rate(data: FittedEnsemble) -> Seen:
     """Natural frequency and inertia; a wrong rate leaves the damping ratio and the stiffness as they are."""
-    values, errors = _impedance(data)
+    _impedance(data)
+    # Noise in the angle, as coarse steps leave it, would hide the inertia; a wrong rate is the same behind a low-pass.
+    values, errors = data.smooth_impedance
     stiffness, _, inertia = map(float, values)
     if abs(stiffness) < SURE * errors[0] or abs(inertia) < SURE * errors[2] or stiffness * inertia < 0:
         raise NotJudged("stiffness and inertia are not determined well enough")

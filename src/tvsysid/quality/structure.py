@@ -6,6 +6,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from tvsysid.numerics.differentiation import HALF_WIDTH
+from tvsysid.quality.catalogue import FAULTS
 from tvsysid.quality.fitted import FittedEnsemble, NotJudged, Seen
 from tvsysid.quality.statistics import LEAST_REALIZATIONS, SIGNIFICANT, gained, gains, p_value_of, without
 from tvsysid.signals import Array
@@ -15,7 +16,6 @@ MIRRORED = 1.5  # times what is predicted of the angle before that must be predi
 PAST_ANGLE = 0.2  # seconds of the angle's past that predict it by themselves
 PAST_NOISE = 0.15  # seconds of the residual torque that may add to it
 SOONEST, LATEST, STEP = 0.04, 0.3, 0.03  # lags of a reflex in s
-COARSE, SAME = 0.1, 1e-6  # step of an angle over its standard deviation that is coarse, and what is no step
 SHORT = "realizations and their context are too short"
 
 
@@ -27,7 +27,7 @@ def feedback(data: FittedEnsemble) -> Seen:
     test with time reversed must tell clearly less.
     """
     data.require(LEAST_REALIZATIONS)
-    if _in_steps(data):
+    if FAULTS["coarse-angle"].beyond(data.angle_step):
         raise NotJudged("the angle is recorded in steps so coarse that the torque tells it better")
     angle, residual, first = data.angle, data.fit.residual, data.fit.first
     after = angle.shape[1] - first - residual.shape[1]
@@ -58,16 +58,6 @@ def _predicted(angle: Array, residual: Array, first: int, rate: float) -> Array:
     target = without(angle[:, start:stop], past)
     total = float(np.sum(target**2))
     return gains(target, without(noise, past)) * len(target) / total if total > 0 else np.zeros(len(target))
-
-
-def _in_steps(data: FittedEnsemble) -> bool:
-    """Whether the angle is recorded in steps that are large against its movement."""
-    angle = data.given.angle[:, data.given.core]
-    values = np.sort(angle - angle.mean(axis=0), axis=0)
-    size = float(np.std(values))
-    apart = np.diff(values, axis=0)
-    apart = apart[apart > SAME * size]
-    return bool(apart.size and apart.min() > COARSE * size)
 
 
 def reflex(data: FittedEnsemble) -> Seen:

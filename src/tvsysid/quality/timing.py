@@ -1,4 +1,4 @@
-"""Whether both channels are of one time, the behaviour stays the same, and repeats with the period that was given."""
+"""Whether the behaviour stays the same, and repeats with the period that was given."""
 
 from __future__ import annotations
 
@@ -9,101 +9,23 @@ from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.ndimage import uniform_filter1d
 
-from tvsysid.quality.catalogue import FAULTS
 from tvsysid.quality.fitted import (
     ANSWERED,
     NO_ANSWER,
     NOT_SEPARATE,
     FittedEnsemble,
     NotJudged,
-    SecondOrder,
     Seen,
-    fit_motion,
 )
-from tvsysid.quality.resampling import between
-from tvsysid.quality.scales import narrow_excitation
-from tvsysid.quality.statistics import LEAST_REALIZATIONS, SIGNIFICANT, p_value, p_value_of
+from tvsysid.quality.statistics import LEAST_REALIZATIONS, SIGNIFICANT, p_value
 from tvsysid.signals import Array
 
-LONGEST_DELAY = 0.1  # in s, to either side
-CLEARER = 1.3  # times as much as with the best shift that a joint must leave unexplained without it
-CLEARER_LATE = 1.05  # the same if only a delay does that
-FINER = np.linspace(-1, 1, 9)  # samples beside the best shift that are tried
 SLOWEST, FASTEST = 0.3, 3.3  # cycles in a realization that may be another period: the clock of a PRBS is faster
 BEAT = 1.25  # times as coherent in the inertia as in the stiffness that a line is no behaviour
 # Distance from a harmonic, in one over the record's length, where no line is another period; so if all drifts.
 BESIDE, BESIDE_DRIFT = 0.2, 4.0
 NEAR_HARMONIC = 0.1  # share of a harmonic's number by which a line may be off it
 RESOLUTION = 0.25  # step in frequency, as a share of one over the record's length
-
-
-def delay(data: FittedEnsemble) -> Seen:
-    """Shift of the torque with which a joint of second order explains most of it.
-
-    It is significant whenever it is sure, even if it does no harm: what it leaves would be taken for something else.
-    """
-    samples, best = _best_shift(data)
-    given = _shifted(data, 0.0)
-    # An angle that torque noise moves is the later of the two, but hardly fits better then than with no shift; and a
-    # perturbation of few frequencies hardly tells a delay from a viscosity.
-    sure = samples > 0 and not FAULTS["narrow-excitation"].beyond(_narrowness(data.synchronised(samples)))
-    clearer = given.left > (CLEARER_LATE if sure else CLEARER) * best.left
-    significant = clearer and p_value_of(given.squares - best.squares) < SIGNIFICANT
-    late = 1000 * samples / data.rate
-    edge = "at least " if abs(round(samples)) == _reach(data) else ""
-    what = f"the torque fits best if it is {edge}{abs(late):.3g} ms {'late' if late > 0 else 'early'}"
-    what += f": {100 * (1 - best.left):.1f} % of it explained rather than {100 * (1 - given.left):.1f} %"
-    return Seen(late, what, significant)
-
-
-def _narrowness(data: FittedEnsemble) -> float:
-    try:
-        return narrow_excitation(data).value
-    except NotJudged:
-        return math.nan
-
-
-def clock_skew(data: FittedEnsemble) -> Seen:
-    """Best shift of the second half of the experiment against that of the first."""
-    data.require(2 * LEAST_REALIZATIONS, answer=False)
-    (first_shift, first), (second_shift, second) = map(_best_shift, data.halves)
-    # What each half leaves with the other's shift, against what it leaves with its own.
-    trades = zip(data.halves, (second_shift, first_shift), (first, second), strict=True)
-    worse = [_shifted(half, others).squares - own.squares for half, others, own in trades]
-    skew = 1000 * second_shift / data.rate - 1000 * first_shift / data.rate
-    what = f"the torque is {skew:.3g} ms late in the second half of the experiment against the first"
-    return Seen(skew, what, p_value_of(np.concatenate(worse)) < SIGNIFICANT)
-
-
-def _reach(data: FittedEnsemble) -> int:
-    """Samples that are tried as a delay, to either side."""
-    reach = min(round(LONGEST_DELAY * data.rate), data.ensemble.context)
-    if reach < 2:
-        raise NotJudged("the realizations have no context to shift them by")
-    return reach
-
-
-def _shifted(data: FittedEnsemble, samples: float) -> SecondOrder:
-    """Fit again with the torque taken so many samples later."""
-    fit, whole = data.fit, round(samples)
-    torque = between(data.torque, samples - whole)
-    late = np.clip(np.arange(fit.first, fit.first + fit.torque.shape[1]) + whole, 0, torque.shape[1] - 1)
-    return fit_motion(fit.motion, torque[:, late], data.rate, fit.first)
-
-
-def _best_shift(data: FittedEnsemble) -> tuple[float, SecondOrder]:
-    """Shift of the torque in samples that leaves least of it, and the fit with it."""
-    reach = _reach(data)
-
-    def best_of(shifts: Array) -> tuple[float, SecondOrder]:
-        fits = ((float(shift), _shifted(data, float(shift))) for shift in shifts)
-        return min(fits, key=lambda shift_and_fit: shift_and_fit[1].left)
-
-    best, _ = best_of(np.arange(-reach, reach + 1).astype(np.float64))
-    best, fit = best_of(np.clip(best + FINER, -reach, reach))
-    if 1 - fit.left < ANSWERED:
-        raise NotJudged(NO_ANSWER)
-    return best, fit
 
 
 def drift(data: FittedEnsemble) -> Seen:
@@ -176,6 +98,11 @@ def wrong_period(data: FittedEnsemble, drifts: bool) -> Seen:
         f"stiffness varies by {amplitude[best]:.2g} % of its mean with {period:.{digits}g} s, beside what "
         f"repeats every {given:g} s"
     )
+    ratio = period / given
+    factor = max(ratio, 1 / ratio)
+    if round(factor) > 1 and abs(factor / round(factor) - 1) < 1.5 * period / _longest(data, trials):
+        side = "higher" if ratio > 1 else "lower"
+        what += f"; if that should be {given:g} s, the sampling rate is {round(factor)} times {side} than stated"
     return Seen(float(amplitude[best]), what, probability < SIGNIFICANT)
 
 

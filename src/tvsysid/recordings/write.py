@@ -129,7 +129,7 @@ def write_recording(path: str | Path, recording: Recording) -> None:
     ...     load_recording(f"{folder}/ankle.nc")
     Recording(20 s at 100 Hz; angle RMS 0.0142 rad, torque RMS 1.14 N·m)
     """
-    about = {name: getattr(recording, name) for name in ("sampling_rate", "start", "origin")}
+    about = {name: getattr(recording, name) for name in ("sampling_rate", "start", "origin", "delay_removed")}
     _write(path, recording, ("time",), about, "trial", {"trial_starts": np.array(recording.trial_starts)})
 
 
@@ -147,6 +147,7 @@ def load_recording(path: str | Path) -> Recording:
             {name: np.ravel(values) for name, values in channels.items()},
             tuple(np.ravel(found["trial_starts"]).astype(np.int64).tolist()),
             float(found.get("origin", 0.0)),
+            float(found.get("delay_removed", 0.0)),
         )
 
 
@@ -155,7 +156,8 @@ def write_ensemble(path: str | Path, ensemble: Ensemble) -> None:
 
     Its signals become matrices of realization x time, context and all; otherwise as :func:`write_recording`.
     """
-    about = {name: getattr(ensemble, name) for name in ("sampling_rate", "context", "left_out", "origin")}
+    names = ("sampling_rate", "context", "left_out", "origin", "delay_removed")
+    about = {name: getattr(ensemble, name) for name in names}
     about["mean_subtracted"] = int(ensemble.mean_subtracted)  # neither format has truth values
     vectors = {"onsets": np.asarray(ensemble.onsets), "trials": np.asarray(ensemble.trials)}
     _write(path, ensemble, ("realization", "time"), about, "realization", vectors)
@@ -175,6 +177,7 @@ def load_ensemble(path: str | Path) -> Ensemble:
             left_out=int(found["left_out"]),
             mean_subtracted=bool(found["mean_subtracted"]),
             origin=float(found.get("origin", 0.0)),
+            delay_removed=float(found.get("delay_removed", 0.0)),
         )
 
 

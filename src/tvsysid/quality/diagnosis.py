@@ -13,7 +13,7 @@ import numpy as np
 from tvsysid.errors import InputError
 from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.numerics.moments import window_moments
-from tvsysid.quality import losses, realizations, scales, structure, timing
+from tvsysid.quality import delays, losses, realizations, scales, structure, timing
 from tvsysid.quality.catalogue import FAULTS, Fault
 from tvsysid.quality.curves import Curves, curves
 from tvsysid.quality.fitted import FittedEnsemble, NotJudged, Seen
@@ -94,9 +94,10 @@ class Finding:
         value = "0" if size < 1e-9 else f"{self.value:.3g}" if size < 1e4 else f"{self.value:.2g}"
         unit = fault.unit.removesuffix("s") if value == "1" else fault.unit
         sign = "±" if self.value < 0 else ""
-        allowed = f"at most {sign}" if fault.wrong == "above" else "at least "
+        too_low = fault.wrong == "below" or size < fault.lowest
+        allowed = f"at least {fault.lowest or fault.limit:g}" if too_low else f"at most {sign}{fault.limit:g}"
         caveat = ", but not significant" if self.state == "uncertain" else ""
-        return f"{value} {unit}, {allowed}{fault.limit:g} is in order{caveat}"
+        return f"{value} {unit}, {allowed} is in order{caveat}"
 
     def __repr__(self) -> str:
         return f"Finding({self.name}: {self.state}; {self.what})"
@@ -127,9 +128,14 @@ class Diagnosis:
         return tuple(check for check in self.checks if check.found)
 
     @property
+    def uncertain(self) -> tuple[Finding, ...]:
+        """The checks whose value is beyond its limit, but not significant."""
+        return tuple(check for check in self.checks if check.state == "uncertain")
+
+    @property
     def clean(self) -> bool:
-        """Whether nothing was found."""
-        return not self.findings
+        """Whether nothing was found, and nothing is uncertain."""
+        return not self.findings and not self.uncertain
 
     @property
     def table(self) -> pd.DataFrame:
@@ -138,19 +144,21 @@ class Diagnosis:
 
         own = ("name", "state", "found", "value", "what")
         rows = [{name: getattr(check, name) for name in own} | check.fault._asdict() for check in self.checks]
-        return pd.DataFrame(rows, columns=[*own[:4], "unit", "wrong", "limit", "what", "effect", "remedy"])
+        return pd.DataFrame(rows, columns=[*own[:4], "unit", "wrong", "limit", "lowest", "what", "effect", "remedy"])
 
     @property
     def verdict(self) -> str:
         """The outcome in a sentence."""
-        judged = sum(check.judged for check in self.checks)
-        count = len(self.findings)
-        return f"{count or 'no'} fault{'' if count < 2 else 's'} found in {judged} checks"
+        judged, count, doubts = sum(check.judged for check in self.checks), len(self.findings), len(self.uncertain)
+        if doubts and not count:
+            return f"{doubts} of {judged} checks uncertain, nothing found for sure"
+        also = f", {doubts} uncertain" if doubts else ""
+        return f"{count or 'no'} fault{'' if count < 2 else 's'} found in {judged} checks{also}"
 
     @property
     def notes(self) -> tuple[str, ...]:
         """A line on what is uncertain, with its value, and one on what was not judged, with the reason, if any is."""
-        uncertain = [f"{check.name} ({check.strength})" for check in self.checks if check.state == "uncertain"]
+        uncertain = [f"{check.name} ({check.strength})" for check in self.uncertain]
         reasons: dict[str, list[str]] = {}
         for check in self.checks:
             if not check.judged:
@@ -205,7 +213,7 @@ def diagnose(ensemble: Ensemble) -> Diagnosis:
     >>> recording = tv.preprocess.decimate(simulation.recording, 100)
     >>> ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))
     >>> tv.diagnose(ensemble)
-    Diagnosis of 30 realizations of 2 s at 100 Hz: no fault found in 27 checks
+    Diagnosis of 30 realizations of 2 s at 100 Hz: no fault found in 28 checks
     not judged: mean-torque, mean-angle (the mean over realizations has been subtracted); clipped-angle (...)
     """
     if not isinstance(ensemble, Ensemble):
@@ -245,7 +253,7 @@ TIMELY: dict[str, Callable[[FittedEnsemble], Seen]] = {
     "angle-unit": scales.angle_unit,
     "torque-unit": scales.torque_unit,
     "sampling-rate": scales.sampling_rate,
-    "clock-skew": timing.clock_skew,
+    "clock-skew": delays.clock_skew,
     "drift": timing.drift,
     "misaligned-realizations": realizations.misaligned,
     "feedback": structure.feedback,
@@ -274,9 +282,8 @@ def _looked_at(data: FittedEnsemble) -> tuple[FittedEnsemble, dict[str, Finding]
         drifts = look(f"{which}-offset", realizations.offset, data, which).found
         lines.append(realizations.offset_line(data, which) if drifts else np.zeros(len(data)))
     level = data.levelled(*lines)
-    late = look("delay", timing.delay, level)
-    # A best shift is a whole number of quarters of a sample.
-    timely = level.synchronised(round(late.value * level.rate / 250) / 4 if late.significant else 0.0)
+    late = look("delay", delays.delay, level)
+    timely = level.synchronised(late.value * level.rate / 1000 if late.significant else 0.0)
     for name, check in TIMELY.items():
         look(name, check, timely)
     misplaced = found["misaligned-realizations"]
@@ -284,6 +291,7 @@ def _looked_at(data: FittedEnsemble) -> tuple[FittedEnsemble, dict[str, Finding]
     period = look("wrong-period", timing.wrong_period, timely, found["drift"].found)
     told = unlike.realizations + (misplaced.realizations if misplaced.found else ())
     look("scattered-realizations", realizations.scattered, timely, told, period.found)
+    look("coarse-angle", losses.coarse_angle, data)
     heights = losses.spike_heights(timely)
     for which in ("angle", "torque"):
         look(f"clipped-{which}", losses.clipped, timely, which)

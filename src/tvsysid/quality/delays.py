@@ -1,0 +1,143 @@
+"""Whether both channels are of one time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from tvsysid.numerics.interpolation import SINC, between
+from tvsysid.quality.catalogue import FAULTS
+from tvsysid.quality.fitted import ANSWERED, NO_ANSWER, SMOOTH, FittedEnsemble, NotJudged, SecondOrder, Seen, fit_motion
+from tvsysid.quality.scales import narrow_excitation
+from tvsysid.quality.statistics import LEAST_REALIZATIONS, SIGNIFICANT, p_value, p_value_of
+from tvsysid.quality.structure import feedback
+from tvsysid.signals import Array
+
+LONGEST_DELAY = 0.1  # in s, to either side
+CLEARER = 1.3  # times as much as with the best shift that a joint must leave unexplained without it
+HIDDEN = 1.25  # times as much, or as little, inertia behind a low-pass: noise in the angle hides some, a delay does not
+LARGE = 15.0  # ms: no noise in the angle looks like so large a delay
+FINER = np.linspace(-1, 1, 9)  # samples beside the best shift that are tried
+STEPS, LONGEST_STEP = 2, 1.5  # Gauss-Newton steps from the best shift, and how many samples each may go
+MOST_TOLD = 200  # % of a value beyond which a change of it is not told as a share
+
+
+def delay(data: FittedEnsemble) -> Seen:
+    r"""Delay of the torque with which a joint of second order leaves least of it.
+
+    A delay by d adds the jerk to the regressors: :math:`y(t - d) \approx k\theta + (b - k d)\dot\theta +
+    (I - b d + k d^2/2)\ddot\theta - I d\,\dddot\theta`, which no stiffness, viscosity or inertia answers; so it
+    is known to some tenths of a millisecond even at 100 Hz. It is as true as the model is: a joint that is not of
+    second order, or a torque that moves the angle, has such a part too. So a delay must also come out where other
+    frequencies count more, when the noise is not whitened, and an early torque in a closed loop is not judged.
+    """
+    samples, best = _best_shift(data)
+    for _ in range(STEPS):
+        step, _, _ = _remaining(data.synchronised(samples))
+        samples += float(np.clip(step, -LONGEST_STEP, LONGEST_STEP))
+    timely = data.synchronised(samples)
+    _, error, apart = (1000 * each / data.rate for each in _remaining(timely))
+    late = 1000 * samples / data.rate
+    significant = p_value(late, error, len(data)) < SIGNIFICANT and abs(late) > abs(apart)
+    clear = data.fit.left >= CLEARER * best.left
+    if significant and (reason := _other_cause(data, timely, late, clear)):
+        raise NotJudged(reason)
+    edge = "at least " if abs(round(samples)) >= _reach(data) else ""
+    what = f"the torque is {edge}{abs(late):.3g} ± {error:.1g} ms {'late' if late > 0 else 'early'}"
+    if abs(apart) > max(error, FAULTS["delay"].limit):
+        what += f" ({late + apart:+.2g} ms where lower frequencies count more)"
+    return Seen(late, what + _cost(data, timely), significant)
+
+
+def _remaining(data: FittedEnsemble) -> tuple[float, float, float]:
+    """Delay that is left in samples, its standard error, and how much more it is if the noise is not whitened."""
+    torque = data.fit.parts.sum(axis=0)
+    change = between(torque, -0.5) - between(torque, 0.5)
+
+    def fitted(signal: Callable[[Array], Array]) -> tuple[Array, Array]:
+        """Step of each realization times its weight, and the weight, with noise as a signal is made of it."""
+        parts, left, later = (
+            gaussian_filter1d(signal(each), SMOOTH, axis=-1) for each in (data.fit.parts, data.fit.residual, change)
+        )
+        alone, left = (fit_motion(parts, each, data.rate, 0).residual[:, SINC:-SINC] for each in (later, left))
+        return np.sum(left * alone, axis=1), np.sum(alone**2, axis=1)
+
+    moments, weights = fitted(data.whitened)
+    plain, plain_weights = fitted(lambda values: values)
+    if weights.sum() <= 0 or plain_weights.sum() <= 0:
+        raise NotJudged(NO_ANSWER)
+    step, count = float(moments.sum() / weights.sum()), len(data)
+    error = math.sqrt(float(np.sum((moments - step * weights) ** 2)) * count / (count - 1)) / float(weights.sum())
+    return step, error, float(plain.sum() / plain_weights.sum()) - step
+
+
+def _other_cause(data: FittedEnsemble, timely: FittedEnsemble, late: float, clear: bool) -> str:
+    """What else in these data looks like a delay in ms, or like one that does not make the fit clearly better."""
+    inertia, smooth = (float(values[2]) for values, _ in (timely.mean_impedance, timely.smooth_impedance))
+    if (abs(late) < LARGE or not clear) and not inertia / HIDDEN < smooth < HIDDEN * inertia:
+        return "noise in the angle (coarse steps, spikes), or a torque smoothed alone, looks like a delay"
+    try:
+        if not clear and FAULTS["narrow-excitation"].beyond(narrow_excitation(timely).value):
+            return "a perturbation of so few frequencies hardly tells a delay from a viscosity"
+        seen = feedback(data) if not clear and late < -FAULTS["delay"].limit else None
+    except NotJudged:
+        return ""
+    closed = seen is not None and seen.significant and FAULTS["feedback"].beyond(seen.value)
+    return "torque noise moves the angle, which looks like an early torque" if closed else ""
+
+
+def _cost(given: FittedEnsemble, timely: FittedEnsemble) -> str:
+    """What the delay does to inertia and viscosity, in words."""
+    texts = []
+    for name, unit, place in (("inertia", "kg·m²", 2), ("viscosity", "N·m·s/rad", 1)):
+        as_given, corrected = (float(each.mean_impedance[0][place]) for each in (given, timely))
+        share = 100 * (as_given - corrected) / abs(corrected) if corrected else math.inf
+        told = f" ({share:+.0f} %)" if abs(share) < MOST_TOLD else ""
+        texts.append(f"{name} {as_given:.3g} instead of {corrected:.3g} {unit}{told}")
+    return f"; that makes {' and '.join(texts)}"
+
+
+def clock_skew(data: FittedEnsemble) -> Seen:
+    """Best shift of the second half of the experiment against that of the first."""
+    data.require(2 * LEAST_REALIZATIONS, answer=False)
+    (first_shift, first), (second_shift, second) = map(_best_shift, data.halves)
+    # What each half leaves with the other's shift, against what it leaves with its own.
+    trades = zip(data.halves, (second_shift, first_shift), (first, second), strict=True)
+    worse = [_shifted(half, others).squares - own.squares for half, others, own in trades]
+    skew = 1000 * second_shift / data.rate - 1000 * first_shift / data.rate
+    what = f"the torque is {skew:.3g} ms late in the second half of the experiment against the first"
+    return Seen(skew, what, p_value_of(np.concatenate(worse)) < SIGNIFICANT)
+
+
+def _reach(data: FittedEnsemble) -> int:
+    """Samples that are tried as a delay, to either side."""
+    reach = min(round(LONGEST_DELAY * data.rate), data.ensemble.context)
+    if reach < 2:
+        raise NotJudged("the realizations have no context to shift them by")
+    return reach
+
+
+def _shifted(data: FittedEnsemble, samples: float) -> SecondOrder:
+    """Fit again with the torque taken so many samples later."""
+    fit, whole = data.fit, round(samples)
+    torque = between(data.torque, samples - whole)
+    late = np.clip(np.arange(fit.first, fit.first + fit.torque.shape[1]) + whole, 0, torque.shape[1] - 1)
+    return fit_motion(fit.motion, torque[:, late], data.rate, fit.first)
+
+
+def _best_shift(data: FittedEnsemble) -> tuple[float, SecondOrder]:
+    """Shift of the torque in samples that leaves least of it, and the fit with it."""
+    reach = _reach(data)
+
+    def best_of(shifts: Array) -> tuple[float, SecondOrder]:
+        fits = ((float(shift), _shifted(data, float(shift))) for shift in shifts)
+        return min(fits, key=lambda shift_and_fit: shift_and_fit[1].left)
+
+    best, _ = best_of(np.arange(-reach, reach + 1).astype(np.float64))
+    best, fit = best_of(np.clip(best + FINER, -reach, reach))
+    if 1 - fit.left < ANSWERED:
+        raise NotJudged(NO_ANSWER)
+    return best, fit

@@ -1,7 +1,10 @@
 """What tests share: simulated ensembles, and where the real recordings are."""
 
+import multiprocessing
 import os
 import signal
+import sys
+from contextlib import nullcontext
 from functools import cache
 from pathlib import Path
 
@@ -62,6 +65,53 @@ def _signals():
     yield
     for number, handler in kept.items():
         signal.signal(number, handler)
+
+
+@pytest.fixture(scope="session")
+def forking():
+    """Processes that begin with the package imported: all are forks of one server, where the system has that."""
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["tvsysid.check", "tvsysid.simulate", "tvsysid.figures", "matplotlib.figure"])
+    return context
+
+
+@pytest.fixture
+def quick_workers(monkeypatch, forking):
+    """Workers of this process start at once, where it is not tested how a fresh interpreter starts one."""
+    monkeypatch.setattr(multiprocessing, "get_context", lambda method=None: forking)
+
+
+@pytest.fixture
+def tvsysid(monkeypatch, capsys, tmp_path):
+    """Run the command line in this process, in a folder of its own; returns exit code, output and errors."""
+    from tvsysid import cli
+    from tvsysid.cli.console import errors, output
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+    for console in (output, errors):  # made before, they have read another width
+        monkeypatch.setattr(console, "width", 200)
+
+    def command(*words):
+        monkeypatch.setattr(sys, "argv", ["tvsysid", *map(str, words)])
+        with pytest.raises(SystemExit) as stopped:
+            cli.main()
+        captured = capsys.readouterr()
+        return stopped.value.code, captured.out, captured.err
+
+    return command
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Without figures, which take most of the time; other tests have them."""
+    for name in ("study_figures", "experiment_figures", "participant_figures"):
+        monkeypatch.setattr(f"tvsysid.studies.van_de_ruit_2021.folder.{name}", lambda *given: {})
+    monkeypatch.setattr("tvsysid.studies.van_de_ruit_2021.folder.write_diagnosis", lambda *given: None)
+    monkeypatch.setattr("tvsysid.studies.van_de_ruit_2021.folder.helpers", lambda workers: nullcontext())
+    monkeypatch.setattr("tvsysid.figures.save", lambda figure, file: None)
 
 
 @pytest.fixture

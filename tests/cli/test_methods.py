@@ -55,7 +55,7 @@ def search_path(monkeypatch):
     monkeypatch.setattr(sys, "path", [folder for folder in sys.path if folder])
 
 
-@pytest.mark.usefixtures("search_path")
+@pytest.mark.usefixtures("search_path", "quick_workers")
 def test_check_method_says_what_is_wrong(tvsysid, tmp_path):
     (tmp_path / "own_for_cli.py").write_text(OWN)
     code, out, err = tvsysid("check-method", "own_for_cli:Constant")
@@ -70,6 +70,7 @@ def test_check_method_says_what_is_wrong(tvsysid, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("quick_workers")
 @pytest.mark.parametrize("name", ["sds", "esm:window=0.4", "tvsysid.methods:KernelRegression"])
 def test_check_method_passes_the_packages_own(tvsysid, name):
     code, out, err = tvsysid("check-method", name)

@@ -35,6 +35,7 @@ def test_every_form_is_saved_and_the_svg_returned(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("quick_workers")
 def test_processes_save_the_same_bytes_and_leave_none_behind(tmp_path):
     one = draw_all(illustrations(4), tmp_path / "one")
     with helpers(2) as pool:
@@ -49,6 +50,7 @@ def test_processes_save_the_same_bytes_and_leave_none_behind(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("quick_workers")
 def test_a_worker_that_dies_costs_no_figure():
     jobs = {str(number): Illustration(partial(die_in_a_worker, os.getpid()), "dies") for number in range(2)}
     with helpers(2) as pool:

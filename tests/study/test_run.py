@@ -171,6 +171,7 @@ class Fatal:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("quick_workers")
 def test_an_own_method_that_kills_its_worker_is_found_and_spoils_no_other():
     settings = {"duration_s": 40, "trials": 1, "perturbation": "prbs"}
     found = run(Study(**settings, system=Fatal(), methods=["sds", "birf"]), workers=2)
@@ -179,6 +180,7 @@ def test_an_own_method_that_kills_its_worker_is_found_and_spoils_no_other():
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("quick_workers")
 def test_a_system_that_kills_its_worker_is_not_blamed_on_a_method():
     settings = {"duration_s": 40, "trials": 1, "perturbation": "prbs"}
     found = run(Study(**settings, system=Fatal(at_once=True), methods=["sds", "birf"]), workers=2)

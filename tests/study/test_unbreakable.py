@@ -8,6 +8,7 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -22,8 +23,8 @@ pytestmark = pytest.mark.slow
 TRIALS = 32
 TOTAL = 2 * TRIALS
 STUDY = {"duration_s": 40, "methods": ["sds", "birf"], "trials": TRIALS}
-COMMAND = [sys.executable, "-m", "tvsysid.cli", "benchmark", "--duration", "40", "--method", "sds", "--method", "birf"]
-COMMAND += ["--trials", str(TRIALS), "--out", "out"]
+WORDS = ["benchmark", "--duration", "40", "--method", "sds", "--method", "birf", "--trials", str(TRIALS)]
+WORDS += ["--out", "out"]
 
 
 @pytest.fixture(scope="module")
@@ -31,11 +32,20 @@ def uninterrupted():
     return run(Study(**STUDY), workers=1)
 
 
-SCRIPT = f"""
-from tvsysid.study import Study, run
-if __name__ == "__main__":
-    run(Study(**{STUDY}), store="out/results.zarr", workers=2)
-"""
+@pytest.fixture
+def start_study(forking):
+    """Start the study in a process of its own, which is stopped after the test."""
+    started = []
+
+    def start(folder, workers=1):
+        store = folder / "out/results.zarr"
+        started.append(forking.Process(target=run, args=(Study(**STUDY),), kwargs={"store": store, "workers": workers}))
+        started[-1].start()
+        return started[-1]
+
+    yield start
+    for process in started:
+        process.kill()
 
 
 def interruptible():
@@ -43,15 +53,17 @@ def interruptible():
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
-def start(folder, *words, command=COMMAND, **options):
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    before = interruptible if os.name == "posix" else None
-    return subprocess.Popen([*command, *words], cwd=folder, preexec_fn=before, **pipes, **options)  # noqa: PLW1509
-
-
-def start_script(folder):
-    (folder / "study.py").write_text(SCRIPT)
-    return start(folder, command=[sys.executable, "study.py"])
+def start(folder, *words):
+    """Start the command line in a process group of its own."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "tvsysid.cli", *WORDS, *words],
+        cwd=folder,
+        start_new_session=True,
+        preexec_fn=interruptible if os.name == "posix" else None,  # noqa: PLW1509
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
 
 
 def trials_in(folder):
@@ -82,6 +94,12 @@ def finished(process, code=0):
     return errors
 
 
+def resumed_to_the_last_bit(folder, expected):
+    """Do what is left of the study in a folder, and compare all of it."""
+    run(Study(**STUDY), store=folder / "out/results.zarr", workers=1)
+    same_to_the_last_bit(folder, expected)
+
+
 def same_to_the_last_bit(folder, expected):
     found = read_results(folder / "out/results.zarr").load()
     for name in set(expected.data_vars) - set(TIMES):
@@ -90,30 +108,31 @@ def same_to_the_last_bit(folder, expected):
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
-def test_killed_at_six_random_moments_and_gone_on_with(tmp_path, uninterrupted):
+def test_killed_at_six_random_moments_and_gone_on_with(tmp_path, start_study, uninterrupted):
     chance = random.Random(20)
     before = 0
-    for _ in range(6):  # each starts Python three times
-        process = start_script(tmp_path)
+    for number in range(6):
+        # Workers start Python anew, which takes seconds; the store is written by the process that is killed.
+        process = start_study(tmp_path, workers=2 if number == 2 else 1)
         target = min(before + chance.randrange(0, TOTAL // 8), TOTAL - 10)
-        wait_for(lambda: trials_in(tmp_path) >= target or process.poll() is not None)  # noqa: B023
+        wait_for(lambda: trials_in(tmp_path) >= target or process.exitcode is not None)  # noqa: B023
         time.sleep(chance.uniform(0, 0.1))
         workers = children_of(process.pid)
-        assert process.poll() is None
+        assert process.exitcode is None
+        assert number != 2 or len(workers) >= 2
         process.kill()
-        process.communicate()
+        process.join(60)
         wait_for(lambda: not any(Path(f"/proc/{pid}").exists() for pid in workers))  # noqa: B023
         assert trials_in(tmp_path) >= before
         before = trials_in(tmp_path)
     assert before < TOTAL
-    finished(start_script(tmp_path))
-    same_to_the_last_bit(tmp_path, uninterrupted)
+    resumed_to_the_last_bit(tmp_path, uninterrupted)
     assert not list(tmp_path.rglob("*.partial"))
 
 
 def test_interrupted_with_a_key_and_gone_on_with(tmp_path, uninterrupted):
     for number in (signal.SIGINT, signal.SIGTERM):
-        process = start(tmp_path, start_new_session=True)
+        process = start(tmp_path)
         already = trials_in(tmp_path)
         wait_for(lambda: trials_in(tmp_path) > already + 10)  # noqa: B023
         os.killpg(process.pid, number) if number == signal.SIGINT else process.send_signal(number)
@@ -126,8 +145,7 @@ def test_interrupted_with_a_key_and_gone_on_with(tmp_path, uninterrupted):
         assert told, errors
         # It may have been interrupted between writing a trial and counting it.
         assert trials_in(tmp_path) - int(told[1]) in (0, 1)
-    finished(start_script(tmp_path))  # draws no figures
-    same_to_the_last_bit(tmp_path, uninterrupted)
+    resumed_to_the_last_bit(tmp_path, uninterrupted)
 
 
 def test_a_method_that_hangs_can_be_interrupted(tmp_path):
@@ -138,7 +156,7 @@ def test_a_method_that_hangs_can_be_interrupted(tmp_path):
         "        pathlib.Path('begun').touch()\n"
         "        time.sleep(3600)\n"
     )
-    process = start(tmp_path, "--method", "hanging:Mine", start_new_session=True)
+    process = start(tmp_path, "--method", "hanging:Mine")
     wait_for((tmp_path / "begun").exists)
     workers = children_of(process.pid)
     began = time.monotonic()
@@ -148,17 +166,22 @@ def test_a_method_that_hangs_can_be_interrupted(tmp_path):
     wait_for(lambda: not any(Path(f"/proc/{pid}").exists() for pid in workers))
 
 
-def test_a_second_process_on_one_store_is_refused(tmp_path, uninterrupted):
-    first = start_script(tmp_path)
+@pytest.mark.skipif(os.name != "posix", reason="needs SIGSTOP")
+def test_a_second_process_on_one_store_is_refused(tvsysid, tmp_path, start_study, uninterrupted):
+    first = start_study(tmp_path)
     wait_for(lambda: trials_in(tmp_path) > 0)
-    first.send_signal(signal.SIGSTOP)  # it may be done before the second has started
-    assert "another process is writing to this store" in finished(start(tmp_path), 2)
-    first.send_signal(signal.SIGCONT)
-    finished(first)
+    os.kill(first.pid, signal.SIGSTOP)  # it may be done before the second has started
+    code, _, errors = tvsysid(*WORDS)
+    assert code == 2
+    assert "another process is writing to this store" in errors
+    os.kill(first.pid, signal.SIGCONT)
+    first.join(300)
+    assert first.exitcode == 0
     same_to_the_last_bit(tmp_path, uninterrupted)
 
 
-def test_a_dask_worker_killed_in_mid_run(tmp_path, uninterrupted):
+@pytest.mark.usefixtures("undrawn")
+def test_a_dask_worker_killed_in_mid_run(tvsysid, tmp_path, uninterrupted):
     pytest.importorskip("distributed")
     dask = [sys.executable, "-m", "dask"]
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": tmp_path}
@@ -175,11 +198,18 @@ def test_a_dask_worker_killed_in_mid_run(tmp_path, uninterrupted):
 
         with Client(address) as client:
             client.wait_for_workers(2, timeout=60)
-        process = start(tmp_path, "--scheduler", address)
-        wait_for(lambda: trials_in(tmp_path) > 5 or process.poll() is not None)
-        assert process.poll() is None
-        servers[1].kill()
-        finished(process)
+        killed_at = []
+
+        def kill_one():
+            wait_for(lambda: trials_in(tmp_path) > 5)
+            servers[1].kill()
+            killed_at.append(trials_in(tmp_path))
+
+        killer = threading.Thread(target=kill_one)
+        killer.start()
+        assert tvsysid(*WORDS, "--scheduler", address)[0] == 0
+        killer.join()
+        assert killed_at[0] < TOTAL
         assert servers[2].poll() is None
     finally:
         for server in servers:
@@ -188,12 +218,14 @@ def test_a_dask_worker_killed_in_mid_run(tmp_path, uninterrupted):
     same_to_the_last_bit(tmp_path, uninterrupted)
 
 
-def test_no_cluster_there(tmp_path):
-    errors = finished(start(tmp_path, "--scheduler", "tcp://127.0.0.1:9"), 2)
+def test_no_cluster_there(tvsysid):
+    code, _, errors = tvsysid(*WORDS, "--scheduler", "tcp://127.0.0.1:9")
+    assert code == 2
     assert "--scheduler tcp://127.0.0.1:9: no Dask scheduler answers there" in errors
 
 
-def test_a_full_disk_loses_nothing_that_was_finished(tmp_path, uninterrupted):
+@pytest.mark.usefixtures("quick_workers")
+def test_a_full_disk_loses_nothing_that_was_finished(tvsysid, tmp_path, monkeypatch, uninterrupted):
     small = tmp_path / "small"
     small.mkdir()
     mounted = subprocess.run(
@@ -202,7 +234,9 @@ def test_a_full_disk_loses_nothing_that_was_finished(tmp_path, uninterrupted):
     if mounted.returncode:
         pytest.skip(f"cannot mount a small file system here: {mounted.stderr.decode().strip()}")
     try:
-        errors = finished(start(small), 2)
+        monkeypatch.chdir(small)
+        code, _, errors = tvsysid(*WORDS, "--workers", 2)
+        assert code == 2
         assert re.search(
             rf"No space left on device; \d+ of {TOTAL} trials are kept; .* the same command resumes", errors
         )
@@ -210,21 +244,24 @@ def test_a_full_disk_loses_nothing_that_was_finished(tmp_path, uninterrupted):
         kept = trials_in(small)
         assert kept > 3
         subprocess.run(["mount", "-o", "remount,size=100m", small], check=True)
-        finished(start_script(small))  # draws no figures
-        same_to_the_last_bit(small, uninterrupted)
+        resumed_to_the_last_bit(small, uninterrupted)
     finally:
+        monkeypatch.chdir(tmp_path)
         subprocess.run(["umount", small], check=True)
 
 
-def test_a_folder_that_cannot_be_written_to(tmp_path):
+def test_a_folder_that_cannot_be_written_to(tvsysid, tmp_path, monkeypatch):
     shut = tmp_path / "shut"
     shut.mkdir()
     mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "ro", "tmpfs", shut], capture_output=True, check=False)
     if mounted.returncode:
         pytest.skip(f"cannot mount a read-only file system here: {mounted.stderr.decode().strip()}")
     try:
-        errors = finished(start(shut), 2)
+        monkeypatch.chdir(shut)
+        code, _, errors = tvsysid(*WORDS)
+        assert code == 2
         assert "Read-only file system" in errors
         assert "Traceback" not in errors
     finally:
+        monkeypatch.chdir(tmp_path)
         subprocess.run(["umount", shut], check=True)

@@ -10,7 +10,7 @@ import pytest
 
 from tvsysid.study.workers import processes
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("quick_workers")]
 
 LARGE = 50_000_000
 

@@ -84,12 +84,13 @@ def quick_workers(monkeypatch, forking):
 
 
 @pytest.fixture
-def tvsysid(monkeypatch, capsys, tmp_path):
+def tvsysid(monkeypatch, capsys, tmp_path, quick_workers):
     """Run the command line in this process, in a folder of its own; returns exit code, output and errors."""
     from tvsysid import cli
     from tvsysid.cli.console import errors, output
 
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [folder for folder in sys.path if folder])  # as for an installed command
     monkeypatch.setenv("COLUMNS", "200")
     for console in (output, errors):  # made before, they have read another width
         monkeypatch.setattr(console, "width", 200)

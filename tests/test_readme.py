@@ -44,6 +44,7 @@ def test_python_example_runs(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("quick_workers")
 def test_python_study_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     page = (Path(__file__).parents[1] / "docs" / "own-method.md").read_text(encoding="utf-8")

@@ -1,7 +1,5 @@
 """`tvsysid methods` and `tvsysid check-method`."""
 
-import sys
-
 import pytest
 
 
@@ -49,13 +47,6 @@ class Constant:
 """
 
 
-@pytest.fixture
-def search_path(monkeypatch):
-    """The path as it is for an installed command, which does not search the current folder by itself."""
-    monkeypatch.setattr(sys, "path", [folder for folder in sys.path if folder])
-
-
-@pytest.mark.usefixtures("search_path", "quick_workers")
 def test_check_method_says_what_is_wrong(tvsysid, tmp_path):
     (tmp_path / "own_for_cli.py").write_text(OWN)
     code, out, err = tvsysid("check-method", "own_for_cli:Constant")
@@ -70,7 +61,6 @@ def test_check_method_says_what_is_wrong(tvsysid, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("quick_workers")
 @pytest.mark.parametrize("name", ["sds", "esm:window=0.4", "tvsysid.methods:KernelRegression"])
 def test_check_method_passes_the_packages_own(tvsysid, name):
     code, out, err = tvsysid("check-method", name)

@@ -1,6 +1,5 @@
 """Methods, systems, profiles and perturbations of one's own take part in studies as the package's own do."""
 
-import sys
 from pathlib import Path
 
 import cloudpickle
@@ -12,7 +11,6 @@ from tests.contracts.test_toys import ERROR, SYSTEMS, every_toy
 from tests.contracts.toys import Cascade, Instrumental, Scheduled
 
 import tvsysid as tv
-from tvsysid import cli
 from tvsysid.report import problems
 
 OBJECTS = '''
@@ -187,17 +185,14 @@ def test_pathways_of_a_virtual_participant_are_compared_with_what_is_known(tmp_p
     assert np.isfinite(gain.value).all()
 
 
-@pytest.mark.slow
-def test_a_joint_a_profile_and_a_perturbation_of_ones_own_enter_a_benchmark(tmp_path, monkeypatch, capsys):
+@pytest.mark.usefixtures("undrawn")
+def test_a_joint_a_profile_and_a_perturbation_of_ones_own_enter_a_benchmark(tvsysid, tmp_path):
     (tmp_path / "myobjects.py").write_text(OBJECTS, encoding="utf-8")
     (tmp_path / "mytoys.py").write_bytes(Path(toys.__file__).read_bytes())
-    monkeypatch.chdir(tmp_path)
     words = ["--system=myobjects:HeavyJoint", "--stiffness=myobjects:ramp", "--perturbation=myobjects:Wobble"]
     words += ["--method=mytoys:Recursive", "--method=birf", "--trials=2", "--duration=40", "--workers=1", "--out=out"]
-    monkeypatch.setattr(sys, "argv", ["tvsysid", "benchmark", *words])
-    with pytest.raises(SystemExit) as stopped:
-        cli.main()
-    assert stopped.value.code == 0, capsys.readouterr().err
+    code, _, err = tvsysid("benchmark", *words)
+    assert code == 0, err
     results = tv.study.read_results(tmp_path / "out" / "results.zarr").load()
     np.testing.assert_allclose(results.truth.isel(scenario=0).sel(quantity="inertia"), 0.05)
     truth = results.truth.isel(scenario=0).sel(quantity="stiffness")

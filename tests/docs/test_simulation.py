@@ -10,7 +10,6 @@ import pandas as pd
 import pytest
 
 import tvsysid as tv
-from tvsysid import cli
 
 TEXT = (Path(__file__).parents[2] / "docs" / "simulation.md").read_text(encoding="utf-8")
 EXAMPLE, OWN = re.findall(r"^```python\n(.+?)\n^```", TEXT, re.MULTILINE | re.DOTALL)
@@ -39,27 +38,16 @@ def test_the_table_says_what_each_system_gives():
         assert [f"`{name}`" for name in simulation.recording.channels] == channel.split()[:1]
 
 
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    """Folder with the page's own module, from which commands are given."""
-    (tmp_path / "mine.py").write_text(OWN, encoding="utf-8")
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(tmp_path)
-    yield tmp_path
-    sys.modules.pop("mine", None)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [0, 1])
-def test_ones_own_profile_perturbation_and_joint_are_simulated(folder, monkeypatch, number):
+def test_ones_own_profile_perturbation_and_joint_are_simulated(tvsysid, tmp_path, monkeypatch, number):
+    (tmp_path / "mine.py").write_text(OWN, encoding="utf-8")
+    monkeypatch.delitem(sys.modules, "mine", raising=False)
     (commands,) = re.findall(r"^```\n(tvsysid .+?)\n^```", TEXT, re.MULTILINE | re.DOTALL)
-    words = shlex.split(commands.splitlines()[number])
+    _, *words = shlex.split(commands.splitlines()[number])
     more = ["--duration", "20", "--trials", "1", "--workers", "1", "--method", "birf"]
-    monkeypatch.setattr(sys, "argv", [*words, *more])
-    with pytest.raises(SystemExit) as stopped:
-        cli.main()
-    assert stopped.value.code == 0
-    table = pd.read_csv(folder / words[-1] / "summary.csv")
+    assert tvsysid(*words, *more)[0] == 0
+    table = pd.read_csv(tmp_path / words[-1] / "summary.csv")
     own = ("mine:ramp", "mine:Multisine") if number == 0 else ("sine", "noise")
     assert (table.stiffness == own[0]).all()
     assert own[1] in set(table.perturbation)

@@ -224,7 +224,6 @@ def test_no_cluster_there(tvsysid):
     assert "--scheduler tcp://127.0.0.1:9: no Dask scheduler answers there" in errors
 
 
-@pytest.mark.usefixtures("quick_workers")
 def test_a_full_disk_loses_nothing_that_was_finished(tvsysid, tmp_path, monkeypatch, uninterrupted):
     small = tmp_path / "small"
     small.mkdir()

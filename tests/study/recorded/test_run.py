@@ -1,12 +1,8 @@
 """Running experiments: the same numbers whoever works, nothing lost, nothing done twice."""
 
 import shutil
-import signal
-import subprocess
-import sys
 import time
 from dataclasses import dataclass
-from textwrap import dedent
 
 import numpy as np
 import pytest
@@ -24,6 +20,10 @@ TIMES = ["seconds", "checksums"]
 
 def same(one, other):
     xr.testing.assert_identical(one.load().drop_vars(TIMES), other.load().drop_vars(TIMES))
+
+
+def tasks_in(store):
+    return sum(1 for file in (store / "checksums/c").rglob("*") if file.name == "0" and file.is_file())
 
 
 def test_results_lie_over_recording_analysis_bootstrap_and_time(small):
@@ -87,6 +87,7 @@ def test_the_same_draw_is_identified_once(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("quick_workers")
 def test_workers_and_stores_do_not_change_the_numbers(small, tmp_path):
     seen = []
     path = tmp_path / "results.zarr"
@@ -182,30 +183,21 @@ def test_a_doubt_is_told_once_with_how_often_it_was_met(small):
 
 
 @pytest.mark.slow
-def test_killed_at_any_moment_it_goes_on_with_the_same_results(small, tmp_path):
+def test_killed_at_any_moment_it_goes_on_with_the_same_results(small, tmp_path, forking):
     path = tmp_path / "results.zarr"
-    script = tmp_path / "script.py"
-    script.write_text(
-        dedent(f"""
-        from tvsysid.study import Experiment, run
-        def told(done, total):
-            print(done, flush=True)
-        if __name__ == "__main__":
-            run(Experiment(**{SMALL!r}), store={str(path)!r}, workers=2, progress=told)
-        """)
-    )
     random = np.random.default_rng(0)
-    for _ in range(3):
-        process = subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, text=True)
-        assert process.stdout is not None
-        for line in process.stdout:  # it is under way when the first task is done
-            if int(line) >= 1:
-                break
-        time.sleep(random.uniform(0, 0.3))
-        process.send_signal(signal.SIGKILL)
-        process.stdout.close()
-        process.wait()
-    same(run(small.experiment, store=path, workers=1), small.results)
+    for workers in (1, 2, 1):
+        process = forking.Process(target=run, args=(Experiment(**SMALL),), kwargs={"store": path, "workers": workers})
+        process.start()
+        before = tasks_in(path)
+        while tasks_in(path) == before and process.exitcode is None:  # it is under way when a task is done
+            time.sleep(0.01)
+        time.sleep(random.uniform(0, 0.15))
+        process.kill()
+        process.join(60)
+    seen = []
+    same(run(small.experiment, store=path, workers=1, progress=lambda done, total: seen.append(done)), small.results)
+    assert seen[0] >= 3
 
 
 def test_the_recordings_are_prepared_if_they_are_not_given(small):

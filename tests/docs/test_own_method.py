@@ -27,9 +27,17 @@ PACKAGE = Path(tv.__file__).parents[1]
 
 
 @pytest.fixture
-def folder(tmp_path):
+def folder(tmp_path, monkeypatch):
     (tmp_path / "mymethod.py").write_text(METHOD, encoding="utf-8")
+    for name in ("mymethod", "scheduled"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
     return tmp_path
+
+
+def words_of(command):
+    name, *words = command.split()
+    assert name == "tvsysid"
+    return words
 
 
 def run(folder, *words):
@@ -45,16 +53,10 @@ def run(folder, *words):
     )
 
 
-def tvsysid(folder, command, *more):
-    """Run a command of the page; -P as for an installed command, which does not search the current folder by itself."""
-    name, *words = command.split()
-    assert name == "tvsysid"
-    return run(folder, "-P", "-m", "tvsysid.cli", *words, *more)
-
-
 @pytest.mark.slow
 def test_the_method_passes_as_the_page_shows(folder):
-    done = tvsysid(folder, CHECK)
+    # -P as for an installed command, which does not search the current folder by itself.
+    done = run(folder, "-P", "-m", "tvsysid.cli", *words_of(CHECK))
     assert done.returncode == 0, done.stdout + done.stderr
     (shown,) = blocks("text")
     for line, said in zip(done.stdout.splitlines(), shown.splitlines(), strict=True):
@@ -63,11 +65,11 @@ def test_the_method_passes_as_the_page_shows(folder):
         assert "✗" not in line
 
 
-@pytest.mark.slow
-def test_the_method_is_in_the_benchmark(folder):
+@pytest.mark.usefixtures("undrawn")
+def test_the_method_is_in_the_benchmark(tvsysid, folder):
     command = re.sub(r"--trials \d+", "--trials 2", BENCHMARK)
-    done = tvsysid(folder, command, "--duration", "40", "--perturbation", "noise", "--workers", "2")
-    assert done.returncode == 0, done.stdout + done.stderr
+    code, out, err = tvsysid(*words_of(command), "--duration", "40", "--perturbation", "noise", "--workers", "2")
+    assert code == 0, out + err
     table = pd.read_csv(folder / "sliding" / "summary.csv")
     total = table[(table.metric == "total_error") & (table.quantity == "stiffness")].set_index("method").value
     assert set(total.index) == {"sds", "mymethod:SlidingFit"}
@@ -85,17 +87,17 @@ def test_the_script_compares_the_object(folder):
 
 
 @pytest.mark.slow
-def test_the_method_that_reads_a_channel(folder):
+def test_the_method_that_reads_a_channel(tvsysid, folder):
     (folder / "scheduled.py").write_text(SCHEDULED, encoding="utf-8")
     commands, benchmark = blocks("sh")
     check, *others = [*commands.splitlines(), f"{benchmark} --trials 1 --duration 20 --perturbation noise --workers 1"]
-    done = tvsysid(folder, check)
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert "✗" not in done.stdout
-    assert "states its inputs: angle, torque, emg (scheduling)" in done.stdout
+    code, out, err = tvsysid(*words_of(check))
+    assert code == 0, out + err
+    assert "✗" not in out
+    assert "states its inputs: angle, torque, emg (scheduling)" in out
     for command in others:
-        done = tvsysid(folder, command)
-        assert done.returncode == 0, done.stdout + done.stderr
+        code, out, err = tvsysid(*words_of(command))
+        assert code == 0, out + err
     table = pd.read_csv(folder / "scheduled" / "summary.csv")
     scored = table[(table.metric == "total_error") & (table.quantity == "stiffness")]
     assert set(scored.method) == {"scheduled:ScheduledFit", "sds"}

@@ -1,4 +1,7 @@
-"""The tutorials, typed as they stand, but for the number of bootstraps."""
+"""The tutorials, typed as they stand, but for the number of bootstraps.
+
+What runs a study has a Python of its own, as it is typed; the rest is run in this process.
+"""
 
 import os
 import re
@@ -44,28 +47,28 @@ def run(folder, words):
     return done.stdout
 
 
-def command(folder, line):
+def words_of(line):
     name, *words = shlex.split(line)
     assert name == "tvsysid"
-    return run(folder, ["-m", "tvsysid.cli", *words])
+    return words
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    """Where the recordings of both tutorials are."""
-    place = tmp_path_factory.mktemp("tutorial")
+@pytest.fixture
+def folder(tvsysid, tmp_path):
+    """Folder with the recordings of both tutorials."""
     for line in blocks("tutorial-command-line.md", "")[0].splitlines():
-        command(place, line)
-    return place
+        assert tvsysid(*words_of(line))[0] == 0
+    return tmp_path
 
 
 def test_the_python_tutorial_runs(folder):
     codes = [fewer(code, "bootstraps=10") for code in blocks("tutorial-python.md", "python")]
     main = codes[0].split('if __name__ == "__main__":')[1]
     assert len([line for line in main.splitlines() if line.strip()]) <= 10
-    for number, code in enumerate(codes):
-        (folder / f"part{number}.py").write_text(code, encoding="utf-8")
-        run(folder, [f"part{number}.py"])
+    (folder / "study.py").write_text(codes[0], encoding="utf-8")
+    run(folder, ["study.py"])
+    for code in codes[1:]:
+        exec(code, {"__name__": "__main__"})
     for name in ("figure7.pdf", "figure8.pdf", "figure9.pdf"):
         assert (folder / name).read_bytes().startswith(b"%PDF")
     results = xr.open_zarr(folder / "P1.zarr", chunks=None)
@@ -73,14 +76,15 @@ def test_the_python_tutorial_runs(folder):
     assert (results.failure == "").all()
 
 
-def test_the_command_line_tutorial_runs(folder):
+def test_the_command_line_tutorial_runs(tvsysid, folder, request):
     _, inspect, experiment, wide = blocks("tutorial-command-line.md", "")
     (study,) = blocks("tutorial-command-line.md", "toml")
     (folder / "study.toml").write_text(fewer(study, "bootstraps = 10"), encoding="utf-8")
-    shown = command(folder, inspect)
+    code, shown, _ = tvsysid(*words_of(inspect))
+    assert code == 0
     assert "71680 x 10" in shown
     assert (folder / "tvsysid-inspect" / "P1-noise.mat.png").is_file()
-    told = command(folder, experiment)
+    told = run(folder, ["-m", "tvsysid.cli", *words_of(experiment)])
     assert "random" in told
     for name in ("report.html", "figures/participants.pdf", "figures/participant.pdf", "exclusions.csv"):
         assert (folder / "P1" / name).stat().st_size > 1000
@@ -88,5 +92,6 @@ def test_the_command_line_tutorial_runs(folder):
     assert set(table.method) == {"eirf", "sds", "birf", "esm", "kbr"}
     # The virtual participant of the file is the one of the package, and its truth is in the file.
     assert len(pd.read_csv(folder / "P1" / "exclusions.csv")) == 600
-    command(folder, wide)
+    request.getfixturevalue("undrawn")
+    assert tvsysid(*words_of(wide))[0] == 0
     assert set(pd.read_csv(folder / "wide" / "summary.csv").method) == {"sds:window=0.2"}

@@ -182,9 +182,10 @@ def test_all_methods_of_the_package_are_explained():
 @pytest.mark.slow
 def test_results_from_a_store_give_the_same_page(tmp_path, study):
     results, summary = study
-    results.to_zarr(tmp_path / "results.zarr", zarr_format=2)
+    few = results.isel(scenario=[0]).sel(method_key=["kbr", HOSTILE])  # one failed in all trials
+    few.to_zarr(tmp_path / "results.zarr", zarr_format=2)
     with xr.open_zarr(tmp_path / "results.zarr", chunks=None) as stored:
-        for name, each in (("one", results), ("two", stored)):
+        for name, each in (("one", few), ("two", stored)):
             write_report(tmp_path / f"{name}.html", each, summary, claims(), draw_all(study_figures(each, summary)))
     assert (tmp_path / "one.html").read_bytes() == (tmp_path / "two.html").read_bytes()
 

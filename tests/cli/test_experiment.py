@@ -40,12 +40,18 @@ ends = 1
 def test_virtual_participants(tvsysid, tmp_path, request):
     words = ("experiment", "--virtual", 1, "--method", "birf", "--realizations", 20, "--bootstraps", 3, "--workers", 1)
     code, _, err = tvsysid(*words)
-    assert (code, err) == (0, "")
+    assert code == 0
+    assert " ".join(err.split()).startswith("warning: P1-noise, P1-prbs: Aligning realizations to the target changes")
+    assert err.count("warning") == 1
     folder = tmp_path / "tvsysid-experiment"
     page = (folder / "report.html").read_text()
     assert "tvsysid experiment --virtual 1 --method birf" in page
     summary = pd.read_csv(folder / "summary.csv")
-    assert "P1-prbs" in (folder / "diagnosis.html").read_text()
+    diagnosis = (folder / "diagnosis.html").read_text()
+    assert "P1-prbs" in diagnosis
+    for text in (page, diagnosis):
+        assert "Aligning realizations to the target changes the stiffness by" in text
+        assert "reference = false under [preparation]" in text
     assert set(summary.metric) >= {"random_error", "vaf", "bandpassed_vaf", "bias_error"}
     excluded = pd.read_csv(folder / "exclusions.csv")
     assert len(excluded) == 600
@@ -59,7 +65,9 @@ def test_virtual_participants(tvsysid, tmp_path, request):
     }
     with xr.open_zarr(folder / "results.zarr", chunks=None) as results:
         assert results.estimate.sel(quantity="stiffness").shape == (2, 1, 3, 256)
-    tables = {name: (folder / name).read_bytes() for name in ("summary.csv", "claims.csv", "exclusions.csv")}
+    tables = {
+        name: (folder / name).read_bytes() for name in ("summary.csv", "claims.csv", "exclusions.csv", "alignment.csv")
+    }
     for name in tables:
         (folder / name).unlink()
     request.getfixturevalue("undrawn")

@@ -1,6 +1,7 @@
 import shutil
 import subprocess
 
+import pandas as pd
 import pytest
 from tests.experimental import claims as experimental_claims
 from tests.experimental import experiment_of
@@ -37,6 +38,21 @@ def page(study, tmp_path_factory):
     return path
 
 
+ALIGNED = pd.DataFrame(
+    {
+        "recording": ["P1-noise", "P1-prbs"],
+        "participant": "P1",
+        "perturbation": ["noise", "prbs"],
+        "aligned": [77.0, 95.0],
+        "unshifted": [97.0, 99.0],
+        "difference": [-20.0, -4.0],
+        "standard_error": [3.0, 4.0],
+        "percent": [-2000 / 97, -400 / 99],
+    }
+)
+"""What aligning two recordings does, notable in the first."""
+
+
 @pytest.fixture(scope="session")
 def experiment():
     """An experiment with a recording that failed, a method that did so once, warnings, and remarks."""
@@ -65,6 +81,7 @@ def experiment_page(experiment, tmp_path_factory):
         figures,
         "tvsysid experiment --virtual 3 && echo",
         COUNTS,
+        ALIGNED,
     )
     return path
 

@@ -172,7 +172,7 @@ def write(results: xr.Dataset, out: Path, command: str) -> bool:
     from tvsysid.studies.van_de_ruit_2021 import write_study
 
     with waiting("scoring and drawing"):
-        summary, claims, files, _ = write_study(results, out, command)
+        summary, claims, files, *_ = write_study(results, out, command)
     labels = list(dict.fromkeys(summary.scenario))
     for label in labels[:MOST_TABLES]:
         _show_scores(summary[summary.scenario == label])

@@ -74,6 +74,9 @@ def experiment(
 
     - `exclusions.csv`: for each realization, by how much it was shifted, and which step excluded it and why;
 
+    - `alignment.csv`: for each recording, the stiffness with and without the shifts that align realizations to the
+    target;
+
     - `diagnosis.html`: what is wrong with each recording, how it affects the result, and what to do;
 
     - `claims.csv`: the paper's claims about its experiment, with the values found here and a verdict;
@@ -119,7 +122,7 @@ def write(experiment: Experiment, results: xr.Dataset, prepared: Sequence[Prepar
     from tvsysid.studies.van_de_ruit_2021 import write_experiment
 
     with waiting("scoring and drawing"):
-        summary, claims, files, diagnoses = write_experiment(experiment, results, prepared, out, command)
+        summary, claims, files, diagnoses, alignment = write_experiment(experiment, results, prepared, out, command)
     for perturbation in dict.fromkeys(summary.perturbation):
         _show_summary(summary[summary.perturbation == perturbation], str(perturbation))
     _show_realizations(results)
@@ -132,6 +135,8 @@ def write(experiment: Experiment, results: xr.Dataset, prepared: Sequence[Prepar
         if diagnosis.findings:
             found = ", ".join(finding.name for finding in diagnosis.findings)
             remark("warning", f"{label}: {found}: what it does to the result, and what to do, is in diagnosis.html")
+    if alignment:
+        remark("warning", alignment)
     say_written(out, [*files, STORE])
     return complete
 

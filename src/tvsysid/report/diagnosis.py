@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from concurrent.futures import Executor
 from pathlib import Path
+from types import MappingProxyType
 
 from tvsysid.errors import InputError
 from tvsysid.figures import Picture, diagnosis_illustration, draw_all
@@ -32,7 +33,11 @@ MEASURED = page.columns({"measure": "", "value": "number", "unit": ""})
 
 
 def write_diagnosis(
-    path: str | Path, diagnoses: Mapping[str, Diagnosis], command: str = "", pool: Executor | None = None
+    path: str | Path,
+    diagnoses: Mapping[str, Diagnosis],
+    command: str = "",
+    pool: Executor | None = None,
+    beside: Mapping[str, str] = MappingProxyType({}),
 ) -> None:
     """Write one HTML file that holds all that was seen and needs nothing else.
 
@@ -44,6 +49,8 @@ def write_diagnosis(
         Of :func:`tvsysid.diagnose`, by what the ensembles are called. ``InputError`` for anything else, and for none.
     command, pool
         What was typed, if it is to be mentioned; processes of :func:`tvsysid.figures.helpers`, which draw too.
+    beside
+        What else is known of ensembles, in sentences, by their names.
     """
     from markupsafe import Markup  # noqa: PLC0415  # only a page needs it
 
@@ -51,7 +58,7 @@ def write_diagnosis(
     lines = []
     for (name, each), anchor in zip(diagnoses.items(), _anchors(diagnoses), strict=True):
         found = "; ".join(f"{_lower(one.fault.title)} ({one.strength})" for one in each.findings)
-        text = f"{each.verdict}{': ' if found else ''}{found}."
+        text = f"{each.verdict}{': ' if found else ''}{found}. {beside.get(name, '')}".rstrip()
         lines.append(Markup('<a href="#{}">{}</a>: {}').format(anchor, name, text))
     parts = [page.Section("outcome", "Outcome", [page.Box(lines), HOW]), page.Section("seen", "What was seen", blocks)]
     if command:

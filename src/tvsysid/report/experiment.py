@@ -14,7 +14,7 @@ from tvsysid.figures import Picture
 from tvsysid.figures.results import truth, unique
 from tvsysid.figures.words import count, perturbation_name
 from tvsysid.numerics import Array
-from tvsysid.report import page, sections
+from tvsysid.report import alignment, page, sections
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -61,6 +61,7 @@ def write_experiment_report(
     pictures: Mapping[str, Picture],
     command: str = "",
     reported: Reported = MappingProxyType({}),
+    aligned: pd.DataFrame | None = None,
 ) -> None:
     """Write one HTML file that holds all of an experiment's outcome and needs nothing else.
 
@@ -73,6 +74,8 @@ def write_experiment_report(
     reported
         Realizations recorded, excluded by each step, and kept, as a paper reports them, by perturbation; shown beside
         recordings of as many realizations.
+    aligned
+        What the alignment does, as of :func:`tvsysid.study.alignments`; None, or no rows, if nothing was aligned.
     """
     there = results.checksums.transpose("recording", "analysis", ...).values.any(axis=-1)
     draws = results.vaf.transpose("recording", "analysis", "bootstrap").values[there]
@@ -92,6 +95,9 @@ def write_experiment_report(
     settings = {name.replace("_", " "): value for name, value in sections.settings_of(results, "experiment").items()}
     first, smallest = str(results.recording.values[0]), str(results.analysis.values[0])
     lines = [done, *sections.unfinished(results, "analyses"), *outcome(results, summary, claims, reported)]
+    shifted = [] if aligned is None or not len(aligned) else [alignment.alignment_table(aligned)]
+    if aligned is not None and shifted:
+        lines.append(f"{alignment.sentence(aligned)} {alignment.REMEDY if len(alignment.notable(aligned)) else ''}")
     parts = [
         page.Section("outcome", "Outcome", [page.Box(lines), _definitions(bool(virtual), len(people) > 1)]),
         *([page.Section("figures", "Figures", sections.numbered(shown))] if shown else []),
@@ -102,6 +108,7 @@ def write_experiment_report(
             "Recordings and exclusions",
             [
                 recordings(results, exclusions, reported),
+                *shifted,
                 page.Heading("Files and trials", "remarks"),
                 *_remarks(results),
                 *sections.numbered(details, 1 + len(shown)),

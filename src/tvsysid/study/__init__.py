@@ -6,9 +6,19 @@ from tvsysid.study.recorded import Experiment, Recorded
 from tvsysid.study.run import plan, read_results, run
 from tvsysid.study.scores import score, time_spent
 from tvsysid.study.simulated import Study
-from tvsysid.study.summary import exclusions, of_quantity, stiffness_over_time, summarize
+from tvsysid.study.summary import alignments, exclusions, of_quantity, stiffness_over_time, summarize
 from tvsysid.study.workers import cores, processes
 
-__all__ = ["EXPERIMENT", "SIMULATIONS", "Experiment", "Prepared", "Recorded", "Study", "cores", "exclusions"]
-__all__ += ["of_quantity", "plan", "prepared_recordings", "processes", "read_results", "run", "score", "shown"]
+__all__ = ["EXPERIMENT", "SIMULATIONS", "Experiment", "Prepared", "Recorded", "Study", "alignments", "cores"]
+__all__ += [
+    "exclusions",
+    "of_quantity",
+    "plan",
+    "prepared_recordings",
+    "processes",
+    "read_results",
+    "run",
+    "score",
+    "shown",
+]
 __all__ += ["stiffness_over_time", "summarize", "time_spent"]

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from tvsysid.study.alignment import AlignmentEffect
 from tvsysid.study.prepared import Prepared
 from tvsysid.study.recorded import Experiment
 from tvsysid.study.simulated import Study
@@ -276,6 +277,9 @@ def of_recordings(experiment: Experiment, prepared: Sequence[Prepared]) -> xr.Da
     for name in ("target_torque", "mean_torque"):
         over_time = np.stack([getattr(item, name) for item in prepared])
         variables[name] = (("recording", "time"), over_time, {"units": "N m"})
+    for name in AlignmentEffect._fields:
+        effects = [getattr(item.alignment, name) for item in prepared]
+        variables[f"alignment_{name}"] = ("recording", effects, {"units": "N m/rad"})
     unknown = np.full(variables["mean_torque"][1].shape[1], np.nan)
     truth = [[item.truth.get(name, unknown) for name in experiment.quantities] for item in prepared]
     variables["truth"] = (("recording", "quantity", "time"), np.array(truth))

@@ -18,6 +18,7 @@ from tvsysid.preprocess import Account, Preparation, prepare
 from tvsysid.recordings import read_usable_trials
 from tvsysid.signals import Array, Ensemble, Recording, digest
 from tvsysid.simulate import PERTURBATIONS, Participant, Simulation
+from tvsysid.study.alignment import UNKNOWN, AlignmentEffect, effect_of_alignment
 from tvsysid.study.recorded import Experiment, Recorded
 from tvsysid.study.task import Known, single_thread
 
@@ -36,7 +37,7 @@ class Prepared:
     and the mean torque of the survivors are over one realization, in N·m, shape (time,); NaN where not known. ``truth``
     has the survivors' means of what a simulation knows, by quantity; ``pathways`` the noiseless torques that the
     experiment measures, shape (realization, time), less their mean. So many ``trials`` can be used; ``refused`` says
-    why others cannot, by file, and ``warnings`` what is doubtful.
+    why others cannot, by file, and ``warnings`` what is doubtful. ``alignment`` is what the shifts do to the stiffness.
     """
 
     recorded: Recorded
@@ -50,6 +51,7 @@ class Prepared:
     refused: dict[str, str]
     warnings: tuple[str, ...]
     failure: str = ""
+    alignment: AlignmentEffect = UNKNOWN
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -130,6 +132,7 @@ def _prepared(experiment: Experiment, recorded: Recorded) -> Prepared:
         trials=trials,
         refused=refused,
         warnings=warned,
+        alignment=effect_of_alignment(preparation),
     )
 
 

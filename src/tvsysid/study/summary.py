@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tvsysid.numerics import Array
+from tvsysid.study.alignment import AlignmentEffect
 from tvsysid.study.prepared import Prepared
 from tvsysid.study.scores import MAIN, OF_SWITCHES, PATHWAY, units_of
 
@@ -176,6 +177,22 @@ def stiffness_over_time(results: xr.Dataset) -> pd.DataFrame:
     table = table.rename(columns={"method_key": "method", "time": "time_s"})
     columns = [*LABELS, "time_s", "stiffness", "standard_deviation", "time_varying_vaf"]
     return table[columns]
+
+
+def alignments(results: xr.Dataset) -> pd.DataFrame:
+    """What aligning to the target does to the mean stiffness of each recording's survivors, identified by sds.
+
+    A row for each recording that was aligned: recording, participant, perturbation; aligned, unshifted, difference and
+    its standard_error in N·m/rad; percent, the difference in per cent of the stiffness unshifted.
+    """
+    import pandas as pd  # noqa: PLC0415  # heavy
+
+    names = [name for name in AlignmentEffect._fields if f"alignment_{name}" in results]
+    table = pd.DataFrame({name: results[name].values.astype(str) for name in OF_RECORDING})
+    table = table.assign(**{name: results[f"alignment_{name}"].values for name in names})
+    table = table.reindex(columns=[*OF_RECORDING, *AlignmentEffect._fields]).dropna(ignore_index=True)
+    table.insert(len(table.columns) - 1, "difference", table.aligned - table.unshifted)
+    return table.assign(percent=100 * table.difference / table.unshifted)
 
 
 def exclusions(prepared: Sequence[Prepared]) -> pd.DataFrame:

@@ -14,7 +14,7 @@ from tvsysid.errors import InputError
 from tvsysid.figures import Picture, draw_all, helpers, share_out
 from tvsysid.quality import Diagnosis, diagnose
 from tvsysid.recordings import whole_file, write_ensemble
-from tvsysid.report import write_diagnosis, write_experiment_report, write_report
+from tvsysid.report import alignment, write_diagnosis, write_experiment_report, write_report
 from tvsysid.studies.van_de_ruit_2021.experiment import COUNTS, judge_experiment
 from tvsysid.studies.van_de_ruit_2021.experiment_figures import experiment_figures, participant_figures, representative
 from tvsysid.studies.van_de_ruit_2021.figures import example_responses, study_figures
@@ -22,6 +22,7 @@ from tvsysid.studies.van_de_ruit_2021.simulations import judge_simulations
 from tvsysid.study import (
     Experiment,
     Prepared,
+    alignments,
     cores,
     exclusions,
     of_quantity,
@@ -47,6 +48,8 @@ class Written(NamedTuple):
     """Names in the folder."""
     diagnoses: Mapping[str, Diagnosis] = MappingProxyType({})
     """Of an experiment: by recording."""
+    alignment: str = ""
+    """Of an experiment whose alignment changes the stiffness much: by how much, and what to do."""
 
 
 def judge(found: xr.Dataset) -> pd.DataFrame:
@@ -112,6 +115,8 @@ def write_experiment(
         results = results.load()
         summary, claims = summarize(results), judge(results)
         tables = {"summary.csv": summary, "claims.csv": claims, "stiffness.csv": stiffness_over_time(results)}
+        aligned = tables["alignment.csv"] = alignments(results)
+        changed = alignment.notable(aligned)
         kept = folder / "exclusions.csv"
         if prepared or not kept.is_file():
             excluded = tables["exclusions.csv"] = exclusions(prepared)
@@ -125,10 +130,15 @@ def write_experiment(
         pictures = _experiment_pictures(experiment, results, summary, prepared, folder / "figures", pool)
         diagnoses = share_out(diagnose, {label: (ensemble,) for label, ensemble in ensembles.items()}, pool)
         if diagnoses:
-            write_diagnosis(folder / "diagnosis.html", diagnoses, command, pool)
-        write_experiment_report(folder / "report.html", results, summary, claims, excluded, pictures, command, COUNTS)
+            each = changed.groupby("recording", sort=False)
+            beside = {str(name): f"{alignment.sentence(one)} {alignment.REMEDY}" for name, one in each}
+            write_diagnosis(folder / "diagnosis.html", diagnoses, command, pool, beside)
+        page = folder / "report.html"
+        write_experiment_report(page, results, summary, claims, excluded, pictures, command, COUNTS, aligned)
     pages = ["report.html", "diagnosis.html"] if diagnoses else ["report.html"]
-    return Written(summary, claims, (*pages, *tables, "prepared/", f"figures/ ({len(pictures)})"), diagnoses)
+    files = (*pages, *tables, "prepared/", f"figures/ ({len(pictures)})")
+    told = f"{', '.join(changed.recording)}: {alignment.sentence(changed)} {alignment.REMEDY}" if len(changed) else ""
+    return Written(summary, claims, files, diagnoses, told)
 
 
 def _write_tables(folder: Path, tables: Mapping[str, pd.DataFrame]) -> None:

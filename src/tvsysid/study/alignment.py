@@ -1,0 +1,62 @@
+"""What aligning realizations to a target does to their stiffness."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from typing import NamedTuple
+
+import numpy as np
+
+from tvsysid.errors import DataQualityWarning, InputError
+from tvsysid.methods import ShortDataSegments
+from tvsysid.preprocess import Preparation, subtract_mean
+from tvsysid.signals import Ensemble
+from tvsysid.study.recorded import LAG, SHORT
+
+GROUPS = 10  # of realizations, each of which is left out once
+
+
+class AlignmentEffect(NamedTuple):
+    """Mean stiffness over time of the same realizations in N·m/rad, and the standard error of the difference.
+
+    ``aligned`` is that of the survivors, ``unshifted`` of the same ones as they were recorded.
+    """
+
+    aligned: float
+    unshifted: float
+    standard_error: float
+
+
+UNKNOWN = AlignmentEffect(math.nan, math.nan, math.nan)
+
+
+def effect_of_alignment(preparation: Preparation) -> AlignmentEffect:
+    r"""Identify what was kept with and without its shifts, by sds, which is quick and takes little for granted.
+
+    The standard error is a jackknife over groups of realizations, of which each is left out of both:
+
+    .. math:: \sqrt{\tfrac{G - 1}{G} \sum_g (d_g - \bar d)^2}
+
+    All are NaN where nothing was aligned, or sds cannot serve the realizations.
+    """
+    if preparation.alignment is None:
+        return UNKNOWN
+    aligned = preparation.ensemble
+    unshifted = subtract_mean(preparation.recorded.select(preparation.account.kept))
+    count = min(GROUPS, len(aligned))
+    group = np.arange(len(aligned)) % count
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DataQualityWarning)
+        try:
+            with_shifts, without = _mean_stiffness(aligned), _mean_stiffness(unshifted)
+            left = [group != number for number in range(count)]
+            apart = [_mean_stiffness(aligned.select(each)) - _mean_stiffness(unshifted.select(each)) for each in left]
+        except InputError:
+            return UNKNOWN
+    return AlignmentEffect(with_shifts, without, math.sqrt((count - 1) * float(np.var(apart))))
+
+
+def _mean_stiffness(ensemble: Ensemble) -> float:
+    found = ShortDataSegments(max_lag=LAG, window=SHORT).identify(ensemble).stiffness
+    return float(np.nanmean(found)) if np.isfinite(found).any() else math.nan

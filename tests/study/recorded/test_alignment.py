@@ -1,0 +1,63 @@
+"""What aligning realizations to the target does to their stiffness."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from tests.virtual import simulated
+
+import tvsysid as tv
+from tvsysid.study import alignments, prepared_recordings
+from tvsysid.study.alignment import UNKNOWN, effect_of_alignment
+
+
+def test_what_is_reported_is_what_is_lost(small):
+    """For a virtual participant, whose truth is known."""
+    sds = tv.ShortDataSegments(max_lag=15 / 128, window=12 / 128)
+    for item, perturbation in zip(small.prepared, ("noise", "prbs"), strict=True):
+        simulation = simulated(1, perturbation)
+        preparation = tv.preprocess.prepare(simulation.recording)
+        kept = preparation.recorded.select(preparation.account.kept)
+        errors = []
+        for ensemble in (preparation.ensemble, tv.preprocess.subtract_mean(kept)):
+            truth = simulation.truth_of(ensemble)["stiffness"].mean(axis=0)
+            errors.append(float(np.nanmean(sds.identify(ensemble).stiffness - truth)))
+        effect = item.alignment
+        assert effect.aligned - effect.unshifted == pytest.approx(errors[0] - errors[1], abs=0.1)
+        assert -20 < effect.aligned - effect.unshifted < -2 * effect.standard_error
+        assert 1 < effect.standard_error < 6
+
+
+def test_it_is_kept_with_the_results_and_read_again(small):
+    table = alignments(small.results)
+    assert list(table.recording) == ["P1-noise", "P1-prbs"]
+    one, kept = table.iloc[0], small.prepared[0].alignment
+    assert (one.aligned, one.unshifted, one.standard_error) == kept
+    assert one.difference == kept.aligned - kept.unshifted
+    assert one.percent == pytest.approx(100 * one.difference / kept.unshifted)
+
+
+def test_without_shifts_nothing_is_reported(small):
+    unshifted = tv.preprocess.prepare(simulated(1).recording, reference=None)
+    assert effect_of_alignment(unshifted) is UNKNOWN
+    experiment = small.experiment.model_copy(update={"perturbation": ("noise",)})
+    preparation = experiment.preparation.model_copy(update={"reference": None})
+    (item,) = prepared_recordings(experiment.model_copy(update={"preparation": preparation}))[:1]
+    assert np.isnan(item.alignment).all()
+    names = [name for name in small.results.data_vars if str(name).startswith("alignment_")]
+    assert len(names) == 3
+    assert alignments(small.results.drop_vars(names)).empty  # an older store
+    blank = small.results.assign({name: small.results[name] * np.nan for name in names})
+    assert alignments(blank).empty
+
+
+def test_realizations_too_short_for_sds_are_not_judged():
+    preparation = tv.preprocess.prepare(simulated(1).recording)
+    recorded = dataclasses.replace(
+        preparation.recorded,
+        angle=preparation.recorded.angle[:, 120:140],
+        torque=preparation.recorded.torque[:, 120:140],
+        context=0,
+        channels={},
+    )
+    assert effect_of_alignment(dataclasses.replace(preparation, recorded=recorded)) is UNKNOWN

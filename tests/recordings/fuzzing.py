@@ -27,6 +27,8 @@ from tests.recordings import files, mutations
 from tests.recordings.reading import GIB, memory
 
 import tvsysid
+from tvsysid import Ensemble, Recording
+from tvsysid.recordings import write_ensemble, write_recording
 
 HANG = 90  # seconds, on a machine that has other work; `reading.py` counts those of the processor
 MOST = 4 * GIB  # of memory that a process takes before it is ended
@@ -80,6 +82,17 @@ def write_parquet(file, angle, torque):
     table.to_parquet(file, compression="zstd")
 
 
+def write_own(file, angle, torque):
+    """As tvsysid writes them; `reading.py` also loads them."""
+    if file.stem == "recording":
+        write_recording(file, Recording(angle, torque, 200.0, channels={"emg": angle}, trial_starts=(0, 30)))
+    else:
+        write_ensemble(file, Ensemble(angle.reshape(6, 10), torque.reshape(6, 10), 200.0))
+    if file.suffix == ".mat":
+        undated(file)
+
+
+OWN = ("recording.nc", "ensemble.nc", "recording.mat", "ensemble.mat")
 SEEDS = {
     "version4.mat": write_mat_4,
     "version5.mat": write_mat_5,
@@ -91,8 +104,11 @@ SEEDS = {
     "every.nc": write_hdf5,
     "every.parquet": write_parquet,
 } | {name: files.WRITERS[name] for name in files.WRITERS if name not in ("v5.mat", "ankle.hdf5")}
+SEEDS |= dict.fromkeys(OWN, write_own)
 INSIDE = {
     "version7.mat": mutations.inside_mat,
+    "recording.mat": mutations.inside_mat,
+    "ensemble.mat": mutations.inside_mat,
     "object.mat": mutations.inside_mat,
     "ankle.npz": mutations.inside_zip,
     "ankle.h5": mutations.inside_chunk,

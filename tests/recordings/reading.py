@@ -14,11 +14,12 @@ import warnings
 from pathlib import Path
 
 from tvsysid import InputError
-from tvsysid.recordings import describe_file
+from tvsysid.recordings import describe_file, load_ensemble, load_recording
 
 GIB = 2**30
 ADDRESSES = 16 * GIB  # a net below: memory that is taken is what is judged, and what is refused far sooner
 SECONDS = 20  # of processor time that a file may take
+LOADERS = {"recording": load_recording, "ensemble": load_ensemble}  # of files with such a name
 
 
 def memory(what, process="self"):
@@ -59,6 +60,10 @@ def attempt(file):
             size = max(size, 8 * math.prod(channel.shape))
             channel.read(f"{file.name}: {name}")
             count += 1
+    for kind, load in LOADERS.items():
+        if kind in file.name:
+            with judged("load"):
+                load(file)
     return wrong, count, size
 
 

@@ -85,8 +85,13 @@ NAMES = st.text(st.characters(exclude_categories=["Cs"]), max_size=80) | st.samp
 RATES = st.floats(1e-3, 1e6)
 
 
-def signals(shape):
-    moving = arrays.arrays(float, shape, elements=NUMBERS).filter(lambda values: values.min() < values.max())
+USUAL = st.floats(-1e30, 1e30)  # ensembles take no others
+
+
+def signals(shape, numbers=NUMBERS):
+    moving = arrays.arrays(float, shape, elements=numbers).filter(
+        lambda values: values.min() < values.max() and (numbers is NUMBERS or abs(values).max() >= 1e-30)
+    )
     return st.tuples(moving, moving, st.dictionaries(NAMES, arrays.arrays(float, shape, elements=NUMBERS), max_size=3))
 
 
@@ -102,7 +107,7 @@ def recordings(draw):
 @st.composite
 def ensembles(draw):
     count, length = draw(st.tuples(st.integers(1, 4), st.integers(2, 12)))
-    angle, torque, channels = draw(signals((count, length)))
+    angle, torque, channels = draw(signals((count, length), USUAL))
     placed = st.fixed_dictionaries(
         {
             "onsets": arrays.arrays(float, count, elements=NUMBERS),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass, replace
@@ -217,14 +218,14 @@ class Study(_Grid, StudySettings):
     @model_validator(mode="after")
     def _whole_realizations(self) -> Study:
         samples = self.period * self.rate
-        if abs(samples - round(samples)) > 1e-6 or samples < 2:
+        if not 2 <= samples < math.inf or abs(samples - round(samples)) > 1e-6:
             raise ValueError(
                 f"period: expected whole samples, {self.period:g} s at {self.rate:g} Hz are {samples:g}; give another "
                 "period or rate"
             )
         for value in itertools.chain(self.duration_s, *(further.duration_s or () for further in self.also)):
             count = value / self.period
-            if not count >= 2 or abs(count - round(count)) > 1e-9:
+            if not 2 <= count < math.inf or abs(count - round(count)) > 1e-9:
                 raise ValueError(
                     f"duration_s: expected whole realizations of {self.period:g} s, two at least: multiples of "
                     f"{self.period:g} s; got {value!r}"

@@ -143,13 +143,12 @@ class Store:
 
     def _found(self, place: Place) -> Found:
         recorded, size = self._content(CHECKSUMS, place), 8 * len(self._measured)
-        if not recorded:
-            return Found(ABSENT)
+        if len(recorded) < size + 8:
+            return Found(files.TORN if recorded else ABSENT)
         body, own = recorded[:size] + recorded[size + 8 :], int.from_bytes(recorded[size : size + 8], "little")
         state = files.state(body, own, self._key_of(CHECKSUMS, place))
         if state != files.WHOLE:
-            short = len(recorded) < size + 8 or state == files.TORN
-            return Found(files.TORN) if short else self._damage([CHECKSUMS], place)
+            return Found(state) if state == files.TORN else self._damage([CHECKSUMS], place)
         sums = dict(zip(self._measured, np.frombuffer(body, "<u8").tolist(), strict=True))
         contents = {name: self._content(name, place) for name in sums}
         states = {name: files.state(contents[name], sums[name], self._key_of(name, place)) for name in sums}

@@ -98,9 +98,8 @@ class _Server:
     def start(cls) -> _Server:
         """Start it in a session of its own, so that an interruption from the terminal is left to this process."""
         ours, theirs = socket.socketpair()
-        code = (
-            f"import sys; sys.path[:] = {sys.path!r}; from tvsysid.methods import apart, forkserver; forkserver.serve()"
-        )
+        path = f"import sys; sys.path[:] = {[*map(str, sys.path)]!r}"
+        code = f"{path}; from tvsysid.methods import apart, forkserver; forkserver.serve()"
         single = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "VECLIB_MAXIMUM")}
         with theirs:
             program = subprocess.Popen(
@@ -148,8 +147,11 @@ class _Server:
             with theirs:
                 socket.send_fds(self.control, [b"fork"], [theirs.fileno()])
             return _Child(int.from_bytes(_exactly(self.control, 8, None), "little"), ours)
-        except (EOFError, OSError) as error:
-            raise MethodError("no process could be started for it; is there enough memory?") from error
+        except BaseException as error:
+            self.end()  # who asks next must not get this answer
+            if isinstance(error, (EOFError, OSError)):
+                raise MethodError("no process could be started for it; is there enough memory?") from error
+            raise
 
     def end(self) -> None:
         """Kill all processes."""

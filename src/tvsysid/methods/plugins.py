@@ -10,6 +10,7 @@ import ast
 import importlib
 import inspect
 import json
+import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import fields, is_dataclass
@@ -18,6 +19,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple, get_type_hints
 
+import numpy as np
 from pydantic import ConfigDict, PydanticUserError, TypeAdapter, ValidationError
 
 from tvsysid.errors import InputError, describe_error, one_line
@@ -171,7 +173,8 @@ def load(name: str, what: str = "object") -> Any:
         raise InputError(f"{label}: expected module:Class, as in mypackage.mymodule:My{what.title()}")
     importlib.invalidate_caches()  # the file may have been written a moment ago
     try:
-        module = importlib.import_module(where)
+        with np.errstate(), warnings.catch_warnings():  # what it changes there is no business of other methods
+            module = importlib.import_module(where)
     except (Exception, SystemExit) as error:
         absent = error.name if isinstance(error, ModuleNotFoundError) else None
         if absent is not None and f"{where}.".startswith(f"{absent}."):

@@ -4,6 +4,7 @@ from dataclasses import replace
 from functools import cache, lru_cache
 
 import numpy as np
+from scipy.signal import butter, filtfilt, lfilter
 
 import tvsysid as tv
 
@@ -78,6 +79,19 @@ def zero(recording, which, count=8, length=0.6):
 def late(recording, seconds=0.03):
     """A torque recorded later than the angle."""
     return changed(recording, torque=np.roll(recording.torque, round(seconds * recording.sampling_rate)))
+
+
+def coarse(recording, deviations=0.33):
+    """An angle in steps of so many standard deviations."""
+    step = deviations * recording.angle.std()
+    return changed(recording, angle=np.round(recording.angle / step) * step)
+
+
+def filtered(recording, order, cutoff, both_ways=False):
+    """Both channels through one low-pass in Hz, causal or both ways in time: no fault."""
+    taps = butter(order, cutoff, fs=recording.sampling_rate)
+    through = filtfilt if both_ways else lfilter
+    return changed(recording, angle=through(*taps, recording.angle), torque=through(*taps, recording.torque))
 
 
 def skewed(recording, share=3e-4):

@@ -42,8 +42,9 @@ EVERYWHERE = {
         tv.preprocess.decimate(changed(record, angle=record.angle - record.angle.mean() + 0.1), 100), period
     ),
     "angle-unit": lambda record, period: cut(changed(record, angle=np.degrees(record.angle)), period),
-    "torque-unit": lambda record, period: cut(changed(record, torque=1000 * record.torque), period),
+    "torque-unit": lambda record, period: cut(changed(record, torque=record.torque / 1000), period),
     "sampling-rate": lambda record, period: replace(cut(record, period), sampling_rate=10.0),
+    "coarse-angle": lambda record, period: uncut(faults.coarse(record), period),
     "repeated-realizations": lambda record, period: faults.thrice(cut(record, period)),
     "angle-offset": lambda record, period: cut(faults.drifting(record, "angle"), period),
     "torque-offset": lambda record, period: cut(faults.drifting(record, "torque"), period),
@@ -144,10 +145,53 @@ def test_a_sign_that_is_turned_half_way(perturbation):
     assert findings["drift"].value == pytest.approx(-200, abs=10)
 
 
+@pytest.mark.parametrize("record", ["walking", "dorsiflexor", "dorsiflexor_2"])
+def test_a_delay_on_top_of_a_real_record_s_own_is_measured(recordings, record):
+    recording, period = recordings[record]
+    told = {}
+    for milliseconds in (-3, 0, 3):
+        checks = tv.diagnose(cut(faults.late(recording, milliseconds / 1000), period)).checks
+        told[milliseconds] = next(check for check in checks if check.name == "delay")
+    assert told[-3].value == pytest.approx(told[0].value - 3, abs=0.4)
+    assert told[3].value == pytest.approx(told[0].value + 3, abs=0.4)
+    assert told[3].found
+
+
+@pytest.mark.parametrize("perturbation", ["noise", "prbs"])
+def test_a_torque_in_millinewton_metres(perturbation):
+    recording = simulated(perturbation=perturbation)
+    assert "torque-unit" in found(cut(changed(recording, torque=1000 * recording.torque)))
+
+
+def test_a_rate_of_half_the_true_one_is_named_with_the_period():
+    recording = simulated()
+    check = found(cut(replace(recording, sampling_rate=500.0)))["wrong-period"]
+    assert "4 s" in check.what
+    assert check.what.endswith("if that should be 2 s, the sampling rate is 2 times higher than stated")
+
+
+def test_a_coarse_angle_is_no_wrong_rate():
+    recording = simulated()
+    findings = found(cut(faults.coarse(recording, 0.5)))
+    assert "sampling-rate" not in findings
+    assert "delay" not in findings
+
+
+def test_a_torque_that_is_held_briefly_shows_at_the_recorded_rate():
+    assert "lost-torque" in found(uncut(faults.held(simulated(), "torque", length=0.1), 2.0))
+    kept = tv.preprocess.segment(faults.zero(simulated(perturbation="prbs"), "torque", length=0.1), 2.0)
+    assert "lost-torque" in found(kept)
+
+
+@pytest.mark.parametrize(("perturbation", "profile"), [("noise", "sine"), ("prbs", "square")])
+@pytest.mark.parametrize(("order", "cutoff", "both_ways"), [(2, 10, False), (4, 20, True)])
+def test_equal_filters_of_both_channels_are_no_fault(perturbation, profile, order, cutoff, both_ways):
+    recording = simulated(perturbation=perturbation, profile=profile)
+    assert not found(cut(faults.filtered(recording, order, cutoff, both_ways)))
+
+
 def test_a_coarse_angle_is_no_feedback():
-    recording = tv.preprocess.decimate(simulated(), 100)
-    step = recording.angle.std() / 3
-    ensemble = cut(changed(recording, angle=np.round(recording.angle / step) * step))
+    ensemble = cut(faults.coarse(tv.preprocess.decimate(simulated(), 100)))
     checks = {check.name: check for check in tv.diagnose(ensemble).checks}
     assert not checks["feedback"].judged
     assert "in steps so coarse" in checks["feedback"].what

@@ -60,7 +60,7 @@ def test_headings_anchors_and_regions(elements):
 
 def test_findings_with_effect_and_remedy(elements):
     found = next(text for _, text in elements.of("table") if "What was found in" in text)
-    for part in (FAULTS["delay"].title, FAULTS["delay"].effect, FAULTS["delay"].remedy, "ms late", "at most 5"):
+    for part in (FAULTS["delay"].title, FAULTS["delay"].effect, FAULTS["delay"].remedy, "ms late", "at most 0.75"):
         assert part in found
 
 

@@ -1,10 +1,14 @@
 """Names from files and users that would steer a terminal, break a picture or are no text."""
 
+import errno
+import io
 import os
+import sys
 
 import pandas as pd
 import pytest
 
+from tvsysid.cli.console import output
 from tvsysid.errors import one_line, printable
 
 ANGLE, TORQUE, FILE = "[/a]\x1b[31m$x_{$\x07", "[bold]\u202etq$", "[red]$\x1b\udce9.csv"
@@ -46,3 +50,18 @@ def test_names_neither_steer_the_terminal_nor_stop_the_work(tvsysid, tmp_path):
         code, _, err = tvsysid(*command)
         assert code == 2
         assert not steering(err)
+
+
+@pytest.mark.parametrize(("number", "code"), [(errno.ENOSPC, 2), (errno.EPIPE, 0)])
+def test_the_work_is_done_though_nothing_can_be_printed(tvsysid, tmp_path, monkeypatch, number, code):
+    class Lost(io.StringIO):
+        def write(self, text):
+            raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(output, "quiet", False)
+    monkeypatch.setattr(output, "lost", None)
+    monkeypatch.setattr(sys, "stdout", Lost())
+    found, _, err = tvsysid("simulate", "joint.csv", "--duration", 2)
+    assert found == code
+    assert err.startswith("tvsysid: standard output: No space left on device") if code else not err
+    assert (tmp_path / "joint.csv").exists()

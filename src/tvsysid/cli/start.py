@@ -75,14 +75,13 @@ def _on_signals(do: Any) -> None:
 
 def _run() -> tuple[int, str]:
     """Exit code of the command, and what is to be said of its end."""
-    with suppress(OSError):  # the current folder may be gone
-        if os.getcwd() not in sys.path:
-            sys.path.append(os.getcwd())  # at the end, so that no file in it hides a module
     from tvsysid.cli.app import app, usage_error
     from tvsysid.cli.console import output
     from tvsysid.errors import InputError
 
     try:
+        if os.getcwd() not in sys.path:
+            sys.path.append(os.getcwd())  # at the end, so that no file in it hides a module
         code = app(prog_name="tvsysid", standalone_mode=False)
     except SystemExit as ended:
         code = ended.code
@@ -104,9 +103,10 @@ def _run() -> tuple[int, str]:
 
 def _of_the_system(error: OSError) -> str:
     what = error.strerror or str(error)
-    return (
-        f"{error.filename!s}: {what}; give another file or folder" if error.filename else f"the system reports: {what}"
-    )
+    if isinstance(error, FileNotFoundError) and not error.filename:
+        return "the current folder is gone; go to one that is there"
+    where = f"{error.filename!s}: {what}" if error.filename else f"the system reports: {what}"
+    return f"{where}; give another file or folder"
 
 
 def _say_end(code: int, text: str) -> None:
@@ -122,4 +122,5 @@ def _say_end(code: int, text: str) -> None:
             if stream is not None:
                 stream.flush()
         except OSError:  # it would fail again, and be reported, when the interpreter ends
-            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+            with suppress(OSError):
+                os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())

@@ -5,13 +5,14 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import BrokenExecutor, Executor, Future
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from importlib import import_module
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from tvsysid.errors import InputError
 from tvsysid.figures.style import LOOK
 from tvsysid.recordings import whole_file
 from tvsysid.study import processes
@@ -54,12 +55,13 @@ def helpers(workers: int) -> Iterator[Executor | None]:
 
     A script must be guarded by ``if __name__ == "__main__":``.
     """
-    if workers <= 1:
-        yield None
-        return
-    with processes(workers - 1, ready=False) as pool:
-        for _ in range(workers - 1):
-            pool.submit(import_module, "matplotlib.backends.backend_agg")
+    with ExitStack() as stack:
+        pool = None
+        with suppress(InputError):  # where none can be made, this process draws everything
+            if workers > 1:
+                pool = stack.enter_context(processes(workers - 1, ready=False))
+                for _ in range(workers - 1):
+                    pool.submit(import_module, "matplotlib.backends.backend_agg")
         yield pool
 
 

@@ -188,7 +188,13 @@ def processes(workers: int, ready: bool = True) -> Iterator[Pool]:
     """
     # A fresh interpreter for each worker: forking one with BLAS and progress threads may hang.
     context = multiprocessing.get_context("spawn")
-    pool = Pool(workers, mp_context=context, initializer=_start_worker)
+    try:
+        pool = Pool(workers, mp_context=context, initializer=_start_worker)
+    except OSError as error:
+        raise InputError(
+            f"run: worker processes cannot be made here, which need shared memory ({error.strerror}); see that "
+            "/dev/shm can be written to, or give workers=1"
+        ) from error
     try:
         # Each waiting task starts a worker, which inherits that it leaves an interruption to this process.
         with _interruptions_ignored():

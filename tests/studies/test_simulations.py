@@ -1,3 +1,5 @@
+import math
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -208,3 +210,9 @@ def test_claims_are_said_in_full(claim):
     assert claim.source in ("3.4", "5", "A")
     assert claim.needs
     assert not claim.sentence.endswith(".")
+
+
+def test_without_noise_no_scenario_is_compared_with_itself():
+    found = judge(scores_of({}, study=Study(snr_db=math.inf, trials=10)))
+    (row,) = found[found.claim.str.contains("10 dB less")].itertuples()
+    assert row.verdict == "not studied"

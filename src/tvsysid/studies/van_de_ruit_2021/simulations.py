@@ -222,7 +222,7 @@ def _changed(
     return lambda scores: (
         ((scenario, method, metric), (change(scenario), method, metric))
         for scenario in scores.where(where)
-        if change(scenario) in scores.scenarios
+        if change(scenario) != scenario and change(scenario) in scores.scenarios  # inf dB + 10 dB is the same
         for method in methods
         for metric in metrics
     )

@@ -72,8 +72,8 @@ def test_a_truncated_file_is_refused_wherever_it_is_cut(file):
 
 
 def test_damage_never_ends_in_another_error(file, random):
-    if file.suffix in (".h5", ".hdf5", ".nc", ".c3d") or file.name == "v73.mat":
-        pytest.skip("the C and C++ libraries beneath may read damaged headers in circles")
+    if file.suffix in (".h5", ".hdf5", ".c3d"):
+        pytest.skip("some of these take the five seconds that a file may take; the fuzzer tries them")
     content = file.read_bytes()
     for _ in range(25):
         damaged = bytearray(content)

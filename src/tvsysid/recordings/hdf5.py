@@ -41,34 +41,39 @@ def items_of(file: Path, root: h5py.File) -> dict[str, Item]:
     and datasets that have their values in others, could make any file of the computer part of a recording.
     """
     found: dict[str, Item] = {}
-    soft: dict[str, str] = {}
-    seen = {h5py.h5o.get_info(root.id).addr}
-    waiting: list[tuple[str, Item]] = [("", Item(root, ()))]
-    while waiting:
-        path, item = waiting.pop()
-        if path:
-            found[path] = item
-        if not isinstance(item.thing, h5py.Group):
-            continue
-        if len(item.above) > DEEPEST:
-            raise InputError(f"{file}: groups are nested more than {DEEPEST} deep; save the signals further outside")
-        above = (dict(item.thing.attrs), *item.above)
-        for name in reversed(list(item.thing)):
-            inner = f"{path}/{name}" if path else name
-            link = item.thing.get(name, getlink=True)
-            if isinstance(link, h5py.SoftLink):
-                target = link.path if link.path.startswith("/") else f"{path}/{link.path}"
-                soft[inner] = target.strip("/")
-            thing = _followed(item.thing, name, link)
-            if isinstance(thing, h5py.Group):
-                address = h5py.h5o.get_info(thing.id).addr
-                thing = "a group with another path, which is not followed" if address in seen else thing
-                seen.add(address)
-            waiting.append((inner, Item(thing, above)))
-    for path, target in soft.items():
-        if target in found and target not in soft and not isinstance(found[target].thing, h5py.Group):
+    targets: dict[str, str] = {}
+    for path, item, link in _visited(file, root):
+        found[path] = item
+        if isinstance(link, h5py.SoftLink):
+            around = "" if link.path.startswith("/") else path.rpartition("/")[0]
+            targets[path] = f"{around}/{link.path}".strip("/")
+    for path, target in targets.items():
+        if target in found and target not in targets and not isinstance(found[target].thing, h5py.Group):
             found[path] = found[target]
     return found
+
+
+def _visited(file: Path, root: h5py.File) -> Iterator[tuple[str, Item, Any]]:
+    """Path, what it leads to, and the link itself; a group comes before what it holds, and only once."""
+    seen = {h5py.h5o.get_info(root.id).addr}
+    waiting: list[tuple[str, Item, Any]] = [("", Item(root, ()), None)]
+    while waiting:
+        path, (thing, above), link = waiting.pop()
+        if path:
+            yield path, Item(thing, above), link
+        if not isinstance(thing, h5py.Group):
+            continue
+        if len(above) > DEEPEST:
+            raise InputError(f"{file}: groups are nested more than {DEEPEST} deep; save the signals further outside")
+        around = (dict(thing.attrs), *above)
+        for name in reversed(list(thing)):
+            link = thing.get(name, getlink=True)
+            inner = _followed(thing, name, link)
+            if isinstance(inner, h5py.Group):
+                address = h5py.h5o.get_info(inner.id).addr
+                inner = "a group with another path, which is not followed" if address in seen else inner
+                seen.add(address)
+            waiting.append((f"{path}/{name}" if path else name, Item(inner, around), link))
 
 
 def _followed(group: h5py.Group, name: str, link: Any) -> Any:
@@ -190,6 +195,7 @@ def contents_of_netcdf(file: Path) -> dict[str, Any]:
 
     if h5py.is_hdf5(file):
         check_whole(file)
+    claim(str(file), file.stat().st_size, 4 * file.stat().st_size)
     dataset = xr.load_dataset(file, decode_times=False)
     return {**{str(name): variable.values for name, variable in dataset.variables.items()}, **dataset.attrs}
 

@@ -126,7 +126,8 @@ class _Reading:
             if CLOCK is not None:
                 signal.setitimer(CLOCK, 0)
             if outer is not None:
-                resource.setrlimit(resource.RLIMIT_AS, outer)
+                with suppress(ValueError, OSError):
+                    resource.setrlimit(resource.RLIMIT_AS, outer)
             self.room = None
 
     def allow(self, size: int, values: int = 0) -> None:

@@ -141,7 +141,9 @@ def _texts(values: Any) -> list[str]:
 def read_mat_73(file: Path) -> Iterator[tuple[str, Channel]]:
     """Variables of a MAT file of version 7.3, likewise."""
     with h5py.File(file, "r") as root:
-        items = {path: item.thing for path, item in items_of(file, root).items() if not path.startswith("#")}
+        everything = {path: item.thing for path, item in items_of(file, root).items()}
+        size = sum(thing.nbytes for thing in everything.values() if isinstance(thing, h5py.Dataset))
+        items = {path: thing for path, thing in everything.items() if not path.startswith("#")}
         objects = [path for path, thing in items.items() if "/" not in path and _class(thing) not in PLAIN_CLASSES]
         closed: tuple[str, ...] = tuple(f"{path}/" for path in objects)  # what is inside is read otherwise, or not
         for path, thing in items.items():
@@ -155,6 +157,7 @@ def read_mat_73(file: Path) -> Iterator[tuple[str, Channel]]:
                 yield path.replace("/", "."), _matrix(file, thing)
     if objects:
         check_whole(file)
+        claim(str(file), size, 4 * size)
         found = _objects(file)
         for name in objects:
             yield from _channels(name, found[name])

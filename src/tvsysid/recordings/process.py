@@ -52,9 +52,9 @@ def describe_file(path: str | Path) -> dict[str, Channel]:
         return _reader.ask("values", file, name)[1][name]
 
     channels = {}
-    for name, (shape, dtype, unit, rate) in told["channels"].items():
+    for name, (shape, dtype, unit, rate, readable) in told["channels"].items():
         read: Callable[[], NDArray[Any]] | None = None
-        if name in told["readable"]:
+        if readable:
             read = partial(np.asarray, arrays[name]) if name in arrays else partial(values, name)
         channels[name] = Channel(tuple(shape), dtype, unit, rate, read, held=name in arrays)
     return channels
@@ -109,13 +109,18 @@ class _Reader:
         if self.process is None or self.process.poll() is not None:
             self.stop()
             folders = json.dumps([folder for folder in sys.path if folder])
-            self.process = subprocess.Popen(
-                [sys.executable, "-P", "-c", PROGRAM, folders],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
-                env=os.environ | SETTINGS,
-            )
+            try:
+                self.process = subprocess.Popen(
+                    [sys.executable, "-P", "-c", PROGRAM, folders],
+                    stdin=subprocess.PIPE,
+                    stdout=subprocess.PIPE,
+                    stderr=subprocess.DEVNULL,
+                    env=os.environ | SETTINGS,
+                )
+            except OSError as error:
+                raise InputError(
+                    f"the process that reads files cannot be started: {error.strerror or error}"
+                ) from error
         return self.process
 
     def stop(self) -> None:

@@ -32,10 +32,12 @@ class Server:
         """Channels of a file, with the values of those that are read already."""
         channels = channels_of(file)
         self.last = file, {name: item for name, item in channels.items() if not item.held}
-        told = {name: (item.shape, item.dtype, item.unit, item.sampling_rate) for name, item in channels.items()}
-        readable = [name for name, item in channels.items() if item.values is not None]
+        told = {
+            name: (item.shape, item.dtype, item.unit, item.sampling_rate, item.values is not None)
+            for name, item in channels.items()
+        }
         held = {name: item.values() for name, item in channels.items() if item.held and item.values is not None}
-        return {"channels": told, "readable": readable}, held
+        return {"channels": told}, held
 
     def values(self, file: Path, name: str) -> Answer:
         """Values of one channel."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -16,8 +15,7 @@ from tvsysid.errors import InputError
 from tvsysid.numerics import Array as Array  # noqa: PLC0414  # most rooms take both from here
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 
-SMALLEST, LARGEST = 1e-30, 1e30
-"""Of an ensemble's largest angle and torque: beyond these, products of variances of impedances are no numbers."""
+SMALLEST, LARGEST = 1e-30, 1e30  # of an ensemble's largest angle and torque; squares of squares end beyond
 
 
 def checked_array(name: str, values: ArrayLike, axes: tuple[str, ...]) -> Array:
@@ -154,8 +152,7 @@ class Recording(_Signals):
     origin
         Where time 0 lies within a trial as it was recorded, in s, if the ends were taken off and time begins anew.
     delay_removed
-        By how many seconds the torque was recorded later than the rest, which was corrected
-        (:func:`tvsysid.preprocess.align_channels`).
+        Seconds by which the torque was late, which were corrected (:func:`tvsysid.preprocess.align_channels`).
 
     Raises
     ------
@@ -278,10 +275,8 @@ class Ensemble(_Signals):
         for name, unit in (("angle", "rad"), ("torque", "N·m")):
             largest = max(abs(float(extreme(getattr(self, name)))) for extreme in (np.min, np.max))
             if not SMALLEST <= largest <= LARGEST:
-                raise InputError(
-                    f"{name}: expected values in {unit}, the largest from {SMALLEST:g} to {LARGEST:g}, got values up "
-                    f"to {largest:.2g}, which cannot be computed with; is the file damaged, or the unit wrong?"
-                )
+                expected = f"{name}: expected values in {unit}, the largest from {SMALLEST:g} to {LARGEST:g}"
+                raise InputError(f"{expected}, got values up to {largest:.2g}; is the file damaged, or the unit wrong?")
         whole = isinstance(self.context, (int, np.integer)) and not isinstance(self.context, bool)
         if not whole or not 0 <= 2 * self.context < self.angle.shape[1]:
             raise InputError(
@@ -398,19 +393,6 @@ class Ensemble(_Signals):
                 "onset": ("realization", self.onsets, {"units": "s"}),
                 "trial": ("realization", self.trials),
             },
-            attrs={
-                **{name: getattr(self, name) for name in about},
-                "mean_subtracted": int(self.mean_subtracted),  # NetCDF has no truth values
-            },
+            # NetCDF has no truth values.
+            attrs={name: getattr(self, name) for name in about} | {"mean_subtracted": int(self.mean_subtracted)},
         )
-
-
-def digest(ensemble: Ensemble) -> str:
-    """Tells these data from others, whatever object holds them."""
-    cut = ensemble.angle.shape, ensemble.sampling_rate, ensemble.context, ensemble.mean_subtracted
-    found = hashlib.sha256(repr(cut).encode())
-    for values in (ensemble.angle, ensemble.torque, ensemble.onsets, ensemble.trials):
-        found.update(np.asarray(values).tobytes())
-    for name, values in ensemble.channels.items():
-        found.update(name.encode() + values.tobytes())
-    return found.hexdigest()[:16]

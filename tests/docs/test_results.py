@@ -39,7 +39,8 @@ def test_every_variable_of_the_store_is_named():
         each.name for each in layout_of(Study()).fixed if "time" in each.dims and each.name != "time"
     }
     text = SECTIONS["results.zarr"]
-    assert names | {"checksums"} == set(quoted(text)) - {'xarray.open_zarr("results.zarr")'}
+    readers = {'tv.study.read_results("results.zarr")', "xarray.open_zarr"}
+    assert names | {"checksums", "manifest"} == set(quoted(text)) - readers
     assert all(stage in text for stage in STAGES)
 
 

@@ -64,18 +64,20 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
 
 def _as_written(figure: Figure) -> Figure:
     """Figure whose texts are shown letter by letter: names of channels, files and methods are no mathematics."""
-    from matplotlib.text import Text  # noqa: PLC0415  # heavy
+    from matplotlib.legend import Legend  # noqa: PLC0415  # heavy
+    from matplotlib.text import Text  # noqa: PLC0415
     from matplotlib.ticker import FixedFormatter  # noqa: PLC0415
 
-    numbers: set[Artist] = set()  # at the ticks; powers of ten are mathematics
+    parts = [child for parent in (figure, *figure.axes) for child in parent.get_children()]
+    texts = [part for part in parts if isinstance(part, Text)]
+    texts += [text for part in parts if isinstance(part, Legend) for text in (part.get_title(), *part.get_texts())]
+    # Other ticks have numbers: of these powers of ten are mathematics, and to make them all takes long.
     for axis in (axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)):
-        ticks = axis.get_minor_ticks()
+        texts.append(axis.label)
         if isinstance(named := axis.get_major_formatter(), FixedFormatter):
             named.seq = [printable(text) for text in named.seq]
-        else:
-            ticks += axis.get_major_ticks()
-        numbers |= {axis.offsetText, *(label for tick in ticks for label in (tick.label1, tick.label2))}
-    for text in set(figure.findobj(Text)) - numbers:
+            texts += [label for tick in axis.get_major_ticks() for label in (tick.label1, tick.label2)]
+    for text in texts:
         text.set(text=printable(text.get_text()), parse_math=False)
     return figure
 

@@ -17,13 +17,13 @@ import numpy as np
 
 from tvsysid.errors import InputError, plain_text
 from tvsysid.estimates import Estimate, StandardError
-from tvsysid.methods.apply import AdoptedModel, apply
+from tvsysid.methods.apply import AdoptedModel, apply, digest
 from tvsysid.methods.base import Choice, Method, SkippedError, reason_to_skip
 from tvsysid.methods.forkserver import TIME_LIMIT, call
 from tvsysid.methods.travel import plain
 from tvsysid.methods.tuning.evidence import Evidence, Tuned
 from tvsysid.models import Diagnostics, Model
-from tvsysid.signals import Ensemble, digest
+from tvsysid.signals import Ensemble
 
 
 class Identified(NamedTuple):

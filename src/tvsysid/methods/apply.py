@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -14,7 +15,7 @@ from tvsysid.errors import InputError
 from tvsysid.estimates import IMPEDANCE, UNITS, Estimate, plain_array
 from tvsysid.methods.base import aligned, inputs_of, reason_to_skip
 from tvsysid.models import Diagnostics, Model
-from tvsysid.signals import Array, Ensemble, digest
+from tvsysid.signals import Array, Ensemble
 
 LONGEST_NAME = 80  # letters of a quantity, pathway or axis
 
@@ -180,3 +181,14 @@ def _check_shapes(model: Model, label: str, ensemble: Ensemble) -> None:
                 f"{label}: {name} over {', '.join(estimate.axes)} must be of shape {expected}, it is "
                 f"{estimate.values.shape}"
             )
+
+
+def digest(ensemble: Ensemble) -> str:
+    """Tells these data from others, whatever object holds them."""
+    cut = ensemble.angle.shape, ensemble.sampling_rate, ensemble.context, ensemble.mean_subtracted
+    found = hashlib.sha256(repr(cut).encode())
+    for values in (ensemble.angle, ensemble.torque, ensemble.onsets, ensemble.trials):
+        found.update(np.asarray(values).tobytes())
+    for name, values in ensemble.channels.items():
+        found.update(name.encode() + values.tobytes())
+    return found.hexdigest()[:16]

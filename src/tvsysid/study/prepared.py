@@ -13,10 +13,11 @@ import numpy as np
 
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods import deviating_channels
+from tvsysid.methods.apply import digest
 from tvsysid.methods.base import inputs_of
 from tvsysid.preprocess import Account, Preparation, prepare
 from tvsysid.recordings import read_usable_trials
-from tvsysid.signals import Array, Ensemble, Recording, digest
+from tvsysid.signals import Array, Ensemble, Recording
 from tvsysid.simulate import PERTURBATIONS, Participant, Simulation
 from tvsysid.study.alignment import UNKNOWN, AlignmentEffect, effect_of_alignment
 from tvsysid.study.recorded import Experiment, Recorded

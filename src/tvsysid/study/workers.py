@@ -41,7 +41,8 @@ def carry_out_missing(
     time_limit: float = TIME_LIMIT,
 ) -> None:
     """Carry out the tasks of a study that its store lacks, and write what comes back; arguments are those of `run`."""
-    places, total, run = store.missing(), len(store.places), uuid.uuid4().hex
+    # The last ones first: in an experiment those of a recording that take longest, which must not begin last.
+    places, total, run = store.missing()[::-1], len(store.places), uuid.uuid4().hex
     done = total - len(places)
     left_out: dict[str, str] = {}
 

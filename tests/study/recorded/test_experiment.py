@@ -88,9 +88,9 @@ def test_a_toml_file_says_the_same(tmp_path):
         ({"participants": {"A": {}}, "reading": READING}, r"perturbations with files for each participant; A has none"),
         (
             {"participants": {"a/b": {"noise": "a"}}, "reading": READING},
-            r"names that files may have.*got the name 'a/b'",
+            r"names that files and tables may have.*got the name 'a/b'",
         ),
-        ({"participants": {"a\0": {"noise": "a"}}, "reading": READING}, r"names that files may have"),
+        ({"participants": {"a\0": {"noise": "a"}}, "reading": READING}, r"names that files and tables may have"),
         ({"reading": READING | {"start": 1}}, r"reading.start: unknown key"),
         ({"virtual": -1}, r"virtual.0: Input should be greater than or equal to 0; got -1"),
         ({"realizations": 1}, r"realizations.0: Input should be greater than or equal to 2; got 1"),

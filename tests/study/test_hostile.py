@@ -51,7 +51,7 @@ def test_each_is_reported_with_what_it_did(results):
 
 @pytest.mark.slow
 def test_one_that_hangs_is_not_tried_again_in_the_run(results):
-    first, second = results.failure.sel(method_key="Hangs").values.ravel()
+    second, first = results.failure.sel(method_key="Hangs").values.ravel()  # the last trial is run first
     assert first.startswith(f"it took longer than the time limit of {LIMIT:g} s")
     assert second.startswith("not tried again in this run: it took longer")
 

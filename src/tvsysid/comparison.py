@@ -32,12 +32,11 @@ Progress = Callable[[int, int], object]
 class Comparison(Frozen):
     """What several methods found in one ensemble; mappings are by the methods' labels.
 
-    ``methods`` have the settings that were used, ``evidence`` is for those that were chosen from the data; ``models``
-    are of those that succeeded, ``skipped`` says which could not serve the ensemble, ``failed`` which failed, and why.
-    ``bands`` are lower and
-    upper limits of the 95 % bands of estimates over time, by quantity; NaN where there is none. ``vaf`` is the variance
-    of the recorded torque accounted for in each realization, in per cent, shape (realization,), ``time_varying_vaf``
-    that at each time over realizations, shape (time,).
+    ``methods`` have the settings that were used, and ``evidence`` says why where these were chosen from the data.
+    ``models`` are those of the methods that succeeded; ``skipped`` says why a method could not serve the ensemble,
+    ``failed`` why one failed. ``bands`` are lower and upper limits of the 95 % bands of estimates over time, by
+    quantity; NaN where there is none. ``vaf`` is the variance of the recorded torque accounted for in each realization,
+    in per cent, shape (realization,), ``time_varying_vaf`` that at each time over realizations, shape (time,).
 
     Notes
     -----
@@ -181,7 +180,7 @@ def compare(
         models = {label: each.model for label, each in found.items()}
         bands = {label: _bands_of(label, model) for label, model in models.items()}
     if not models:
-        reasons = [*(f"{label}: {why}" for label, why in skipped.items())]
+        reasons = [f"{label}: {why}" for label, why in skipped.items()]
         reasons += [f"method {label}: {why}" for label, why in failed.items()]
         raise InputError("; ".join(reasons))
     evidence = {label: each.evidence for label, each in found.items() if each.evidence is not None}

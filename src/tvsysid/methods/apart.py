@@ -94,7 +94,7 @@ def _identified_apart(method: Any, ensemble: Ensemble, label: str, tune: bool, k
     """What the process of somebody else's method does; all of its own code has run when this returns."""
     before = digest(ensemble)
     found = _identified(method, ensemble, label, tune)
-    plainly = _own_code_left_behind(found.model, ensemble, keep)
+    plainly = _own_code_left_behind(found.model, ensemble, before, keep)
     model = found.model if _travels(found.model) else plainly
     with suppress(Exception):  # what is there now may be no data at all
         if digest(ensemble) == before:
@@ -109,8 +109,8 @@ def _travels(model: Model) -> bool:
     return False
 
 
-def _own_code_left_behind(model: Model, ensemble: Ensemble, keep: bool) -> AdoptedModel:
-    """What a model of anybody's class estimates and predicts, as arrays."""
+def _own_code_left_behind(model: Model, ensemble: Ensemble, of: str, keep: bool) -> AdoptedModel:
+    """What a model of anybody's class estimates, and predicts for the ensemble of this digest, as arrays."""
     content = None
     if keep:
         with suppress(Exception):  # then it predicts for this ensemble only
@@ -125,7 +125,7 @@ def _own_code_left_behind(model: Model, ensemble: Ensemble, keep: bool) -> Adopt
         diagnostics=Diagnostics(float(told.parameters), warnings=tuple(map(plain_text, told.warnings))),
         found=content,
         torques={str(name): np.array(torque) for name, torque in model.pathways(ensemble).items()},
-        of=digest(ensemble),
+        of=of,
     )
 
 

@@ -149,10 +149,11 @@ class Diagnosis:
     @property
     def verdict(self) -> str:
         """The outcome in a sentence."""
-        judged, count, doubts = sum(check.judged for check in self.checks), len(self.findings), len(self.uncertain)
-        if doubts and not count:
-            return f"{doubts} of {judged} checks uncertain, nothing found for sure"
-        also = f", {doubts} uncertain" if doubts else ""
+        judged = sum(check.judged for check in self.checks)
+        count, uncertain = len(self.findings), len(self.uncertain)
+        if uncertain and not count:
+            return f"{uncertain} of {judged} checks uncertain, nothing found for sure"
+        also = f", {uncertain} uncertain" if uncertain else ""
         return f"{count or 'no'} fault{'' if count < 2 else 's'} found in {judged} checks{also}"
 
     @property

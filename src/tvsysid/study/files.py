@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import stat
 import zlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from tvsysid.errors import InputError
@@ -45,6 +45,11 @@ def checksum(content: bytes, key: int = 0) -> int:
     return len(content) << 32 | zlib.crc32(content, key) if content else 0
 
 
+def key_of(path: str, key: int) -> int:
+    """Key of a file's checksum, from its path in the store and the store's key."""
+    return zlib.crc32(path.encode(), key)
+
+
 def state(content: bytes, expected: int, key: int = 0) -> str:
     """Whether a content is the one with a checksum, what a kill or a loss of power leaves of it, or something else.
 
@@ -65,6 +70,14 @@ def unsealed(content: bytes, key: int = 0) -> bytes | None:
     """What was sealed; None if it is not whole."""
     inner = content[:-SEAL]
     return inner if inner and sealed(inner, key) == content else None
+
+
+def torn(contents: Mapping[str, bytes], expected: Mapping[str, int], folder: Path) -> list[str]:
+    """Names of contents that are not whole; raises an InputError if there are damaged ones among them."""
+    states = {name: state(content, expected[name]) for name, content in contents.items()}
+    if damaged := [str(folder / name) for name, each in states.items() if each == DAMAGED]:
+        raise damage(damaged)
+    return [name for name, each in states.items() if each == TORN]
 
 
 def damage(files: Sequence[str]) -> InputError:

@@ -11,7 +11,7 @@ import json
 import os
 import platform
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -95,10 +95,7 @@ def mend(path: Path, contents: Mapping[str, bytes], layout: Layout) -> None:
         _compare(path, kept, layout, manifest)
     if manifest is not None and (others := differences(manifest.sums, sums)):
         raise InputError(f"{path}: the store is of another study: {others}; give another folder (--out)")
-    states = {name: files.state(files.content_of(path / name), expected) for name, expected in sums.items()}
-    if damaged := [str(path / name) for name, state in states.items() if state == files.DAMAGED]:
-        raise files.damage(damaged)
-    for name in (name for name, state in states.items() if state == files.TORN):
+    for name in files.torn(_read(path, sums), sums, path):
         files.write(path / name, contents[name])
     if manifest is None:
         files.write(path / MANIFEST, _manifest_of(contents))
@@ -111,14 +108,15 @@ def verified(path: Path) -> tuple[dict[str, bytes], str]:
     manifest = _manifest(path)
     if manifest is None:
         raise _without_manifest(path)
-    contents = {name: files.content_of(path / name) for name in manifest.sums}
-    states = {name: files.state(content, manifest.sums[name]) for name, content in contents.items()}
-    if damaged := [str(path / name) for name, state in states.items() if state == files.DAMAGED]:
-        raise files.damage(damaged)
-    if torn := [name for name, state in states.items() if state == files.TORN]:
+    contents = _read(path, manifest.sums)
+    if torn := files.torn(contents, manifest.sums, path):
         raise _incomplete(path, torn)
     _check_kind(path, _attributes(contents[ROOT]) or {}, NUMBERS, manifest)
     return contents, manifest.machine
+
+
+def _read(path: Path, names: Iterable[str]) -> dict[str, bytes]:
+    return {name: files.content_of(path / name) for name in names}
 
 
 def _incomplete(path: Path, names: Sequence[str]) -> InputError:

@@ -119,11 +119,11 @@ class Store:
 
     def keep(self, name: str, content: bytes) -> None:
         """Write a file of another kind, with a checksum at its end."""
-        files.write(self.path / name, files.sealed(content, zlib.crc32(name.encode(), self._key)))
+        files.write(self.path / name, files.sealed(content, files.key_of(name, self._key)))
 
     def kept(self, name: str) -> bytes:
         """What such a file holds; raises an InputError if it is not whole."""
-        content = files.unsealed(files.content_of(self.path / name), zlib.crc32(name.encode(), self._key))
+        content = files.unsealed(files.content_of(self.path / name), files.key_of(name, self._key))
         if content is None:
             raise InputError(
                 f"{self.path / name}: this file is missing, cut short or damaged; give the command that ran the study "
@@ -184,7 +184,7 @@ class Store:
         return self.path / self._chunk(name, place)
 
     def _key_of(self, name: str, place: Place) -> int:
-        return zlib.crc32(self._chunk(name, place).encode(), self._key)
+        return files.key_of(self._chunk(name, place), self._key)
 
     def _content(self, name: str, place: Place) -> bytes:
         return files.content_of(f"{self.path}{os.sep}{self._chunk(name, place)}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -27,7 +26,7 @@ class Verified(MemoryStore):
         if not self.sums.get(key):
             return await super().get(key, prototype, byte_range)
         content = files.content_of(self._path / key)
-        if files.checksum(content, zlib.crc32(key.encode(), self._key)) != self.sums[key]:
+        if files.checksum(content, files.key_of(key, self._key)) != self.sums[key]:
             raise files.damage([str(self._path / key)])
         return cpu.Buffer.from_bytes(content)
 

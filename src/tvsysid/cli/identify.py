@@ -114,7 +114,7 @@ def identify(
     write_models(out / "models.nc", {label.replace("/", "_"): each for label, each in found.models.items()}, ensemble)
     title = f"{file.name}: {len(ensemble)} realizations of {period:g} s, with 95 % bands"
     if ensemble.delay_removed:
-        title += f"; torque taken {1000 * ensemble.delay_removed:+.2f} ms earlier"
+        title += f"; {_taken(ensemble.delay_removed)}"
     figure = identified_impedance(found.models, found.time_varying_vaf, title)
     for ending in ("png", "pdf"):
         save(figure, out / f"stiffness.{ending}")
@@ -135,9 +135,13 @@ def _aligned(recording: Recording, period: float, context: float) -> Recording:
     if not delay.found:
         say(f"--align-channels: nothing is corrected; the delay is {delay.state}: {delay.what}")
         return recording
-    side = "earlier" if delay.value > 0 else "later"
-    say(f"--align-channels: the torque is taken {abs(delay.value):.3g} ms {side}; {delay.what}")
+    say(f"--align-channels: {_taken(delay.value / 1000)}; {delay.what}")
     return preprocess.align_channels(recording, delay.value / 1000)
+
+
+def _taken(seconds: float) -> str:
+    """What is done about a delay of the torque, in words."""
+    return f"the torque is taken {abs(1000 * seconds):.3g} ms {'earlier' if seconds > 0 else 'later'}"
 
 
 def _show_impedance(found: Comparison) -> None:

@@ -1,0 +1,127 @@
+"""Whether a reflex shows; how often it does by chance is counted by benchmarks/reflex_test.py."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.special import stdtr
+
+import tvsysid as tv
+from tvsysid.quality import reflexes
+from tvsysid.quality.reflexes import reflex_test
+
+REFLEX = tv.simulate.StretchReflex
+
+
+def judged(recording, period=2.0, context=0.5):
+    """Test of a recording at 1 kHz, decimated and cut."""
+    velocity = np.gradient(recording.angle, 1 / recording.sampling_rate)
+    parts = {"positive": np.maximum(velocity, 0), "negative": np.minimum(velocity, 0)}
+    low = tv.preprocess.decimate(replace(recording, channels=parts), 100)
+    ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(low, period, context))
+    stretches = tuple(ensemble.channels[name] for name in parts)
+    return reflex_test(ensemble.angle, ensemble.torque, stretches, ensemble.core, 100.0)
+
+
+def recorded(gain, duration=40.0, perturbation="noise", direction=1, seed=1):
+    system = tv.simulate.ReflexJoint(tv.simulate.SineWave(), reflex_gain=gain, reflex=REFLEX(direction=direction))
+    kind = tv.simulate.PERTURBATIONS[perturbation]
+    return system.simulate(duration, perturbation=kind, snr_db=10, seed=seed).recording
+
+
+@pytest.mark.parametrize(("gain", "duration", "direction"), [(1.0, 150.0, 1), (2.0, 40.0, 1), (2.0, 40.0, -1)])
+def test_a_weak_reflex_is_shown_with_its_direction(gain, duration, direction):
+    test = judged(recorded(gain, duration, direction=direction))
+    assert test.shown
+    assert test.direction == direction
+
+
+@pytest.mark.parametrize("perturbation", ["noise", "prbs"])
+def test_it_says_by_how_much_a_reflex_raises_stiffness(perturbation):
+    test = judged(recorded(8.0, 150.0, perturbation))
+    assert test.shown
+    assert test.stiffness[0] > 120
+    assert test.stiffness[1] == pytest.approx(100, abs=3)
+
+
+@pytest.mark.parametrize("perturbation", ["noise", "prbs"])
+@pytest.mark.parametrize("seed", range(3))
+def test_without_a_reflex_none_is_shown(perturbation, seed):
+    assert not judged(recorded(0.0, 40.0, perturbation, seed=seed)).shown
+
+
+def test_a_linear_late_answer_is_no_reflex():
+    stretched = recorded(8.0)
+    released = REFLEX(direction=-1).torque(np.gradient(stretched.angle, 1e-3), 8.0, 1000.0)
+    test = judged(replace(stretched, torque=stretched.torque + released))
+    assert test.over_none < 1e-6
+    assert not test.shown
+
+
+@pytest.mark.parametrize(
+    ("record", "stiffness"),  # the intrinsic one, of other separations: 50 to 73, 72 to 81, 49 to 54
+    [("plantarflexor", (55, 75)), ("dorsiflexor", (72, 83)), ("dorsiflexor_2", (47, 55))],
+)
+@pytest.mark.parametrize("context", [0.0, 0.5])
+def test_real_ankles_in_contraction_have_a_reflex(recordings, record, stiffness, context):
+    recording, period = recordings[record]
+    test = judged(recording, period, context)
+    assert test.shown
+    assert test.direction == 1
+    low, high = stiffness
+    assert low < test.stiffness[1] < high < test.stiffness[0]
+
+
+def test_its_probabilities_are_those_of_plain_least_squares(monkeypatch, random):
+    """12 realizations, each third predicted from the others."""
+    monkeypatch.setattr(reflexes, "BLOCKS", 3)
+    monkeypatch.setattr(reflexes, "HARMONICS", 1)
+    angle, torque, positive, negative = random.normal(size=(4, 12, 120))
+    found = reflex_test(angle, torque, (positive, negative), slice(10, 110), 100.0)
+    drives = [each - each.mean(axis=0) for each in (positive, negative)]
+    times = np.arange(33, 110)
+    turns = 2 * np.pi * (times - 10) / 100
+    heights = [np.maximum(0, 1 - abs(np.arange(4, 34) - place) / (29 / 7)) for place in np.linspace(4, 33, 8)]
+
+    def rows(number, drive):
+        motion = [angle[number, times - lag] for lag in range(-4, 5)]
+        varying = [
+            each[number, times] * wave for each in (angle, sum(drives)) for wave in (np.cos(turns), np.sin(turns))
+        ]
+        late = [
+            sum(height[lag - 4] * drive[number, times - lag] for lag in range(4, 34))
+            for height in heights
+            if drive is not None
+        ]
+        return np.stack([*motion, *varying, *late], axis=1)
+
+    def errors(drive):
+        left = []
+        for number in range(12):
+            others = [other for other in range(12) if other // 4 != number // 4]
+            design = np.concatenate([rows(other, drive) for other in others])
+            weights = np.linalg.lstsq(design, np.concatenate([torque[other, times] for other in others]), rcond=None)[0]
+            left.append(np.sum((torque[number, times] - rows(number, drive) @ weights) ** 2))
+        return np.array(left)
+
+    none, *both = (errors(drive) for drive in (None, *drives))
+    best, other = both if found.direction == 1 else both[::-1]
+
+    def chance(worse):
+        scores = np.log(worse / best)
+        return stdtr(11, -scores.mean() / (scores.std(ddof=1) / np.sqrt(12)))
+
+    assert found.over_none == pytest.approx(min(1, 2 * chance(none)), rel=1e-5)
+    assert found.over_other == pytest.approx(chance(other), rel=1e-5)
+    assert found.share == pytest.approx(1 - best.sum() / min(none.sum(), other.sum()), rel=1e-5)
+
+
+def test_what_is_too_short_or_does_not_move_is_not_taken_for_a_reflex(random):
+    angle, torque, positive, negative = random.normal(size=(4, 12, 50))
+    with pytest.raises(tv.InputError, match=r"0.33 s before is known at 13 samples .*takes 20; give longer"):
+        reflex_test(angle, torque, (positive, negative), slice(0, 50), 100.0)
+    still = np.zeros((12, 120))
+    for motion in (angle[:, :1] + still, still):
+        assert not reflex_test(motion, motion, (still, still), slice(0, 120), 100.0).shown
+    few = random.normal(size=(4, 5, 120))
+    assert reflex_test(few[0], few[1], (few[2], few[3]), slice(0, 120), 100.0).over_none == 1.0

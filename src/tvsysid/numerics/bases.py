@@ -35,6 +35,24 @@ def evaluate(basis: Basis, samples: int) -> Array:
     return values
 
 
+def chebyshev_of(values: Array, limits: tuple[float, float], count: int) -> Array:
+    """Chebyshev polynomials of degree 0 to count - 1 of values mapped from their limits to -1 and 1.
+
+    Of shape (..., polynomial). Values beyond the limits count as the nearer limit.
+
+    Examples
+    --------
+    >>> chebyshev_of(np.array([0.0, 1.0, 2.0, 5.0]), (0.0, 2.0), 3)
+    array([[ 1., -1.,  1.],
+           [ 1.,  0., -1.],
+           [ 1.,  1.,  1.],
+           [ 1.,  1.,  1.]])
+    """
+    low, high = limits
+    mapped = np.clip((2 * values - low - high) / (high - low), -1.0, 1.0)
+    return np.asarray(chebyshev.chebvander(mapped, count - 1))
+
+
 def check_basis(method: object, basis: object) -> None:
     """Raise for a setting that cannot be a basis."""
     if not callable(basis):

@@ -55,7 +55,7 @@ def own(tmp_path, monkeypatch):
     ("name", "further"),
     [
         ("joint", set()),
-        ("reflex", {"torque_intrinsic", "torque_reflex", "reflex_gain"}),
+        ("reflex", {"emg", "torque_intrinsic", "torque_reflex", "reflex_gain"}),
         ("compliant", {"disturbance"}),
         ("scheduled", {"emg"}),
     ],
@@ -84,6 +84,11 @@ def test_ones_own_profile_perturbation_and_system(tvsysid):
     words = ("--system", "tvsysid.simulate:ReflexJoint:inertia=0.03", "--stiffness", "sine", "--duration", 8)
     assert tvsysid("simulate", "reflex.mat", *words)[0] == 0
     assert set(np.unique(loadmat("reflex.mat")["inertia"])) == {0.03}
+    words = ("--system", "reflex-sine:inertia=0.03", "--perturbation", "pulses:duration=0.1", "--duration", 8)
+    assert tvsysid("simulate", "pulses.mat", *words)[0] == 0
+    pulses = loadmat("pulses.mat")
+    assert (pulses["inertia"] == 0.03).all()
+    assert np.ptp(pulses["reflex_gain"]) == pytest.approx(8.0)
     assert tvsysid("simulate", "rigid.mat", "--system", "own_systems:Rigid", "--duration", 8)[0] == 0
     assert set(np.unique(loadmat("rigid.mat")["stiffness"])) == {400.0}
 
@@ -94,10 +99,10 @@ def test_ones_own_profile_perturbation_and_system(tvsysid):
     [
         (
             ("--system", "arm"),
-            "unknown system 'arm'; expected one of joint, reflex, compliant, scheduled, or your own as",
+            "unknown system 'arm'; expected one of joint, reflex, reflex-sine,",
         ),
         (("--stiffness", "step"), "unknown profile 'step'; expected one of square, sine, constant, or"),
-        (("--perturbation", "pink"), "unknown perturbation 'pink'; expected one of noise, prbs, or"),
+        (("--perturbation", "pink"), "unknown perturbation 'pink'; expected one of noise, prbs, pulses, or"),
         (("--system", "own_systems:Hum"), "class Hum has no simulate"),
         (("--perturbation", "own_systems:Short"), "each sample, shape (11000,); got shape (3,)"),
         (("--system", "own_systems:Empty"), "simulate must return a tvsysid.simulate.Simulation, got int"),

@@ -1,8 +1,10 @@
+from functools import partial
+
 import numpy as np
 import pytest
 
 import tvsysid as tv
-from tvsysid.simulate import FilteredNoise, Joint, ReflexJoint, SineWave, StretchReflex
+from tvsysid.simulate import Constant, FilteredNoise, Joint, Pulses, ReflexJoint, SineWave, StretchReflex
 
 
 def simulate(system, duration=10.0, **settings):
@@ -11,29 +13,78 @@ def simulate(system, duration=10.0, **settings):
 
 def slowly(reflex, velocity, gain, rate):
     """Reflex torque sample by sample: late, beyond the threshold, through the muscle by the trapezoidal rule."""
-    system = np.array([[0.0, 1.0], [-(reflex.frequency**2), -2 * reflex.damping * reflex.frequency]])
-    entry, late = np.array([0.0, reflex.frequency**2]), round(reflex.delay * rate)
-    state, before, torque = np.zeros(2), 0.0, []
+    late, state, before, torque = round(reflex.delay * rate), np.zeros(2), 0.0, []
     for sample in range(len(velocity)):
+        frequency = reflex.frequency(sample / rate) if callable(reflex.frequency) else reflex.frequency
+        system = np.array([[0.0, 1.0], [-(frequency**2), -2 * reflex.damping * frequency]])
+        entry = np.array([0.0, frequency**2])
         speed = reflex.direction * velocity[sample - late] if sample >= late else 0.0
-        force = reflex.direction * gain[sample] * max(speed - reflex.threshold, 0.0)
+        force = reflex.direction * max(speed - reflex.threshold, 0.0) * (1 if reflex.gain_after else gain[sample])
         known = state + (system @ state + entry * (before + force)) / (2 * rate)
         state = np.linalg.solve(np.eye(2) - system / (2 * rate), known)
         before = force
-        torque.append(state[0])
+        torque.append(state[0] * (gain[sample] if reflex.gain_after else 1))
     return np.array(torque)
 
 
 @pytest.mark.parametrize(
     "reflex",
-    [StretchReflex(), StretchReflex(0.05, 10.0, 1.0, threshold=0.3, direction=-1), StretchReflex(delay=0.0)],
+    [
+        StretchReflex(),
+        StretchReflex(0.05, 10.0, 1.0, threshold=0.3, direction=-1),
+        StretchReflex(delay=0.0),
+        StretchReflex(gain_after=True),
+        StretchReflex(frequency=SineWave(16.0, 6.0, period=3.0)),
+    ],
 )
 def test_reflex_torque_equals_a_plain_loop(random, reflex):
     velocity = np.convolve(random.standard_normal(3000), np.ones(20) / 20, "same")
     gain = 8 + 4 * np.sin(np.arange(3000) / 300)
-    np.testing.assert_allclose(
-        reflex.torque(velocity, gain, 1000.0), slowly(reflex, velocity, gain, 1000.0), atol=1e-10
+    found, expected = (make(velocity, gain, 1000.0) for make in (reflex.torque, partial(slowly, reflex)))
+    # A muscle that changes is solved exactly, which the trapezoidal rule is not.
+    np.testing.assert_allclose(found, expected, atol=1e-10 if not callable(reflex.frequency) else 5e-4 * found.max())
+
+
+def test_a_muscle_of_constant_frequency_is_the_same_however_it_is_given(random):
+    velocity = np.convolve(random.standard_normal(3000), np.ones(20) / 20, "same")
+    constant, varying = (
+        StretchReflex(frequency=each).torque(velocity, 8.0, 1e3, -70) for each in (15.6, Constant(15.6))
     )
+    np.testing.assert_allclose(varying, constant, atol=1e-4 * constant.max())
+
+
+@pytest.mark.parametrize(("direction", "threshold"), [(1, 0.0), (-1, 0.1)])
+def test_the_emg_is_what_arrives_at_the_muscle_10_ms_before_it_pulls(direction, threshold):
+    reflex = StretchReflex(direction=direction, threshold=threshold)
+    recording = simulate(ReflexJoint(reflex=reflex), 120.0).recording
+    emg, velocity = recording.channels["emg"], np.gradient(recording.angle, 1e-3)
+    stretch = np.maximum(direction * velocity - threshold, 0.0)
+    assert emg.min() == 0.0
+    assert not emg[30:][stretch[:-30] == 0.0][:1000].max() > 0.01 * emg.max()
+    products = [np.dot(emg[late:-100], stretch[: -100 - late]) for late in range(100)]
+    assert np.argmax(products) == pytest.approx(30, abs=3)
+    assert max(products) / np.dot(stretch, stretch) == pytest.approx(1.0, abs=0.03)
+
+
+def test_the_noise_of_the_torque_may_be_slow():
+    usual, slow = (simulate(ReflexJoint(noise_bandwidth=band)) for band in (40.0, 1.0))
+    np.testing.assert_array_equal(usual.recording.angle, slow.recording.angle)
+    noise = [each.recording.torque - each.noiseless.torque for each in (usual, slow)]
+    assert np.std(np.diff(noise[1])) < 0.05 * np.std(np.diff(noise[0]))
+    assert np.std(noise[1][1000:-1000]) == pytest.approx(np.std(noise[0][1000:-1000]))
+
+
+@pytest.mark.parametrize("pulses", [Pulses(), Pulses(0.1, 0.35, 0.0)])
+def test_pulses_have_the_length_and_the_interval_asked_for(random, pulses):
+    samples = pulses.generate(200_000, 1000.0, random)
+    assert set(samples) == {-1.0, 0.0, 1.0}
+    edges = np.flatnonzero(np.diff(samples)) + 1
+    lengths, kinds = np.diff(edges) / 1000, samples[edges[:-1]]
+    for mean, own in ((pulses.duration, lengths[kinds != 0]), (pulses.interval - pulses.duration, lengths[kinds == 0])):
+        assert np.abs(own - mean).max() <= pulses.variation * mean + 0.0011
+        assert own.mean() == pytest.approx(mean, rel=0.03)
+    assert abs(samples.sum()) < 0.2 * np.abs(samples).sum()
+    assert len({pulses.generate(2000, 1000.0, np.random.default_rng(seed)).tobytes() for seed in range(5)}) == 5
 
 
 def test_the_gain_is_that_of_steady_stretch():
@@ -70,6 +121,11 @@ def test_without_gain_all_is_as_without_a_reflex():
         (lambda: StretchReflex(delay=-0.01), "delay must be a number of zero or more, got -0.01"),
         (lambda: StretchReflex(threshold=np.nan), "threshold must be a number of zero or more"),
         (lambda: StretchReflex(frequency=0.0), "frequency must be a positive number"),
+        (lambda: StretchReflex(frequency=lambda time: -time).torque(np.ones(9), 1.0, 1e3), "positive at all times"),
+        (lambda: ReflexJoint(noise_bandwidth=0.0), "noise_bandwidth must be a positive number"),
+        (lambda: simulate(ReflexJoint(noise_bandwidth=600.0)), "ReflexJoint: noise_bandwidth must be below half"),
+        (lambda: Pulses(duration=0.5), "expected a duration below the interval"),
+        (lambda: Pulses(1e-4, 0.5).generate(10, 1e3, np.random.default_rng()), "shorter than a sample"),
         (lambda: StretchReflex(direction=2), "direction must be 1 or -1, got 2"),
         (lambda: ReflexJoint(reflex_gain="strong"), "reflex_gain must be a finite number or a callable of time"),
         (lambda: ReflexJoint(reflex=0.04), "reflex must be a StretchReflex, got 0.04"),

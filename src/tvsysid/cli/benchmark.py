@@ -56,8 +56,8 @@ def benchmark(
         list[str] | None,
         option(
             "NAME",
-            "What is simulated: `joint`, `reflex`, `compliant`, `scheduled` (see `tvsysid simulate`), or your own as "
-            "`module:Object`; repeatable. [joint]",
+            "What is simulated: `joint`, `reflex`, `reflex-sine`, `reflex-square`, `compliant`, `scheduled` (see "
+            "`tvsysid simulate`), or your own as `module:Object`; repeatable. [joint]",
         ),
     ] = None,
     stiffness: Annotated[
@@ -72,7 +72,8 @@ def benchmark(
         list[str] | None,
         option(
             "NAME",
-            "Perturbation of the angle: `noise`, `prbs`, or your own as `module:Object`; repeatable. [noise and prbs]",
+            "Perturbation of the angle: `noise`, `prbs`, `pulses`, or your own as `module:Object`; repeatable. "
+            "[noise and prbs]",
         ),
     ] = None,
     duration: Annotated[

@@ -23,8 +23,10 @@ def simulate(
         str,
         option(
             "NAME",
-            "What is simulated: `joint`, `reflex` (a joint with a stretch reflex), `compliant` (a joint on a compliant "
-            "actuator: closed loop), `scheduled` (stiffness follows EMG), or your own as `module:Object`.",
+            "What is simulated: `joint`, `reflex` (a joint with a stretch reflex of constant gain; `reflex-sine`, "
+            "`reflex-square`: of varying gain), `compliant` (a joint on a compliant actuator: closed loop), "
+            "`scheduled` (stiffness follows EMG), or your own as `module:Object`. Settings may follow: "
+            "`reflex:reflex_gain=4,noise_bandwidth=1`.",
         ),
     ] = "joint",
     stiffness: Annotated[
@@ -39,8 +41,8 @@ def simulate(
         str,
         option(
             "NAME",
-            "Perturbation of the angle: `noise` (low-pass filtered), `prbs` (pseudo-random binary sequence), or your "
-            "own as `module:Object`.",
+            "Perturbation of the angle: `noise` (low-pass filtered), `prbs` (pseudo-random binary sequence), "
+            "`pulses` (to either side, with rests), or your own as `module:Object`.",
         ),
     ] = "noise",
     duration: Annotated[float, option("S", "Seconds of data.")] = 150.0,
@@ -62,14 +64,13 @@ def simulate(
     The file holds `angle` (rad), `torque` (N·m, with noise) and the system's further channels, such as `emg`. It also
     holds the truth: `noiseless_torque` (N·m), that of each pathway if there are several (`torque_reflex`), and
     `stiffness` (N·m/rad), `viscosity` (N·m·s/rad), `inertia` (kg·m²) and the system's other true quantities. The
-    behaviour
-    repeats every 2 s. The file of a participant has a column for each trial of 70 s at 1024 Hz, and `target` (N·m), the
-    torque that the participant was asked to produce.
+    behaviour repeats every 2 s. The file of a participant has a column for each trial of 70 s at 1024 Hz, and `target`
+    (N·m), the torque that the participant was asked to produce.
 
     Example: `tvsysid simulate joint.mat && tvsysid identify joint.mat --angle angle --torque torque --rate 1000
     --decimate 100 --period 2`
 
-    Example: `tvsysid simulate reflex.mat --system reflex --stiffness sine --perturbation prbs`
+    Example: `tvsysid simulate reflex.mat --system reflex-sine --stiffness sine --perturbation pulses`
 
     Example: `tvsysid simulate P1-noise.mat --participant 1`
     """

@@ -137,15 +137,16 @@ def parse(text: str) -> Identifies:
     return made
 
 
-def from_text(text: str, what: str) -> Any:
+def from_text(text: str, what: str, usual: Any = None) -> Any:
     """Object from ``module:Object`` or ``module:Class:setting=value``, as :func:`parse`; an instance, if it is a class.
 
-    ``what`` it is to be is one of :data:`VERBS`; errors are those of :func:`parse`.
+    ``what`` it is to be is one of :data:`VERBS`; errors are those of :func:`parse`. Settings may change a ``usual``
+    dataclass, whatever its name.
     """
     if not text.isprintable():
         raise InputError(f"{what} {text!r}: expected a name and settings without control characters")
     key, rest = _split(text)
-    target, settings = _target(key, what), {}
+    target, settings = _target(key, what) if usual is None else type(usual), {}
     for part in filter(None, _parts(rest)):
         name, equals, value = (piece.strip() for piece in part.partition("="))
         if not equals:
@@ -155,6 +156,8 @@ def from_text(text: str, what: str) -> Any:
         values = {name: _converted(target, name, value) for name, value in settings.items()}
     except InputError as error:
         raise InputError(f"{what} {text!r}: {error}") from error
+    if usual is not None:
+        values = {item.name: getattr(usual, item.name) for item in fields(usual)} | values
     return _made(key, target, values, what)
 
 

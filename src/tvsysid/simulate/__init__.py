@@ -3,17 +3,19 @@
 from tvsysid.simulate.compliant import CompliantActuator
 from tvsysid.simulate.joint import Joint, ReflexJoint, ScheduledJoint, StretchReflex
 from tvsysid.simulate.participant import Participant, Traits
-from tvsysid.simulate.perturbations import PERTURBATIONS, PRBS, FilteredNoise, Perturbation
+from tvsysid.simulate.perturbations import PERTURBATIONS, PRBS, FilteredNoise, Perturbation, Pulses
 from tvsysid.simulate.profiles import PROFILES, Constant, CovaryingViscosity, Profile, SineWave, SquareWave
 from tvsysid.simulate.simulation import Seed, Simulation, System
 
 __all__ = ["PERTURBATIONS", "PRBS", "PROFILES", "SYSTEMS", "CompliantActuator", "Constant", "CovaryingViscosity"]
-__all__ += ["FilteredNoise", "Joint", "Participant", "Perturbation", "Profile", "ReflexJoint", "ScheduledJoint"]
-__all__ += ["Seed", "Simulation", "SineWave", "SquareWave", "StretchReflex", "System", "Traits"]
+__all__ += ["FilteredNoise", "Joint", "Participant", "Perturbation", "Profile", "Pulses", "ReflexJoint"]
+__all__ += ["ScheduledJoint", "Seed", "Simulation", "SineWave", "SquareWave", "StretchReflex", "System", "Traits"]
 
 SYSTEMS: dict[str, Joint] = {
     "joint": Joint(),
     "reflex": ReflexJoint(),
+    "reflex-sine": ReflexJoint(reflex_gain=SineWave(8.0, 4.0, offset=-0.5)),
+    "reflex-square": ReflexJoint(reflex_gain=SquareWave(4.0, 12.0, offset=0.0)),
     "compliant": CompliantActuator(),
     "scheduled": ScheduledJoint(),
 }

@@ -12,7 +12,7 @@ from scipy.signal import bessel, lfilter
 
 from tvsysid.numerics import Array
 from tvsysid.simulate.perturbations import generated
-from tvsysid.simulate.setup import BANDWIDTH, LowPassedNoise, Setup
+from tvsysid.simulate.setup import BANDWIDTH, Setup
 
 BLOCK = 16384
 
@@ -26,7 +26,12 @@ class Answer(NamedTuple):
     noise: Array
 
 
-def answer(setup: Setup, impedance: Mapping[str, Array], streams: list[np.random.Generator]) -> Answer:
+def answer(
+    setup: Setup,
+    impedance: Mapping[str, Array],
+    streams: list[np.random.Generator],
+    noise_bandwidth: float = BANDWIDTH,
+) -> Answer:
     """Impose the perturbation's angle on a joint; the streams are those of perturbation and noise.
 
     The impedance is ``stiffness``, ``viscosity`` and ``inertia`` over time. The noise still has any size.
@@ -34,7 +39,7 @@ def answer(setup: Setup, impedance: Mapping[str, Array], streams: list[np.random
     samples, run_in = len(setup.index), setup.run_in
     drive = generated(setup.perturbation, run_in + samples, setup.rate, streams[0])
     found = Answer(np.empty(samples), np.empty(run_in + samples), np.empty(samples), np.empty(samples))
-    actuator, noise = Actuator(setup.rate), LowPassedNoise(streams[1], BANDWIDTH, setup.rate, run_in)
+    actuator, noise = Actuator(setup.rate), setup.low_passed(streams[1], noise_bandwidth, run_in)
     found.velocity[:run_in] = actuator(drive[:run_in])[1]
     # Blocks that stay in the cache: each sample is touched while it is there.
     for first in range(0, samples, BLOCK):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -13,11 +14,14 @@ from scipy.signal import bilinear, lfilter
 from tvsysid.errors import InputError
 from tvsysid.numerics import Array
 from tvsysid.simulate.actuator import answer
+from tvsysid.simulate.motion import driven_motion
 from tvsysid.simulate.perturbations import Perturbation
 from tvsysid.simulate.profiles import Profile, SineWave, SquareWave, checked_profile, over_time
 from tvsysid.simulate.settings import not_negative, positive
-from tvsysid.simulate.setup import Setup
+from tvsysid.simulate.setup import BANDWIDTH, Setup
 from tvsysid.simulate.simulation import Seed, Simulation
+
+EMG_LEAD = 0.010  # seconds from EMG to force
 
 
 @dataclass(frozen=True)
@@ -110,29 +114,55 @@ class StretchReflex:
 
     The ``delay`` d is in s, rounded to a sample; ``frequency`` ω of the muscle in rad/s, ``damping`` its ratio ζ;
     ``threshold`` c in rad/s, the velocity below which nothing is answered; ``direction`` s is 1 where a positive
-    velocity stretches the muscle, -1 where a negative one does.
+    velocity stretches the muscle, -1 where a negative one does. The gain g acts before the muscle, or on what leaves
+    it where ``gain_after`` is true. A frequency that is a callable of time makes a muscle that changes.
     """
 
     delay: float = 0.040
-    frequency: float = 15.6
+    frequency: float | Profile = 15.6
     damping: float = 0.62
     threshold: float = 0.0
     direction: int = 1
+    gain_after: bool = False
 
     def __post_init__(self) -> None:
-        positive("StretchReflex", frequency=self.frequency, damping=self.damping)
+        if not callable(self.frequency):
+            positive("StretchReflex", frequency=self.frequency)
+        positive("StretchReflex", damping=self.damping)
         not_negative("StretchReflex", delay=self.delay, threshold=self.threshold)
         if self.direction not in (-1, 1):
             raise InputError(f"StretchReflex: direction must be 1 or -1, got {self.direction!r}")
 
-    def torque(self, velocity: Array, gain: float | Array, rate: float) -> Array:
-        """Torque r in N·m that answers a velocity in rad/s, shape (time,); the gain g is in N·m·s/rad."""
-        late, square = round(self.delay * rate), self.frequency**2
-        stretch = np.zeros_like(velocity)
-        stretch[late:] = self.direction * velocity[: len(velocity) - late] - self.threshold
-        np.maximum(stretch, 0.0, out=stretch)
-        muscle = bilinear([square], [1.0, 2 * self.damping * self.frequency, square], fs=rate)
-        return np.asarray(lfilter(*muscle, self.direction * gain * stretch))
+    def stretch(self, velocity: Array, rate: float, early: float = 0.0) -> Array:
+        """What arrives at the muscle, f(t - d) in rad/s, or so many seconds before it does; shape (time,)."""
+        late = round(max(self.delay - early, 0.0) * rate)
+        beyond = np.zeros_like(velocity)
+        beyond[late:] = self.direction * velocity[: len(velocity) - late] - self.threshold
+        return self.direction * np.maximum(beyond, 0.0, out=beyond)
+
+    def torque(self, velocity: Array, gain: float | Array, rate: float, start: int = 0) -> Array:
+        """Torque r in N·m that answers a velocity in rad/s, shape (time,); the gain g is in N·m·s/rad.
+
+        The first sample is at time start / rate.
+        """
+        stretch = self.stretch(velocity, rate)
+        if self.gain_after:
+            return gain * self._muscle(stretch, rate, start)
+        return self._muscle(gain * stretch, rate, start)
+
+    def _muscle(self, drive: Array, rate: float, start: int) -> Array:
+        """What the muscle makes of its drive; its gain is 1."""
+        if not callable(self.frequency):
+            square = self.frequency**2
+            muscle = bilinear([square], [1.0, 2 * self.damping * self.frequency, square], fs=rate)
+            return np.asarray(lfilter(*muscle, drive))
+        index = np.arange(start, start + len(drive))
+        frequency = over_time("StretchReflex: frequency", self.frequency, index, rate)
+        if frequency.min() <= 0:
+            raise InputError(f"StretchReflex: frequency must be positive at all times, got {frequency.min():g} rad/s")
+        force = np.square(frequency) * drive
+        moved = driven_motion(np.square(frequency), 2 * self.damping * frequency, force[None], rate)
+        return np.asarray(moved[0, 0])
 
 
 @dataclass(frozen=True)
@@ -144,9 +174,12 @@ class ReflexJoint(Joint):
     with the torque r of :class:`StretchReflex`; the gain at a time scales what arrives at the muscle at that time. The
     noise is sized by the whole noiseless torque; all else is as for :class:`Joint`.
 
-    Truth: ``stiffness``, ``viscosity``, ``inertia``, ``reflex_gain``. Pathways: ``intrinsic``, ``reflex``.
+    Truth: ``stiffness``, ``viscosity``, ``inertia``, ``reflex_gain``. Pathways: ``intrinsic``, ``reflex``. Channel:
+    ``emg``, the rectified EMG in rad/s: what arrives at the muscle, 10 ms before it pulls, times the magnitude of white
+    noise, whose mean is 1. The electrode does not see the gain.
 
-    The gain g is in N·m·s/rad, or a callable of time in s.
+    The gain g is in N·m·s/rad, or a callable of time in s; ``noise_bandwidth`` the cut-off in Hz of the noise of the
+    torque, for instance 1 Hz for slow voluntary torque.
 
     Raises
     ------
@@ -167,20 +200,29 @@ class ReflexJoint(Joint):
 
     reflex_gain: float | Profile = 8.0
     reflex: StretchReflex = field(default_factory=StretchReflex)
+    noise_bandwidth: float = BANDWIDTH
 
     def __post_init__(self) -> None:
         super().__post_init__()
         checked_profile("ReflexJoint", "reflex_gain", self.reflex_gain, number=True)
+        positive("ReflexJoint", noise_bandwidth=self.noise_bandwidth)
         if not isinstance(self.reflex, StretchReflex):
             raise InputError(f"ReflexJoint: reflex must be a StretchReflex, got {self.reflex!r}")
 
     def _simulated(self, setup: Setup) -> Simulation:
-        impedance = self._impedance(setup, setup.index)
-        found = answer(setup, impedance, setup.streams())
-        gain = over_time("ReflexJoint: reflex_gain", self.reflex_gain, setup.whole_index, setup.rate)
-        reflex = self.reflex.torque(found.velocity, gain, setup.rate)[setup.run_in :]
-        pathways = {"intrinsic": found.torque, "reflex": reflex}
-        return setup.simulation(found.angle, found.noise, pathways, impedance | {"reflex_gain": gain[setup.run_in :]})
+        impedance, streams, rate = self._impedance(setup, setup.index), setup.streams(3), setup.rate
+        found = answer(setup, impedance, streams, self.noise_bandwidth)
+        gain = over_time("ReflexJoint: reflex_gain", self.reflex_gain, setup.whole_index, rate)
+        reflex = self.reflex.torque(found.velocity, gain, rate, int(setup.whole_index[0]))
+        emg = np.abs(self.reflex.stretch(found.velocity, rate, EMG_LEAD) * streams[2].standard_normal(len(gain)))
+        own = slice(setup.run_in, None)  # what is recorded
+        return setup.simulation(
+            found.angle,
+            found.noise,
+            {"intrinsic": found.torque, "reflex": reflex[own]},
+            impedance | {"reflex_gain": gain[own]},
+            {"emg": emg[own] / math.sqrt(2 / math.pi)},
+        )
 
 
 @dataclass(frozen=True)

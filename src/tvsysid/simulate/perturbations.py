@@ -11,7 +11,7 @@ from scipy.signal import butter, lfilter
 
 from tvsysid.errors import InputError
 from tvsysid.numerics import Array
-from tvsysid.simulate.settings import positive
+from tvsysid.simulate.settings import not_negative, positive
 
 
 class Perturbation(Protocol):
@@ -80,4 +80,38 @@ class PRBS:
         return np.repeat(levels, lengths)
 
 
-PERTURBATIONS: dict[str, Perturbation] = {"noise": FilteredNoise(), "prbs": PRBS()}  # perturbations by name
+@dataclass(frozen=True)
+class Pulses:
+    """Pulses to either side with rests between them, as the ankle is often perturbed while its muscles contract.
+
+    A pulse lasts ``duration`` s, to either side with equal probability; the next begins ``interval`` s after it. Both
+    pulses and rests vary, each by up to the share ``variation`` of its length. With the defaults, which are those of
+    the tonic contractions in the public toolbox of Kearney's laboratory, the usual RMS of 0.5 degrees makes pulses of
+    0.7 degrees.
+    """
+
+    duration: float = 0.25
+    interval: float = 0.5
+    variation: float = 0.2
+
+    def __post_init__(self) -> None:
+        positive("Pulses", duration=self.duration, interval=self.interval)
+        not_negative("Pulses", variation=self.variation)
+        if self.duration >= self.interval or self.variation >= 1:
+            raise InputError(f"Pulses: expected a duration below the interval, and a variation below 1, got {self!r}")
+
+    def generate(self, samples: int, rate: float, random: np.random.Generator) -> Array:
+        """Samples at the rate in Hz, shape (samples,), of 1, 0 and -1; starts at a random time between two pulses."""
+        if self.duration * rate * (1 - self.variation) < 1:
+            raise InputError(f"Pulses: {self!r} has pulses that are shorter than a sample at {rate:g} Hz")
+        count = math.ceil(samples / (self.interval * rate * (1 - self.variation))) + 2
+        lengths = np.array([self.duration, self.interval - self.duration]) * rate
+        lengths = lengths * (1 + self.variation * random.uniform(-1, 1, (count, 2)))
+        levels = np.stack([2.0 * random.integers(0, 2, count) - 1.0, np.zeros(count)], axis=1)
+        ends = np.rint(np.cumsum(lengths) - random.uniform(0, self.interval * rate))
+        shown = np.diff(np.clip(ends, 0, samples), prepend=0.0).astype(np.int64)
+        return np.repeat(levels.ravel(), shown)
+
+
+PERTURBATIONS: dict[str, Perturbation] = {"noise": FilteredNoise(), "prbs": PRBS(), "pulses": Pulses()}
+"""Perturbations by name."""

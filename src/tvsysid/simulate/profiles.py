@@ -64,19 +64,24 @@ class SquareWave:
 
 @dataclass(frozen=True)
 class SineWave:
-    """Sinusoid about a mean, both in N·m/rad, of a period in s: the usual voluntary modulation."""
+    """Sinusoid about a mean, both in N·m/rad, of a period in s: the usual voluntary modulation.
+
+    At ``offset``, in s, it rises through its mean.
+    """
 
     mean: float = 100.0
     amplitude: float = 50.0
     period: float = 2.0
+    offset: float = 0.0
 
     def __post_init__(self) -> None:
-        finite("SineWave", mean=self.mean, amplitude=self.amplitude)
+        finite("SineWave", mean=self.mean, amplitude=self.amplitude, offset=self.offset)
         positive("SineWave", period=self.period)
 
     def __call__(self, time: Array) -> Array:
         """Value at each time."""
-        return np.asarray(self.mean + self.amplitude * np.sin(2 * np.pi * np.asarray(time) / self.period))
+        phase = 2 * np.pi * (np.asarray(time) - self.offset) / self.period
+        return np.asarray(self.mean + self.amplitude * np.sin(phase))
 
 
 @dataclass(frozen=True)

@@ -46,7 +46,7 @@ class Setup:
             raise InputError(f"{name}: snr_db must be a number of decibels above -300, got {self.snr_db!r}")
         if not callable(getattr(self.perturbation, "generate", None)):
             raise InputError(
-                f"{name}: perturbation must be FilteredNoise, PRBS or have generate(), got {self.perturbation!r}"
+                f"{name}: perturbation must be FilteredNoise, PRBS, Pulses or have generate, got {self.perturbation!r}"
             )
 
     @property
@@ -86,6 +86,15 @@ class Setup:
             return np.random.default_rng(seed).spawn(count)
         except (TypeError, ValueError) as error:
             raise InputError(f"{self.system}: seed must be a whole number of zero or more, got {seed!r}") from error
+
+    def low_passed(self, random: np.random.Generator, cutoff: float, settling: int) -> LowPassedNoise:
+        """Noise of the torque, of any size; ``cutoff`` is the system's ``noise_bandwidth``."""
+        if cutoff >= self.rate / 2:
+            raise InputError(
+                f"{self.system}: noise_bandwidth must be below half the sampling rate of {self.rate:g} Hz, "
+                f"got {cutoff:g} Hz"
+            )
+        return LowPassedNoise(random, cutoff, self.rate, settling)
 
     def scale_of(self, angle: Array) -> float:
         """Factor that gives an angle the usual RMS."""

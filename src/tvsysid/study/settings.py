@@ -176,14 +176,15 @@ def spawn_key(text: str) -> list[int]:
 
 
 def found_as(value: Any, known: Mapping[str, Any], what: str) -> Any:
-    """Object that a setting stands for: a known name, ``module:Object`` with settings if need be, or itself."""
+    """Object that a setting stands for: a known name or ``module:Object``, with settings if need be, or itself."""
     if not isinstance(value, str):
         return value
     if value in known:
         return known[value]
-    if ":" not in value:
-        raise InputError(f"unknown {what} {value!r}; expected one of {', '.join(known)}, or your own as module:Object")
-    return from_text(value, what)
+    key, _, rest = value.partition(":")
+    if not rest or (key not in known and "=" in rest.partition(":")[0]):
+        raise InputError(f"unknown {what} {key!r}; expected one of {', '.join(known)}, or your own as module:Object")
+    return from_text(value, what, known.get(key))
 
 
 def _explained(error: ValidationError, kind: type[BaseModel]) -> str:

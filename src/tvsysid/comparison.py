@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from tvsysid.checked import Frozen
 from tvsysid.errors import DataQualityWarning, InputError, describe_error
 from tvsysid.estimates import IMPEDANCE
-from tvsysid.methods import METHODS, Evidence, Tuned, label_of, parse
+from tvsysid.methods import DEFAULT_METHODS, Evidence, Tuned, label_of, parse
 from tvsysid.methods.apart import Identified, checked_limit, identify
 from tvsysid.methods.apply import Identifies
 from tvsysid.methods.base import SkippedError
@@ -20,7 +21,7 @@ from tvsysid.methods.forkserver import TIME_LIMIT
 from tvsysid.methods.travel import pickled
 from tvsysid.metrics import time_varying_vaf, vaf
 from tvsysid.models import Model
-from tvsysid.signals import Array, Ensemble, Frozen
+from tvsysid.signals import Array, Ensemble
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -105,7 +106,7 @@ class Comparison(Frozen):
 
 def compare(
     ensemble: Ensemble,
-    methods: Iterable[str | Identifies] = tuple(METHODS),
+    methods: Iterable[str | Identifies] = DEFAULT_METHODS,
     *,
     tune: bool = False,
     progress: Progress | None = None,
@@ -122,7 +123,7 @@ def compare(
         Realizations, mean subtracted.
     methods
         Keys with settings if need be (``"sds:window=0.2"``), ``"module:Class"``, or objects with ``identify``; by
-        default the package's own five.
+        default the five for one pathway.
     tune
         Whether each method's settings are chosen from the data first.
     progress

@@ -24,11 +24,13 @@ UNITS = {
     "inertia": "kg m2",
     "reflex_gain": "N m s/rad",
     "impulse_response": "N m/rad/s",
+    "reflex_response": "N m/rad",
     "frequency_response": "N m/rad",
     "coherence": "1",
     "rank": "1",
     "time": "s",
     "lag": "s",
+    "reflex_lag": "s",
     "frequency": "Hz",
 }
 """Units of what the package itself estimates or simulates."""

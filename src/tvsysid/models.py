@@ -20,11 +20,12 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tvsysid.checked import Frozen
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.estimates import UNITS, Estimate, frozen
 from tvsysid.numerics.bands import mean_known
 from tvsysid.numerics.moments import convolve_lags
-from tvsysid.signals import Array, Ensemble, Frozen
+from tvsysid.signals import Array, Ensemble
 
 if TYPE_CHECKING:
     import xarray as xr

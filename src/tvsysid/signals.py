@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tvsysid.checked import Frozen, checked_array, checked_rate
 from tvsysid.errors import InputError
 from tvsysid.numerics import Array as Array  # noqa: PLC0414  # most rooms take both from here
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
@@ -18,66 +19,8 @@ from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 SMALLEST, LARGEST = 1e-30, 1e30  # of an ensemble's largest angle and torque; squares of squares end beyond
 
 
-def checked_array(name: str, values: ArrayLike, axes: tuple[str, ...]) -> Array:
-    """Read-only float64 view of numbers that are all finite and have the axes expected, or an error that says why not.
-
-    C-ordered; shares memory only with an array that is read-only itself.
-    """
-    try:
-        array = np.asarray(values)
-    except ValueError as error:  # ragged nested lists
-        raise InputError(f"{name}: expected an array of numbers, got rows of different length") from error
-    if array.size == 0:
-        raise InputError(f"{name}: expected samples, got an empty array of shape {array.shape}")
-    if array.dtype.kind not in "iuf":
-        raise InputError(f"{name}: expected real numbers, got values of type {array.dtype}; convert them first")
-    expected = f"{len(axes)} axis ({axes[0]})" if len(axes) == 1 else f"{len(axes)} axes ({', '.join(axes)})"
-    if array.ndim != len(axes):
-        raise InputError(f"{name}: expected {expected}, got an array of shape {array.shape}; reshape or index it")
-    given, array = array, np.ascontiguousarray(array, dtype=np.float64)
-    # What the caller can still write to is copied; what nobody can is shared.
-    array = array.copy() if array.flags.writeable and np.may_share_memory(array, given) else array.view()
-    finite = np.isfinite(array)
-    if not finite.all():
-        first = np.argwhere(~finite)[0]
-        where = ", ".join(f"{axis} {index}" for axis, index in zip(axes, first, strict=True))
-        raise InputError(
-            f"{name}: {int(np.count_nonzero(~finite))} of {array.size} values are NaN or infinite, the first at "
-            f"{where}; cut them out or interpolate them before"
-        )
-    array.flags.writeable = False
-    return array
-
-
-def checked_rate(sampling_rate: float) -> float:
-    """Return the sampling rate as a float, if it is a positive finite number of hertz."""
-    if isinstance(sampling_rate, bool):
-        raise InputError(f"sampling_rate: expected a number of hertz, got {sampling_rate!r}")
-    try:
-        rate = float(sampling_rate)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"sampling_rate: expected a number of hertz, got {sampling_rate!r}") from error
-    if not (math.isfinite(rate) and rate > 0):
-        raise InputError(f"sampling_rate: expected a positive number of hertz, got {sampling_rate!r}")
-    return rate
-
-
 def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
-
-
-class Frozen:
-    """Dataclass whose mappings are read-only."""
-
-    def __post_init__(self) -> None:
-        for item in fields(self):  # type: ignore[arg-type]
-            if isinstance(value := getattr(self, item.name), Mapping):
-                object.__setattr__(self, item.name, MappingProxyType(dict(value)))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        # A read-only mapping, unlike a dict, cannot be pickled.
-        values = (getattr(self, item.name) for item in fields(self))  # type: ignore[arg-type]
-        return type(self), tuple(dict(each) if isinstance(each, MappingProxyType) else each for each in values)
 
 
 class _Signals(Frozen):
@@ -87,6 +30,7 @@ class _Signals(Frozen):
     torque: Array
     sampling_rate: float
     channels: Mapping[str, Array]
+    recorded_angle: Array | None
 
     def _check(self, axes: tuple[str, ...]) -> None:
         """Replace what was given by what was checked."""
@@ -112,6 +56,12 @@ class _Signals(Frozen):
             if values.shape != self.angle.shape:
                 raise InputError(f"channel {name!r}: expected the angle's shape {self.angle.shape}, got {values.shape}")
         object.__setattr__(self, "channels", MappingProxyType(channels))
+        if self.recorded_angle is not None:
+            recorded = checked_array("recorded_angle", self.recorded_angle, (*axes, "sample"))
+            if recorded.shape[:-1] != self.angle.shape:
+                expected = f"({', '.join(map(str, self.angle.shape))}, samples recorded for each of the angle's)"
+                raise InputError(f"recorded_angle: expected the shape {expected}, got {recorded.shape}")
+            object.__setattr__(self, "recorded_angle", recorded)
 
     def __len__(self) -> int:
         return len(self.angle)
@@ -153,6 +103,9 @@ class Recording(_Signals):
         Where time 0 lies within a trial as it was recorded, in s, if the ends were taken off and time begins anew.
     delay_removed
         Seconds by which the torque was late, which were corrected (:func:`tvsysid.preprocess.align_channels`).
+    recorded_angle
+        The angle before :func:`tvsysid.preprocess.decimate` lowered its rate, in rad, shape (time, sample): the samples
+        that were recorded from each of the angle's up to the next. A stretch is rectified at this rate.
 
     Raises
     ------
@@ -176,6 +129,7 @@ class Recording(_Signals):
     trial_starts: tuple[int, ...] = (0,)
     origin: float = 0.0
     delay_removed: float = 0.0
+    recorded_angle: Array | None = None
 
     def __post_init__(self) -> None:
         self._check(("time",))
@@ -240,8 +194,9 @@ class Ensemble(_Signals):
     mean_subtracted
         Whether the mean over realizations was subtracted (:func:`tvsysid.preprocess.subtract_mean`): the noise of R
         realizations then counts as that of R - 1.
-    origin, delay_removed
-        Those of the recording that it was cut from.
+    origin, delay_removed, recorded_angle
+        Those of the recording that it was cut from; the angle of shape (realization, context + time + context, sample),
+        from which no mean is subtracted.
 
     Raises
     ------
@@ -268,6 +223,7 @@ class Ensemble(_Signals):
     mean_subtracted: bool = False
     origin: float = 0.0
     delay_removed: float = 0.0
+    recorded_angle: Array | None = None
 
     def __post_init__(self) -> None:
         axes = ("realization", "time")
@@ -372,7 +328,8 @@ class Ensemble(_Signals):
         beyond = index[(index < -len(self)) | (index >= len(self))]
         if index.dtype.kind != "b" and beyond.size:
             raise InputError(f"select: expected indices from {-len(self)} to below {len(self)}, got {beyond[0]}")
-        changes: dict[str, Any] = {name: getattr(self, name)[index] for name in ("angle", "torque", "onsets", "trials")}
+        names = ["angle", "torque", "onsets", "trials"] + ["recorded_angle"] * (self.recorded_angle is not None)
+        changes: dict[str, Any] = {name: getattr(self, name)[index] for name in names}
         return replace(self, **changes, channels={name: values[index] for name, values in self.channels.items()})
 
     def to_xarray(self) -> Any:
@@ -382,11 +339,15 @@ class Ensemble(_Signals):
         time = (np.arange(self.angle.shape[1]) - self.context) / self.sampling_rate
         dims = ("realization", "time")
         about = ("sampling_rate", "context", "left_out", "origin", "delay_removed")
+        recorded = {}
+        if self.recorded_angle is not None:
+            recorded = {"recorded_angle": ((*dims, "sample"), self.recorded_angle, {"units": "rad"})}
         return xr.Dataset(
             {
                 "angle": (dims, self.angle, {"units": "rad"}),
                 "torque": (dims, self.torque, {"units": "N m"}),
                 **{name: (dims, values) for name, values in self.channels.items()},
+                **recorded,
             },
             coords={
                 "time": ("time", time, {"units": "s"}),

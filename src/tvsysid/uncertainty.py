@@ -11,13 +11,14 @@ from typing import Any
 
 import numpy as np
 
+from tvsysid.checked import Frozen
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.estimates import read_only
 from tvsysid.methods.apply import apply
 from tvsysid.models import Model
 from tvsysid.numerics.bands import critical_value, mean_and_spread
 from tvsysid.preprocess.bootstrap import bootstrap_weights
-from tvsysid.signals import Array, Ensemble, Frozen
+from tvsysid.signals import Array, Ensemble
 
 Progress = Callable[[int, int], Any]
 

@@ -298,7 +298,9 @@ def failed(method):
 
 
 @pytest.mark.parametrize(
-    "method", [Fit(), NeedsMany(), NeedsManyOrSkips(), Doubts(), *map(tv.methods.create, tv.methods.METHODS)], ids=repr
+    "method",
+    [Fit(), NeedsMany(), NeedsManyOrSkips(), Doubts(), *map(tv.methods.create, tv.methods.DEFAULT_METHODS)],
+    ids=repr,
 )
 def test_good_methods_pass(method):
     assert failed(method) == []

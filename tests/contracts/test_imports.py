@@ -17,6 +17,7 @@ PACKAGE = Path(tvsysid.__file__).parent
 LEVELS = [
     ["errors"],
     ["numerics"],
+    ["checked"],
     ["signals", "impedance", "estimates"],
     ["models"],
     ["preprocess"],

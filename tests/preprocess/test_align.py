@@ -19,7 +19,8 @@ def late_by(delays, samples=256, context=128):
     angle = np.tile(np.arange(len(time), dtype=float), (len(delays), 1))
     channels = {"target": np.tile(target(time), (len(delays), 1)), "emg": 3 * torque}
     onsets = 2.0 * np.arange(len(delays))
-    return tv.Ensemble(angle, torque, RATE, context, onsets, np.zeros(len(delays), dtype=int), channels)
+    trials, recorded = np.zeros(len(delays), dtype=int), angle[..., None] + [0.0, 0.5]
+    return tv.Ensemble(angle, torque, RATE, context, onsets, trials, channels, recorded_angle=recorded)
 
 
 @given(st.lists(st.integers(-32, 32), min_size=1, max_size=8))
@@ -35,6 +36,7 @@ def test_known_delays_are_found_to_the_sample_and_taken_back(delays):
     # The angle moved along, and was taken from the record.
     np.testing.assert_array_equal(aligned.angle[:, 0], 64 + np.array(delays))
     np.testing.assert_array_equal(np.diff(aligned.angle, axis=1), 1.0)
+    np.testing.assert_array_equal(aligned.recorded_angle, aligned.angle[..., None] + [0.0, 0.5])
     np.testing.assert_allclose(aligned.onsets, given_ensemble.onsets + np.array(delays) / RATE)
     np.testing.assert_array_equal(given_ensemble.torque, before)
 

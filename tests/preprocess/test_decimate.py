@@ -48,6 +48,33 @@ def test_trials_do_not_run_into_each_other(random):
     assert joined.trial_starts == (0, 21)
 
 
+@pytest.mark.parametrize("steps", [(100.0,), (500.0, 100.0)])
+def test_the_recorded_angle_is_kept(random, steps):
+    angle = random.normal(size=505)
+    low = recording_of(angle, trial_starts=(0, 203))
+    for rate in steps:
+        low = tv.preprocess.decimate(low, rate)
+    assert low.recorded_angle.shape == (len(low), 10)
+    first, second = low.recorded_angle[:21].ravel(), low.recorded_angle[21:].ravel()
+    np.testing.assert_array_equal(first[:203], angle[:203])
+    np.testing.assert_array_equal(second[:302], angle[203:])
+    assert {*first[203:]} == {angle[202]}
+    assert {*second[302:]} == {angle[-1]}
+
+
+def test_the_recorded_angle_goes_where_the_angle_goes(random):
+    angle = np.cumsum(random.normal(size=4000))
+    low = tv.preprocess.trim(tv.preprocess.decimate(recording_of(angle), 100), 0.2)
+    ensemble = tv.preprocess.segment(low, 0.5, context=0.1)
+    expected = np.stack([angle[200 + start - 100 : 200 + start + 600] for start in range(500, 3500, 500)])
+    np.testing.assert_array_equal(ensemble.recorded_angle.reshape(6, -1), expected)
+    chosen = tv.preprocess.subtract_mean(ensemble.select([3, 1]))
+    np.testing.assert_array_equal(chosen.recorded_angle.reshape(2, -1), expected[[3, 1]])
+    mean_kept = tv.preprocess.subtract_mean(tv.preprocess.segment(recording_of(angle), 0.5, context=0.1))
+    assert mean_kept.recorded_angle.shape == (*mean_kept.angle.shape, 1)
+    np.testing.assert_allclose(np.ptp(mean_kept.recorded_angle[..., 0] - mean_kept.angle, axis=0), 0, atol=1e-9)
+
+
 def test_the_same_rate_changes_nothing(random):
     recording = recording_of(random.normal(size=50))
     assert tv.preprocess.decimate(recording, 1000.0) is recording

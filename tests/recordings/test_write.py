@@ -92,29 +92,31 @@ def signals(shape, numbers=NUMBERS):
     moving = arrays.arrays(float, shape, elements=numbers).filter(
         lambda values: values.min() < values.max() and (numbers is NUMBERS or abs(values).max() >= 1e-30)
     )
-    return st.tuples(moving, moving, st.dictionaries(NAMES, arrays.arrays(float, shape, elements=NUMBERS), max_size=3))
+    recorded = st.none() | st.integers(1, 3).flatmap(lambda n: arrays.arrays(float, (*shape, n), elements=NUMBERS))
+    further = st.dictionaries(NAMES, arrays.arrays(float, shape, elements=NUMBERS), max_size=3)
+    return st.tuples(moving, moving, further, recorded)
 
 
 @st.composite
 def recordings(draw):
     length = draw(st.integers(2, 30))
-    angle, torque, channels = draw(signals(length))
+    angle, torque, channels, recorded = draw(signals((length,)))
     borders = draw(st.sets(st.integers(1, length - 1), max_size=3))
     start = draw(st.floats(-1e6, 1e6))
-    return tv.Recording(angle, torque, draw(RATES), start, channels, (0, *sorted(borders)))
+    return tv.Recording(angle, torque, draw(RATES), start, channels, (0, *sorted(borders)), recorded_angle=recorded)
 
 
 @st.composite
 def ensembles(draw):
     count, length = draw(st.tuples(st.integers(1, 4), st.integers(2, 12)))
-    angle, torque, channels = draw(signals((count, length), USUAL))
+    angle, torque, channels, recorded = draw(signals((count, length), USUAL))
     placed = st.fixed_dictionaries(
         {
             "onsets": arrays.arrays(float, count, elements=NUMBERS),
             "trials": arrays.arrays(np.int64, count, elements=st.integers(0, 2**31)),
         }
     )
-    others = {"left_out": draw(st.integers(0, 99)), "mean_subtracted": draw(st.booleans())}
+    others = {"left_out": draw(st.integers(0, 99)), "mean_subtracted": draw(st.booleans()), "recorded_angle": recorded}
     context = draw(st.integers(0, (length - 1) // 2))
     others |= draw(st.just({}) | placed)
     return tv.Ensemble(angle, torque, draw(RATES), context, channels=channels, **others)

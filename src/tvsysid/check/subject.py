@@ -50,7 +50,9 @@ def simulated_case(name: str, inputs: tuple[Input, ...]) -> Case:
     if name == "without context":
         whole, seen = simulated_case("other rate", inputs), simulated_case("other rate", inputs).ensemble
         cores = {each: seen.signal(each)[:, seen.core] for each in ("angle", "torque", *seen.channels)}
-        bare = Ensemble(cores.pop("angle"), cores.pop("torque"), seen.sampling_rate, channels=cores)
+        recorded = None if seen.recorded_angle is None else seen.recorded_angle[:, seen.core]
+        angle, torque = cores.pop("angle"), cores.pop("torque")
+        bare = Ensemble(angle, torque, seen.sampling_rate, channels=cores, recorded_angle=recorded)
         return whole._replace(ensemble=bare)
     duration, profile, rate, period, seed = CASES[name]
     system = simulate.ReflexJoint(stiffness=profile) if name == "reflex" else _system(profile, inputs)

@@ -7,6 +7,7 @@ from tvsysid.methods.eirf import EnsembleIRF
 from tvsysid.methods.esm import EnsembleSpectral
 from tvsysid.methods.kbr.kbr import KernelRegression
 from tvsysid.methods.plugins import (
+    DEFAULT_METHODS,
     METHODS,
     clashes,
     create,
@@ -22,7 +23,8 @@ from tvsysid.methods.plugins import (
 from tvsysid.methods.sds import ShortDataSegments
 from tvsysid.methods.tuning.evidence import Evidence, Tuned
 
-__all__ = ["METHODS", "BasisIRF", "Choice", "EnsembleIRF", "EnsembleSpectral", "Evidence", "Identifies", "Input"]
+__all__ = ["DEFAULT_METHODS", "METHODS", "BasisIRF", "Choice", "EnsembleIRF", "EnsembleSpectral", "Evidence"]
+__all__ += ["Identifies", "Input"]
 __all__ += ["KernelRegression", "Method", "ShortDataSegments", "Tuned", "apply", "clashes", "create", "describe"]
 __all__ += ["deviating_channels", "from_text", "key_of", "label_of", "load", "names", "parse", "reason_to_skip"]
 __all__ += ["typed"]

@@ -189,6 +189,7 @@ def digest(ensemble: Ensemble) -> str:
     found = hashlib.sha256(repr(cut).encode())
     for values in (ensemble.angle, ensemble.torque, ensemble.onsets, ensemble.trials):
         found.update(np.asarray(values).tobytes())
-    for name, values in ensemble.channels.items():
+    recorded = {} if ensemble.recorded_angle is None else {"recorded_angle": ensemble.recorded_angle}
+    for name, values in (dict(ensemble.channels) | recorded).items():
         found.update(name.encode() + values.tobytes())
     return found.hexdigest()[:16]

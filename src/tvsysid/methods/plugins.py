@@ -37,6 +37,13 @@ METHODS: dict[str, type[Method]] = {
     method.key: method for method in (EnsembleIRF, ShortDataSegments, BasisIRF, EnsembleSpectral, KernelRegression)
 }
 
+DEFAULT_METHODS = (
+    "eirf",
+    "sds",
+    "birf",
+    "esm",
+    "kbr",
+)  # of one pathway, for repeated behaviour: what people begin with
 GROUP = "tvsysid.methods"  # of entry points under which a package offers its methods
 VERBS = {  # what an object of each kind must have, and how it is written
     "method": ("identify", "identify(self, ensemble) that returns a model with stiffness and predict(ensemble)"),

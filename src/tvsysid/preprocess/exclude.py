@@ -67,7 +67,7 @@ def align(ensemble: Ensemble, reference: str, search: float = 0.5, max_shift: fl
     index = np.arange(reach, reach + left) + shifts[:, None]
 
     def moved(x: Array) -> Array:
-        return np.take_along_axis(x, index, axis=1)
+        return x[np.arange(len(x))[:, None], index]
 
     signals = every_signal(ensemble, moved)
     signals["channels"][reference] = ensemble.channels[reference][:, reach : reach + left]

@@ -8,14 +8,12 @@ from dataclasses import replace
 from typing import TypedDict
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
-from scipy.signal import firwin, upfirdn
 
+from tvsysid.checked import checked_rate
 from tvsysid.errors import InputError
+from tvsysid.numerics.decimation import TAPS, keep_every
 from tvsysid.numerics.interpolation import SINC, between
-from tvsysid.signals import Array, Ensemble, Recording, checked_rate
-
-TAPS = 31
+from tvsysid.signals import Array, Ensemble, Recording
 
 
 class Signals(TypedDict):
@@ -24,12 +22,18 @@ class Signals(TypedDict):
     angle: Array
     torque: Array
     channels: dict[str, Array]
+    recorded_angle: Array | None
 
 
 def every_signal(signals: Recording | Ensemble, change: Callable[[Array], Array]) -> Signals:
-    """Angle, torque and channels, each changed alike."""
-    channels = {name: change(values) for name, values in signals.channels.items()}
-    return {"angle": change(signals.angle), "torque": change(signals.torque), "channels": channels}
+    """Angle, torque and channels, each changed alike; what was recorded of the angle has one axis more."""
+    recorded = signals.recorded_angle
+    return {
+        "angle": change(signals.angle),
+        "torque": change(signals.torque),
+        "channels": {name: change(values) for name, values in signals.channels.items()},
+        "recorded_angle": None if recorded is None else change(recorded),
+    }
 
 
 def check_seconds(step: str, *, positive: bool = False, **durations: float) -> None:
@@ -45,7 +49,8 @@ def decimate(recording: Recording, rate: float) -> Recording:
     r"""Low-pass and keep every r-th sample, r being the ratio of the rates.
 
     The filter is a 31-tap Hamming-window FIR with -6 dB at the new Nyquist frequency; its delay is removed, so that the
-    first sample stays the first. Ends (of each trial) are continued by odd reflection. Angle, torque and channels
+    first sample stays the first. Ends (of each trial) are continued by odd reflection. The angle as it was recorded is
+    kept beside (``recorded_angle``), for methods that rectify its velocity. Angle, torque and channels
     (EMG as well: take its envelope before, if that is what counts) all pass the same filter, which therefore cancels in
     the identification of what does not vary; a sudden change is smeared over :math:`\pm 15` samples of the old rate.
 
@@ -76,30 +81,27 @@ def decimate(recording: Recording, rate: float) -> Recording:
     shortest = min(trial.stop - trial.start for trial in recording.trials)
     if shortest < TAPS:
         raise InputError(f"decimate: a trial of {shortest} samples is shorter than the filter's {TAPS} samples")
-    taps = firwin(TAPS, 1 / factor)
 
     def lower(x: Array) -> Array:
-        return np.concatenate([_filter_and_keep(x[trial], taps, factor) for trial in recording.trials])
+        return np.concatenate([keep_every(x[trial], factor) for trial in recording.trials])
 
     starts = _starts(-(-(trial.stop - trial.start) // factor) for trial in recording.trials)
-    return replace(recording, **every_signal(recording, lower), sampling_rate=rate, trial_starts=starts)
+    recorded = np.concatenate([_recorded(recording, trial, factor) for trial in recording.trials])
+    lowered = every_signal(replace(recording, recorded_angle=None), lower) | {"recorded_angle": recorded}
+    return replace(recording, **lowered, sampling_rate=rate, trial_starts=starts)
+
+
+def _recorded(recording: Recording, trial: slice, factor: int) -> Array:
+    """What was recorded of a trial's angle, by samples of the lower rate; its last sample fills the last of them."""
+    angle = recording.angle[:, None] if recording.recorded_angle is None else recording.recorded_angle
+    missing = -(trial.stop - trial.start) % factor
+    size = angle.shape[1]
+    return np.pad(angle[trial].ravel(), (0, missing * size), "edge").reshape(-1, factor * size)
 
 
 def _starts(lengths: Iterable[int]) -> tuple[int, ...]:
     """First samples of trials of so many samples."""
     return (0, *np.cumsum(list(lengths)).tolist()[:-1])
-
-
-def _filter_and_keep(x: Array, taps: Array, factor: int) -> Array:
-    """Every factor-th sample of the zero-delay convolution of x with symmetric taps."""
-    half = len(taps) // 2
-    skip = -(-2 * half // factor)  # outputs that lie before the first sample
-    before = skip * factor - half  # so that the outputs fall on the samples 0, factor, 2 factor, ...
-    head = 2 * x[0] - x[half:0:-1]
-    tail = 2 * x[-1] - x[-2 : -2 - half : -1]
-    extended = np.concatenate([np.zeros(before - half), head, x, tail])
-    kept = -(-len(x) // factor)
-    return np.asarray(upfirdn(taps, extended, down=factor)[skip : skip + kept])
 
 
 def align_channels(recording: Recording, delay: float) -> Recording:
@@ -231,7 +233,7 @@ def segment(recording: Recording, period: float, context: float = 0.5) -> Ensemb
     within = index - np.array(recording.trial_starts)[trial_of]
 
     def cut(x: Array) -> Array:
-        return np.asarray(sliding_window_view(x, samples + 2 * margin)[index - margin])
+        return x[(index - margin)[:, None] + np.arange(samples + 2 * margin)]
 
     return Ensemble(
         **every_signal(recording, cut),
@@ -258,7 +260,8 @@ def _whole_samples(period: float, rate: float) -> int:
 def subtract_mean(ensemble: Ensemble, channels: Iterable[str] = ()) -> Ensemble:
     """Subtract from angle and torque, at each time, their mean over realizations, and set ``mean_subtracted``.
 
-    What all realizations share (the voluntary torque, an imposed movement) is no answer to the perturbation.
+    What all realizations share (the voluntary torque, an imposed movement) is no answer to the perturbation. The angle
+    with its mean stays as ``recorded_angle``.
 
     Parameters
     ----------
@@ -283,4 +286,6 @@ def subtract_mean(ensemble: Ensemble, channels: Iterable[str] = ()) -> Ensemble:
                 "the perturbation must differ from realization to realization"
             )
     pair = {name: deviations.pop(name) for name in ("angle", "torque")}
-    return replace(ensemble, **pair, channels={**ensemble.channels, **deviations}, mean_subtracted=True)
+    recorded = ensemble.angle[..., None] if ensemble.recorded_angle is None else ensemble.recorded_angle
+    channels_left = {**ensemble.channels, **deviations}
+    return replace(ensemble, **pair, channels=channels_left, recorded_angle=recorded, mean_subtracted=True)

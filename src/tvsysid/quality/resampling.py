@@ -49,10 +49,15 @@ def lowered(ensemble: Ensemble) -> Ensemble:
         return ensemble
     # Every realization is filtered by itself, as a trial is.
     starts = tuple(range(0, ensemble.angle.size, samples + 2 * context))
-    low = decimate(Recording(ensemble.angle.ravel(), ensemble.torque.ravel(), rate, trial_starts=starts), rate / factor)
-    angle, torque = (values.reshape(len(ensemble), -1) for values in (low.angle, low.torque))
-    context //= factor
-    return replace(ensemble, angle=angle, torque=torque, sampling_rate=rate / factor, context=context, channels={})
+    recorded = None if ensemble.recorded_angle is None else np.concatenate(ensemble.recorded_angle)
+    whole = Recording(
+        ensemble.angle.ravel(), ensemble.torque.ravel(), rate, trial_starts=starts, recorded_angle=recorded
+    )
+    low = decimate(whole, rate / factor)
+    changes = {name: getattr(low, name).reshape(len(ensemble), -1) for name in ("angle", "torque")}
+    assert low.recorded_angle is not None
+    changes["recorded_angle"] = low.recorded_angle.reshape(*changes["angle"].shape, -1)
+    return replace(ensemble, **changes, sampling_rate=rate / factor, context=context // factor, channels={})
 
 
 def _resampled(ensemble: Ensemble) -> Ensemble | None:
@@ -75,4 +80,5 @@ def _resampled(ensemble: Ensemble) -> Ensemble | None:
         return np.asarray(make_interp_spline(np.arange(values.shape[1]), smooth, axis=1)(places))
 
     angle, torque = lower(ensemble.angle), lower(ensemble.torque)
-    return replace(ensemble, angle=angle, torque=torque, sampling_rate=rate / step, context=margin, channels={})
+    low = replace(ensemble, angle=angle, torque=torque, context=margin, channels={}, recorded_angle=None)
+    return replace(low, sampling_rate=rate / step)

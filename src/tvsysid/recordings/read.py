@@ -11,12 +11,13 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from tvsysid.checked import checked_array
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.recordings.channel import Channel
 from tvsysid.recordings.limits import check_fits
 from tvsysid.recordings.plausible import contradictions, implausible, unlike_trials
 from tvsysid.recordings.process import describe_file
-from tvsysid.signals import Array, Recording, checked_array
+from tvsysid.signals import Array, Recording
 
 Columns = Literal["contiguous", "trials"]
 
@@ -257,6 +258,7 @@ def join_trials(recordings: Sequence[Recording]) -> Recording:
                     f"join_trials: recording {number} and the first differ in {what}: {two} "
                     f"instead of {one}; read them alike, or decimate to one rate before"
                 )
+    recorded = [item.recorded_angle for item in recordings if item.recorded_angle is not None]
     befores = np.cumsum([0, *(len(item) for item in recordings[:-1])])
     return Recording(
         angle=np.concatenate([item.angle for item in recordings]),
@@ -268,6 +270,7 @@ def join_trials(recordings: Sequence[Recording]) -> Recording:
             int(before) + begin for before, item in zip(befores, recordings, strict=True) for begin in item.trial_starts
         ),
         origin=first.origin,
+        recorded_angle=None if any(item.recorded_angle is None for item in recordings) else np.concatenate(recorded),
     )
 
 

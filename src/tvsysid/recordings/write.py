@@ -148,6 +148,7 @@ def load_recording(path: str | Path) -> Recording:
             tuple(np.ravel(found["trial_starts"]).astype(np.int64).tolist()),
             float(found.get("origin", 0.0)),
             float(found.get("delay_removed", 0.0)),
+            _recorded(found, (-1,)),
         )
 
 
@@ -178,6 +179,7 @@ def load_ensemble(path: str | Path) -> Ensemble:
             mean_subtracted=bool(found["mean_subtracted"]),
             origin=float(found.get("origin", 0.0)),
             delay_removed=float(found.get("delay_removed", 0.0)),
+            recorded_angle=_recorded(found, found["angle"].shape),
         )
 
 
@@ -196,6 +198,8 @@ def _write(
     labels = {"tvsysid": type(signals).__name__.lower(), "channels": json.dumps(variables)}
     arrays = {"angle": signals.angle, "torque": signals.torque}
     arrays |= {variable: signals.channels[name] for name, variable in variables.items()}
+    if signals.recorded_angle is not None:
+        arrays["recorded_angle"] = signals.recorded_angle
     with whole_file(file) as temporary:
         if file.suffix.lower() == ".mat":
             try:
@@ -205,7 +209,8 @@ def _write(
         else:
             import xarray as xr  # noqa: PLC0415  # heavy
 
-            content: dict[str, Any] = {name: (dims, values) for name, values in arrays.items()}
+            axes = (*dims, "sample")
+            content: dict[str, Any] = {name: (axes[: values.ndim], values) for name, values in arrays.items()}
             content |= {name: (vector_dim, values) for name, values in vectors.items()}
             dataset = xr.Dataset(content, attrs={**about, **labels})
             for name, unit in UNITS.items():
@@ -226,6 +231,12 @@ def _loaded(path: str | Path, kind: str) -> Iterator[tuple[dict[str, Any], dict[
         raise InputError(f"{file}: {error}") from error
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise InputError(f"{file}: not as write_{kind} wrote it ({error!r}); copy it again") from error
+
+
+def _recorded(found: Mapping[str, Any], shape: tuple[int, ...]) -> NDArray[np.float64] | None:
+    """Angle at the recorded rate; MATLAB drops a last axis of one sample."""
+    values = found.get("recorded_angle")
+    return None if values is None else np.reshape(values, (*shape, values.size // found["angle"].size))
 
 
 def _checked(path: str | Path, *endings: str) -> Path:

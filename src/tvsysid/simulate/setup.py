@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, lfilter
 
+from tvsysid.checked import checked_rate
 from tvsysid.errors import InputError
-from tvsysid.signals import Array, Recording, checked_rate
+from tvsysid.signals import Array, Recording
 from tvsysid.simulate.perturbations import Perturbation
 from tvsysid.simulate.settings import positive
 from tvsysid.simulate.simulation import Seed, Simulation

@@ -10,8 +10,9 @@ from typing import Protocol
 
 import numpy as np
 
+from tvsysid.checked import Frozen, checked_array
 from tvsysid.errors import InputError
-from tvsysid.signals import Array, Ensemble, Frozen, Recording, checked_array
+from tvsysid.signals import Array, Ensemble, Recording
 from tvsysid.simulate.perturbations import Perturbation
 
 Seed = int | np.random.Generator | np.random.SeedSequence

@@ -122,9 +122,14 @@ def _prepared(experiment: Experiment, recorded: Recorded) -> Prepared:
     pathways = {name: None if torque is None else torque - torque.mean(axis=0) for name, torque in cores.items()}
     wanted = {item.name for method in experiment.named_methods.values() for item in inputs_of(method)}
     needed = [name for name in ensemble.channels if name in wanted]
+    rectified = any(getattr(method, "uses_recorded_angle", False) for method in experiment.named_methods.values())
     return Prepared(
         recorded=recorded,
-        ensemble=replace(ensemble, channels={name: ensemble.channels[name] for name in needed}),
+        ensemble=replace(
+            ensemble,
+            channels={name: ensemble.channels[name] for name in needed},
+            recorded_angle=ensemble.recorded_angle if rectified else None,
+        ),
         account=preparation.account,
         target_torque=over_time(experiment.preparation.reference),
         mean_torque=over_time(TORQUE),

@@ -16,7 +16,7 @@ from pydantic import Field, field_validator, model_validator
 
 from tvsysid.errors import InputError, describe_error
 from tvsysid.estimates import IMPEDANCE
-from tvsysid.methods import METHODS, label_of, parse
+from tvsysid.methods import DEFAULT_METHODS, label_of, parse
 from tvsysid.signals import Array, Ensemble
 from tvsysid.simulate import (
     PERTURBATIONS,
@@ -183,7 +183,7 @@ class Study(_Grid, StudySettings):
     period: Annotated[float, _said("a number of seconds", gt=0)] = PERIOD
     methods: Annotated[
         tuple[AnyMethod, ...], Listed, _said("keys of methods, such as 'sds:window=0.2'", min_length=1)
-    ] = tuple(METHODS)
+    ] = DEFAULT_METHODS
     trials: Annotated[Whole, _said("a whole number of one or more", ge=1)] = 20
     seed: Annotated[Whole, _said("a whole number of zero or more", ge=0)] = 0
 

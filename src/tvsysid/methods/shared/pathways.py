@@ -1,0 +1,90 @@
+"""A joint with two pathways: an intrinsic response to the angle, and a reflex that something else drives."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from tvsysid.models import ImpulseResponseModel, Labelled
+from tvsysid.numerics.bands import mean_known
+from tvsysid.numerics.moments import convolve_lags
+from tvsysid.numerics.stretch import recorded_velocity, stretch
+from tvsysid.signals import Array, Ensemble
+
+
+class Drive(Hashable, Protocol):
+    """What a reflex's dynamics are driven by; a small object that can be pickled."""
+
+    def __call__(self, ensemble: Ensemble) -> Array:
+        """Drive of shape (realization, context + time + context), such as the velocity of stretch in rad/s."""
+        ...  # pragma: no cover
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Velocity beyond a ``threshold`` in rad/s, in the ``direction`` of stretch, 1 or -1; of the total angle."""
+
+    threshold: float = 0.0
+    direction: int = 1
+
+    def __call__(self, ensemble: Ensemble) -> Array:
+        """See :func:`tvsysid.numerics.stretch.stretch`."""
+        velocity, ratio = velocity_of(ensemble)
+        return stretch(velocity, ratio, self.threshold, self.direction)
+
+
+def velocity_of(ensemble: Ensemble) -> tuple[Array, int]:
+    """Velocity of the total angle in rad/s at the recorded rate (realization, time * ratio), and ratio of the rates."""
+    recorded = ensemble.angle[..., None] if ensemble.recorded_angle is None else ensemble.recorded_angle
+    return recorded_velocity(recorded, ensemble.sampling_rate), recorded.shape[-1]
+
+
+def history(ensemble: Ensemble, values: Array, samples: int) -> Array:
+    """Values of each realization with so many samples before it: (realization, samples + time), without later context.
+
+    What lies before comes from the realization before where they follow each other, and from the context of the first
+    of them; NaN where nothing was recorded. ``values`` are of shape (realization, context + time + context).
+    """
+    core = ensemble.core
+    out = np.empty((len(ensemble), samples + ensemble.samples))
+    for run in ensemble.runs:
+        head = values[run[0], max(0, core.start - samples) : core.start]
+        missing = np.full(samples - len(head), np.nan)
+        line = np.concatenate([missing, head, values[run, core].ravel()])
+        out[run] = sliding_window_view(line, out.shape[1])[:: ensemble.samples]
+    return out
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class TwoPathwayModel(ImpulseResponseModel):
+    r"""Intrinsic and reflex pathway, side by side.
+
+    .. math:: y(t) = \sum_\tau h(t, \tau)\, \theta(t - \tau)\, \Delta t + \sum_\tau p(t, \tau)\, f(t - \tau)\, \Delta t
+
+    The ``reflex_response`` p, shape (time, lag), is in N·m/rad where the ``drive`` f is a velocity in rad/s; the
+    ``reflex_lags`` in s are evenly spaced, none of them negative. f is a static function of the velocity, or a measured
+    signal. Where the ensemble's mean is subtracted, the reflex's torque loses its mean too.
+    """
+
+    reflex_response: Array
+    reflex_lags: Array
+    drive: Drive
+
+    def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
+        first, late = round(self.reflex_lags[0] * self.sampling_rate), len(self.reflex_lags) - 1
+        past = history(ensemble, self.drive(ensemble), first + late)[:, : late + ensemble.samples]
+        missing = np.isnan(past)
+        reflex = convolve_lags(np.where(missing, 0.0, past), self.reflex_response / self.sampling_rate)
+        reflex[missing[:, : ensemble.samples]] = np.nan  # what is missing lies before all else
+        if ensemble.mean_subtracted:
+            reflex -= mean_known(reflex)
+        return {**super()._pathways(ensemble), "reflex": reflex}
+
+    def _identified(self) -> tuple[Labelled, Labelled]:
+        variables, coordinates = super()._identified()
+        variables["reflex_response"] = (("time", "reflex_lag"), self.reflex_response)
+        return variables, {**coordinates, "reflex_lag": (("reflex_lag",), self.reflex_lags)}

@@ -1,0 +1,54 @@
+"""How fast a muscle is stretched: the velocity, rectified at the rate at which the angle was recorded."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import correlate1d
+
+from tvsysid.numerics import Array
+from tvsysid.numerics.decimation import TAPS, keep_every
+from tvsysid.numerics.differentiation import derivative_weights
+
+FAST = 500.0  # Hz from which on five samples are enough for a derivative
+PARABOLA = np.array([-2.0, -1.0, 0.0, 1.0, 2.0]) / 10  # slope of the parabola through five samples
+HALF_WIDTH = 8  # samples to either side of the derivative at lower rates
+
+
+def recorded_velocity(recorded_angle: Array, sampling_rate: float) -> Array:
+    """Velocity in rad/s at the recorded rate (realization, time * sample) of an angle (realization, time, sample).
+
+    ``sampling_rate`` is that of the axis of time. From 500 Hz on it is the slope of a parabola through five samples,
+    which leaves an encoder's noise out; below, the band-limited derivative of
+    :mod:`tvsysid.numerics.differentiation`. Before its first and after its last sample the angle is taken as constant.
+    """
+    rate = recorded_angle.shape[-1] * sampling_rate
+    angle = recorded_angle.reshape(len(recorded_angle), -1)
+    weights = PARABOLA if rate >= FAST else derivative_weights(HALF_WIDTH)[1][::-1]
+    return np.asarray(correlate1d(angle, weights * rate, axis=-1, mode="nearest"))
+
+
+def stretch(velocity: Array, ratio: int, threshold: float = 0.0, direction: int = 1) -> Array:
+    r"""Velocity beyond a threshold in the direction of stretch, at every so-manieth sample: (realization, time).
+
+    .. math:: f = s \max(s v - c, 0)
+
+    rectified first, at the recorded rate, then decimated as the torque was. The other way round, what is rectified is
+    the ringing of the decimation filter: a pulse's reflex gain comes out a fifth too small.
+
+    Parameters
+    ----------
+    velocity
+        At the recorded rate, in rad/s, shape (realization, time * ratio); see :func:`recorded_velocity`.
+    ratio
+        Of the recorded to the lower rate.
+    threshold, direction
+        c in rad/s, and s, 1 or -1.
+    """
+    return decimated(direction * np.maximum(direction * velocity - threshold, 0.0), ratio)
+
+
+def decimated(values: Array, ratio: int) -> Array:
+    """Values (realization, time * ratio) decimated as the torque is; where too few for the filter, means of groups."""
+    if values.shape[-1] < TAPS:
+        return np.asarray(values.reshape(len(values), -1, ratio).mean(axis=-1))
+    return keep_every(values, ratio)

@@ -1,0 +1,39 @@
+"""A stretch is rectified at the recorded rate, and decimated after."""
+
+import numpy as np
+import pytest
+from scipy.signal import firwin
+
+from tvsysid.numerics.stretch import recorded_velocity, stretch
+
+
+@pytest.mark.parametrize(("rate", "ratio"), [(100.0, 10), (100.0, 1), (200.0, 2)])
+def test_velocity_of_a_sine(rate, ratio):
+    time = np.arange(400 * ratio) / (rate * ratio)
+    angle = np.sin(2 * np.pi * 4 * time).reshape(1, -1, ratio)
+    expected = 2 * np.pi * 4 * np.cos(2 * np.pi * 4 * time)
+    found = recorded_velocity(angle, rate)[0]
+    inner = slice(20 * ratio, -20 * ratio)
+    np.testing.assert_allclose(found[inner], expected[inner], atol=2e-3 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+@pytest.mark.parametrize("threshold", [0.0, 0.7])
+def test_equals_the_plain_computation(random, direction, threshold):
+    velocity = random.normal(size=(3, 500))
+    found = stretch(velocity, 10, threshold, direction)
+    assert found.shape == (3, 50)
+    for row, result in zip(velocity, found, strict=True):
+        beyond = direction * np.maximum(direction * row - threshold, 0.0)
+        expected = np.convolve(beyond, firwin(31, 0.1), mode="valid")[5::10]
+        np.testing.assert_allclose(result[2 : 2 + len(expected)], expected, atol=1e-12)
+
+
+def test_both_directions_add_up_to_the_velocity(random):
+    velocity = random.normal(size=(2, 400))
+    both = stretch(velocity, 10) + stretch(velocity, 10, direction=-1)
+    np.testing.assert_allclose(both, stretch(velocity + 100, 10) - 100, atol=1e-9)
+
+
+def test_few_samples_are_averaged():
+    np.testing.assert_allclose(stretch(np.array([[1.0, 3.0, -5.0, -1.0]]), 2), [[2.0, 0.0]])

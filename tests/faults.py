@@ -149,6 +149,7 @@ def shifted(recording, period=2.0, share=0.2, seconds=0.3):
             angle=np.take_along_axis(ensemble.angle, index, 1),
             torque=np.take_along_axis(ensemble.torque, index, 1),
             context=50,
+            recorded_angle=ensemble.recorded_angle[np.arange(len(index))[:, None], index],
         )
     )
 

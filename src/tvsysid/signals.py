@@ -60,7 +60,9 @@ class _Signals(Frozen):
             recorded = checked_array("recorded_angle", self.recorded_angle, (*axes, "sample"))
             if recorded.shape[:-1] != self.angle.shape:
                 expected = f"({', '.join(map(str, self.angle.shape))}, samples recorded for each of the angle's)"
-                raise InputError(f"recorded_angle: expected the shape {expected}, got {recorded.shape}")
+                raise InputError(
+                    f"recorded_angle: expected the shape {expected}, got {recorded.shape}; cut both, or give None"
+                )
             object.__setattr__(self, "recorded_angle", recorded)
 
     def __len__(self) -> int:

@@ -226,7 +226,8 @@ def test_more_context_than_needed_changes_nothing(method):
 @given(torque=st.floats(-25, 25), angle=st.floats(-25, 25))
 def test_units_of_torque_and_angle_scale_the_impedance_and_change_nothing_else(method, torque, angle):
     ensemble, model = enough_for(method), identified(method)
-    scaled = dataclasses.replace(ensemble, torque=ensemble.torque * 10**torque, angle=ensemble.angle * 10**angle)
+    angles = {name: getattr(ensemble, name) * 10**angle for name in ("angle", "recorded_angle")}
+    scaled = dataclasses.replace(ensemble, torque=ensemble.torque * 10**torque, **angles)
     other, factor = method.identify(scaled), 10**torque / 10**angle
     # What rounding does where a prior hardly holds inertia, or iterations end.
     rounding = {METHODS["kbr experiment"]: 1e-6, METHODS["birf irf ridge"]: 1e-7}.get(method, 1e-9)

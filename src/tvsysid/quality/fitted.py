@@ -332,7 +332,15 @@ class FittedEnsemble:
         cut = abs(whole)
         if late == 0 or given.context < cut:
             return self
-        angle = given.angle[:, cut : width - cut]
+        left = slice(cut, width - cut)
+        recorded = None if given.recorded_angle is None else given.recorded_angle[:, left]
         torque = between(given.torque, late - whole)[:, cut + whole : width - cut + whole]
-        timely = replace(given, angle=angle, torque=torque, context=given.context - cut, channels={})
+        timely = replace(
+            given,
+            angle=given.angle[:, left],
+            torque=torque,
+            context=given.context - cut,
+            channels={},
+            recorded_angle=recorded,
+        )
         return FittedEnsemble(self.given, timely)

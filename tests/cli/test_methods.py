@@ -6,7 +6,18 @@ import pytest
 def test_methods_are_listed_with_what_they_assume(tvsysid):
     code, out, _ = tvsysid("methods")
     assert code == 0
-    for words in ("eirf", "sds", "birf", "esm", "kbr", "max_lag = 0.12", "same in all realizations", "nearly periodic"):
+    for words in (
+        "eirf",
+        "sds",
+        "birf",
+        "esm",
+        "kbr",
+        "max_lag = 0.12",
+        "same in all realizations",
+        "nearly periodic",
+        "For repeated behaviour",
+        "For two pathways",
+    ):
         assert words in out
 
 

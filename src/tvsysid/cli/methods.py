@@ -7,18 +7,20 @@ from tvsysid.errors import InputError
 
 
 def methods() -> None:
-    """List the methods, their assumptions and their settings."""
+    """List the methods by what they are for, with their assumptions and settings."""
     from tvsysid.methods import clashes, describe, names
 
-    rows: list[tuple[str, ...]] = []
+    groups: dict[str, list[tuple[str, ...]]] = {}
     for key in names():
         try:
-            title, assumptions, settings = describe(key)
+            title, purpose, assumptions, settings = describe(key)
         except InputError as error:
-            rows.append((key, str(error)))
+            groups.setdefault("Cannot be loaded", []).append((key, str(error), "", ""))
             continue
-        rows.append((key, title, "\n".join(f"- {text}" for text in assumptions), "\n".join(settings)))
-    show_table(None, ["key", "method", "assumes", "settings and defaults"], rows, "llll", lines=True)
+        row = (key, title, "\n".join(f"- {text}" for text in assumptions), "\n".join(settings))
+        groups.setdefault(f"For {purpose}", []).append(row)
+    for group, rows in groups.items():
+        show_table(group, ["key", "method", "assumes", "settings and defaults"], rows, "llll", lines=True)
     say(
         "Durations are in s, frequencies in Hz. Settings follow the key: sds:window=0.2,max_lag=0.1\n"
         "kbr also takes preset=simulation (the default) or preset=experiment: the paper's settings for either study.\n"

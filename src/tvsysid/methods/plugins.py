@@ -24,7 +24,7 @@ from pydantic import ConfigDict, PydanticUserError, TypeAdapter, ValidationError
 
 from tvsysid.errors import InputError, describe_error, one_line
 from tvsysid.methods.apply import Identifies
-from tvsysid.methods.base import Method
+from tvsysid.methods.base import Method, inputs_of
 from tvsysid.methods.birf import BasisIRF
 from tvsysid.methods.eirf import EnsembleIRF
 from tvsysid.methods.esm import EnsembleSpectral
@@ -54,9 +54,10 @@ VERBS = {  # what an object of each kind must have, and how it is written
 
 
 class Description(NamedTuple):
-    """What there is to say about a method; settings as ``name = default``."""
+    """What there is to say about a method: what it is for, and settings as ``name = default``."""
 
     title: str
+    purpose: str
     assumptions: tuple[str, ...]
     settings: tuple[str, ...]
 
@@ -240,14 +241,26 @@ def describe(key: str) -> Description:
     stated = getattr(target, "assumptions", ())
     assumptions = stated if isinstance(stated, Iterable) and not isinstance(stated, str) else [stated]
     settings = []
+    made = None
     if isinstance(target, type):
-        made = None
         with suppress(InputError):  # it needs settings that have no default
             made = create(key)
         for name, item in _settings_of(target)[0].items():
             default = getattr(made, name, item.default)
             settings.append(f"{name} (must be given)" if item.default is item.empty else f"{name} = {default!r}")
-    return Description(str(getattr(target, "title", kind.__name__)), tuple(map(str, assumptions)), tuple(settings))
+    purpose = _purpose(target if made is None else made)
+    title = str(getattr(target, "title", kind.__name__))
+    return Description(title, purpose, tuple(map(str, assumptions)), tuple(settings))
+
+
+def _purpose(method: object) -> str:
+    """What a method is for, by the signals that it needs and the pathways that it tells apart."""
+    kinds = {item.kind for item in inputs_of(method)}
+    if "reference" in kinds:
+        return "closed loop"
+    if "scheduling" in kinds:
+        return "behaviour that follows a measured variable"
+    return "two pathways" if len(getattr(method, "pathway_names", ())) > 1 else "repeated behaviour"
 
 
 def _target(key: str, what: str) -> Any:

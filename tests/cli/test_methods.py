@@ -16,7 +16,6 @@ def test_methods_are_listed_with_what_they_assume(tvsysid):
         "same in all realizations",
         "nearly periodic",
         "For repeated behaviour",
-        "For two pathways",
     ):
         assert words in out
 

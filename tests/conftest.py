@@ -134,11 +134,21 @@ def recordings_folder() -> Path:
     return folder
 
 
-@pytest.fixture(scope="session")
-def reference():
-    """Outputs of the methods' authors' own code, and the data they were made from."""
-    file = _shared("oracle") / "ensemble_noise_150s.npz"
+def _reference(name: str) -> dict[str, np.ndarray]:
+    file = _shared("oracle") / name
     if not file.exists():
         pytest.skip(f"reference outputs are not at {file}")
     with np.load(file, allow_pickle=False) as arrays:
         return dict(arrays)
+
+
+@pytest.fixture(scope="session")
+def reference():
+    """Outputs of the methods' authors' own code, and the data they were made from."""
+    return _reference("ensemble_noise_150s.npz")
+
+
+@pytest.fixture(scope="session")
+def parallel_reference():
+    """Outputs of the authors' own code for two pathways, on the tonic ankle records."""
+    return _reference("parallel_cascade_tonic_ankle.npz")

@@ -21,6 +21,7 @@ from .methods import EnsembleIRF as EnsembleIRF
 from .methods import EnsembleSpectral as EnsembleSpectral
 from .methods import Input as Input
 from .methods import KernelRegression as KernelRegression
+from .methods import ParallelCascade as ParallelCascade
 from .methods import ShortDataSegments as ShortDataSegments
 from .models import Model as Model
 from .numerics.bases import ChebyshevPolynomials as ChebyshevPolynomials

@@ -6,6 +6,7 @@ from tvsysid.methods.birf import BasisIRF
 from tvsysid.methods.eirf import EnsembleIRF
 from tvsysid.methods.esm import EnsembleSpectral
 from tvsysid.methods.kbr.kbr import KernelRegression
+from tvsysid.methods.parallel_cascade import ParallelCascade
 from tvsysid.methods.plugins import (
     DEFAULT_METHODS,
     METHODS,
@@ -25,6 +26,16 @@ from tvsysid.methods.tuning.evidence import Evidence, Tuned
 
 __all__ = ["DEFAULT_METHODS", "METHODS", "BasisIRF", "Choice", "EnsembleIRF", "EnsembleSpectral", "Evidence"]
 __all__ += ["Identifies", "Input"]
-__all__ += ["KernelRegression", "Method", "ShortDataSegments", "Tuned", "apply", "clashes", "create", "describe"]
+__all__ += [
+    "KernelRegression",
+    "Method",
+    "ParallelCascade",
+    "ShortDataSegments",
+    "Tuned",
+    "apply",
+    "clashes",
+    "create",
+    "describe",
+]
 __all__ += ["deviating_channels", "from_text", "key_of", "label_of", "load", "names", "parse", "reason_to_skip"]
 __all__ += ["typed"]

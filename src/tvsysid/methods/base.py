@@ -65,6 +65,7 @@ class Method(ABC):
     assumptions: ClassVar[tuple[str, ...]]
     inputs: ClassVar[tuple[Input, ...]] = ()  # signals that it needs beside angle and torque; channels of the ensemble
     contiguous: ClassVar[bool] = False  # whether it needs realizations that follow each other in the record
+    time_invariant: ClassVar[bool] = False  # whether it takes the joint as constant
     uses_recorded_angle: ClassVar[bool] = False  # whether it uses the angle at the rate at which it was recorded
 
     def identify(self, ensemble: Ensemble) -> Model:

@@ -29,12 +29,21 @@ from tvsysid.methods.birf import BasisIRF
 from tvsysid.methods.eirf import EnsembleIRF
 from tvsysid.methods.esm import EnsembleSpectral
 from tvsysid.methods.kbr.kbr import KernelRegression
+from tvsysid.methods.parallel_cascade import ParallelCascade
 from tvsysid.methods.sds import ShortDataSegments
 from tvsysid.methods.tuning.evidence import Tuned
 from tvsysid.numerics.bases import BASES, Basis, basis_from_text
 
 METHODS: dict[str, type[Method]] = {
-    method.key: method for method in (EnsembleIRF, ShortDataSegments, BasisIRF, EnsembleSpectral, KernelRegression)
+    method.key: method
+    for method in (
+        EnsembleIRF,
+        ShortDataSegments,
+        BasisIRF,
+        EnsembleSpectral,
+        KernelRegression,
+        ParallelCascade,
+    )
 }
 
 DEFAULT_METHODS = (

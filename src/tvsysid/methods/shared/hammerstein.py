@@ -1,0 +1,142 @@
+"""A reflex as a static function of the velocity and a response to it: what the cascades share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tvsysid.estimates import UNITS, Estimate, StandardError, no_errors
+from tvsysid.methods.base import padded
+from tvsysid.methods.shared.correlations import impulse_response_model
+from tvsysid.methods.shared.pathways import Drive, Stretch, TwoPathwayModel, history, velocity_of
+from tvsysid.models import Diagnostics
+from tvsysid.numerics.bands import mean_known
+from tvsysid.numerics.bases import chebyshev_of
+from tvsysid.numerics.hammerstein import Rows
+from tvsysid.numerics.stretch import decimated
+from tvsysid.signals import Array, Ensemble
+
+
+@dataclass(frozen=True)
+class VelocityPolynomial:
+    """Polynomial of the velocity of the total angle, 0 where that is; ``coefficients`` of Chebyshev's from degree 1 on.
+
+    ``limits`` in rad/s are those that are mapped to -1 and 1; beyond them the polynomial keeps its value.
+    """
+
+    coefficients: tuple[float, ...]
+    limits: tuple[float, float]
+
+    def __call__(self, ensemble: Ensemble) -> Array:
+        """Polynomial at the recorded rate, then decimated as the torque was."""
+        velocity, ratio = velocity_of(ensemble)
+        return decimated(self.value(velocity), ratio)
+
+    def value(self, velocity: Array) -> Array:
+        """At a velocity in rad/s, of any shape."""
+        return np.asarray(degrees_of(velocity, self.limits, len(self.coefficients)) @ np.array(self.coefficients))
+
+
+def degrees_of(velocity: Array, limits: tuple[float, float], degree: int) -> Array:
+    """Chebyshev polynomials of degree 1 to the highest, less what they are at rest: (..., degree)."""
+    still = chebyshev_of(np.zeros(1), limits, degree + 1)[0]
+    return np.asarray((chebyshev_of(velocity, limits, degree + 1) - still)[..., 1:])
+
+
+def polynomial_drives(ensemble: Ensemble, degree: int) -> tuple[Array, tuple[float, float]]:
+    """Polynomials (degree, realization, context + time + context) of the velocity, decimated, and its limits."""
+    velocity, ratio = velocity_of(ensemble)
+    limits = float(velocity.min()), float(velocity.max())
+    values = np.stack([decimated(each, ratio) for each in np.moveaxis(degrees_of(velocity, limits, degree), -1, 0)])
+    return values, limits
+
+
+def stretches(ensemble: Ensemble) -> Array:
+    """Velocity rectified in one and in the other direction: (2, realization, context + time + context)."""
+    return np.stack([Stretch(direction=direction)(ensemble) for direction in (1, -1)])
+
+
+def slope_of_stretch(drive: Array, rectified: Array) -> tuple[float, int]:
+    """Mean slope of a static function of the velocity in the direction in which it is steeper, and this direction.
+
+    Of the least-squares fit to the ``drive`` with an offset and a slope for either of the :func:`stretches`, (2, ...):
+    a polynomial rounds the corner of a rectifier.
+    """
+    columns = np.column_stack([*rectified.reshape(2, -1), np.ones(drive.size)])
+    slopes = np.linalg.lstsq(columns, drive.ravel(), rcond=None)[0][:2]
+    steeper = int(np.argmax(np.abs(slopes)))
+    return float(slopes[steeper]), (1, -1)[steeper]
+
+
+def past_of(ensemble: Ensemble, drives: Array, before: int) -> Array:
+    """Drives (signal, realization, before + time), their mean over realizations subtracted where the ensemble's is."""
+    past = np.stack([history(ensemble, each, before) for each in drives])
+    return np.stack([each - mean_known(each) for each in past]) if ensemble.mean_subtracted else past
+
+
+def rows_with_history(ensemble: Ensemble, drives: Array, lags: int, before: int) -> list[Rows]:
+    """Signals (1 + signal, realization, before + time) and torque, wherever they are recorded with what they need.
+
+    The first signal is the angle so many samples ``lags`` ahead, of which no more than 2 lags samples before are there.
+    Realizations are together that have their past from the same time on.
+    """
+    past = past_of(ensemble, drives, before)
+    missing: NDArray[np.int64] = np.isnan(past[0]).sum(axis=1)  # what is missing lies before all else
+    short = max(0, lags - ensemble.context)
+    last, found = ensemble.samples - short, []
+    for first in np.unique(np.maximum(missing, short)):
+        if first >= last:
+            continue
+        who = np.flatnonzero(np.maximum(missing, short) == first)
+        columns = ensemble.context + lags + np.arange(first - before, last)
+        angle = np.where(columns >= 0, ensemble.angle[np.ix_(who, np.maximum(columns, 0))], 0.0)
+        signals = np.concatenate([angle[None], past[:, who, first : before + last]])
+        found.append((signals, ensemble.torque[who, ensemble.context + first : ensemble.context + last]))
+    return found
+
+
+def cascade_model(
+    method: str,
+    ensemble: Ensemble,
+    intrinsic: Array,
+    impedance: Array,
+    reflex: Array,
+    drive: Drive,
+    diagnostics: Diagnostics,
+    no_band: str,
+) -> TwoPathwayModel:
+    """Model from weights (time, lag) of both pathways, whose gain is the area under the reflex's response.
+
+    Those of the intrinsic pathway and the ``impedance`` (time, 3) are at the times whose lags lie within the context,
+    those of the reflex at all, or at as many about the middle. ``no_band`` says why there is none.
+    """
+    rate = ensemble.sampling_rate
+    errors = no_errors(ensemble.samples, no_band)
+    plain = impulse_response_model(method, ensemble, intrinsic, impedance, diagnostics, errors)
+    weights = padded(reflex, (ensemble.samples - len(reflex)) // 2)
+    none = StandardError.none(ensemble.samples, no_band)
+    gain = Estimate(weights.sum(axis=1), UNITS["reflex_gain"], error=none)
+    given = {item.name: getattr(plain, item.name) for item in fields(plain)}
+    given["estimates"] = {**plain.estimates, "reflex_gain": gain}
+    lags = np.arange(reflex.shape[1]) / rate
+    return _with_shares(
+        TwoPathwayModel(**given, reflex_response=weights * rate, reflex_lags=lags, drive=drive), ensemble
+    )
+
+
+def _with_shares(model: TwoPathwayModel, ensemble: Ensemble) -> TwoPathwayModel:
+    """Model whose diagnostics say how much of the torque in per cent it and its pathways explain."""
+    torque = ensemble.torque[:, ensemble.core]
+    parts = model.pathways(ensemble)
+    whole = np.asarray(sum(parts.values()))
+    known = np.isfinite(whole)
+    power = float(np.sum(torque[known] ** 2))
+
+    def share(part: Array) -> float:
+        return 100 * (1 - float(np.sum((torque - part)[known] ** 2)) / power)
+
+    shares = {"vaf": share(whole), "vaf_intrinsic": share(parts["intrinsic"]), "vaf_reflex": share(parts["reflex"])}
+    details = {**model.diagnostics.details, **shares}
+    return replace(model, diagnostics=replace(model.diagnostics, details=details))

@@ -6,6 +6,7 @@ From sums of products of lagged signals, so that taking turns between the pathwa
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import reduce
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -34,6 +35,12 @@ class LaggedProducts(NamedTuple):
     cross: Array
     square: float
     samples: int
+
+    def plus(self, other: LaggedProducts) -> LaggedProducts:
+        """Sums over the samples of both."""
+        return LaggedProducts(
+            self.gram + other.gram, self.cross + other.cross, self.square + other.square, self.samples + other.samples
+        )
 
     def of(self, coefficients: Array) -> tuple[Array, Array]:
         """Products ``gram`` and ``cross`` of the lags of a sum of signals with these coefficients."""
@@ -172,7 +179,7 @@ def parallel_cascade(rows: Sequence[Rows], lags: int, start: Array, nonlinearity
     either side. The other signals are those of which the static function of the other pathway is a sum; the search for
     their coefficients begins with ``start``, and a ``"rectifier"`` is one signal and needs none.
     """
-    products = LaggedProducts(*map(sum, zip(*(lagged_products(*each) for each in rows), strict=True)))
+    products = reduce(LaggedProducts.plus, (lagged_products(*each) for each in rows))
     near = slice(2 * lags + 1)
     gram, cross, link = products.gram[0, near, 0, near], products.cross[0, near], products.gram[0, near, 1:]
     reflex = products._replace(gram=products.gram[1:, :, 1:], cross=products.cross[1:])

@@ -1,5 +1,6 @@
 """What tests share: simulated ensembles, and where the real recordings are."""
 
+import gc
 import multiprocessing
 import os
 import signal
@@ -24,6 +25,13 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=25)
 settings.load_profile("repeatable")
+
+
+def pytest_collection_finish():
+    """What is loaded by now stays: to look for garbage among it, again and again, takes a tenth of the tests' time."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(10_000)
 
 
 @cache

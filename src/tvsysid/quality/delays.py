@@ -106,7 +106,7 @@ def clock_skew(data: FittedEnsemble) -> Seen:
     (first_shift, first), (second_shift, second) = map(_best_shift, data.halves)
     # What each half leaves with the other's shift, against what it leaves with its own.
     trades = zip(data.halves, (second_shift, first_shift), (first, second), strict=True)
-    worse = [_shifted(half, others).squares - own.squares for half, others, own in trades]
+    worse = [half.regressors.fit(_later(half, others)).squares - own.squares for half, others, own in trades]
     skew = 1000 * second_shift / data.rate - 1000 * first_shift / data.rate
     what = f"the torque is {skew:.3g} ms late in the second half of the experiment against the first"
     return Seen(skew, what, p_value_of(np.concatenate(worse)) < SIGNIFICANT)
@@ -120,24 +120,24 @@ def _reach(data: FittedEnsemble) -> int:
     return reach
 
 
-def _shifted(data: FittedEnsemble, samples: float) -> SecondOrder:
-    """Fit again with the torque taken so many samples later."""
+def _later(data: FittedEnsemble, samples: float) -> Array:
+    """Torque taken so many samples later, where it was fitted."""
     fit, whole = data.fit, round(samples)
     torque = between(data.torque, samples - whole)
     late = np.clip(np.arange(fit.first, fit.first + fit.torque.shape[1]) + whole, 0, torque.shape[1] - 1)
-    return fit_motion(fit.motion, torque[:, late], data.rate, fit.first)
+    return torque[:, late]
 
 
 def _best_shift(data: FittedEnsemble) -> tuple[float, SecondOrder]:
     """Shift of the torque in samples that leaves least of it, and the fit with it."""
-    reach = _reach(data)
+    reach, regressors = _reach(data), data.regressors
 
-    def best_of(shifts: Array) -> tuple[float, SecondOrder]:
-        fits = ((float(shift), _shifted(data, float(shift))) for shift in shifts)
-        return min(fits, key=lambda shift_and_fit: shift_and_fit[1].left)
+    def best_of(shifts: Array) -> float:
+        return float(min(shifts, key=lambda shift: regressors.left(_later(data, float(shift)))))
 
-    best, _ = best_of(np.arange(-reach, reach + 1).astype(np.float64))
-    best, fit = best_of(np.clip(best + FINER, -reach, reach))
+    best = best_of(np.arange(-reach, reach + 1).astype(np.float64))
+    best = best_of(np.clip(best + FINER, -reach, reach))
+    fit = regressors.fit(_later(data, best))
     if 1 - fit.left < ANSWERED:
         raise NotJudged(NO_ANSWER)
     return best, fit

@@ -112,30 +112,58 @@ def fit_second_order(angle: Array, torque: Array, sampling_rate: float, context:
     return fit_motion(motion, torque[:, region], sampling_rate, region.start)
 
 
-def fit_motion(motion: Array, torque: Array, sampling_rate: float, first: int) -> SecondOrder:
-    """Fit to angle, velocity and acceleration, shape (3, realization, time), and torque.
+class Regressors:
+    """Angle, velocity and acceleration, shape (3, realization, time), to be fitted to any number of torques.
 
     Stiffness and viscosity are free in each bin of time and the inertia is common to all, which is a partitioned
     least-squares problem: what stiffness and viscosity explain of torque and acceleration is taken from both first.
     """
-    bins = time_bins(torque.shape[1], len(torque), sampling_rate)
-    edges = np.flatnonzero(np.diff(bins, prepend=-1))
-    signals = [*motion, torque]
 
-    def moment(a: int, b: int) -> Array:
-        return np.add.reduceat(np.einsum("rt,rt->t", signals[a], signals[b]), edges)
+    def __init__(self, motion: Array, sampling_rate: float, first: int) -> None:
+        self._motion, self._rate, self._first = motion, sampling_rate, first
+        self._bins = time_bins(motion.shape[2], motion.shape[1], sampling_rate)
+        self._edges = np.flatnonzero(np.diff(self._bins, prepend=-1))
+        gram = np.array([[self._moment(a, b) for b in motion[:2]] for a in motion[:2]]).transpose(2, 0, 1)
+        ridge = 1e-12 * np.trace(gram, axis1=1, axis2=2).mean() + np.finfo(float).tiny
+        self._gram = gram + ridge * np.eye(2)
+        self._with_acceleration = self._with(motion[2])
+        self._by_motion = self._solve(self._with_acceleration)
+        squares = np.sum(self._moment(motion[2], motion[2]))
+        self._left = float(squares - np.sum(self._with_acceleration * self._by_motion))
 
-    gram = np.array([[moment(a, b) for b in range(2)] for a in range(2)]).transpose(2, 0, 1)
-    ridge = 1e-12 * np.trace(gram, axis1=1, axis2=2).mean() + np.finfo(float).tiny
-    gram = gram + ridge * np.eye(2)
-    with_acceleration = np.stack([moment(0, 2), moment(1, 2)], axis=1)
-    with_torque = np.stack([moment(0, 3), moment(1, 3)], axis=1)
-    by_motion = np.linalg.solve(gram, with_acceleration[..., None])[..., 0]
-    by_torque = np.linalg.solve(gram, with_torque[..., None])[..., 0]
-    left = float(np.sum(moment(2, 2)) - np.sum(with_acceleration * by_motion))
-    inertia = float(np.sum(moment(2, 3)) - np.sum(with_acceleration * by_torque)) / left if left > 0 else 0.0
-    stiffness, viscosity = (by_torque - inertia * by_motion).T
-    return SecondOrder(motion, torque, sampling_rate, first, bins, stiffness, viscosity, inertia)
+    def _moment(self, a: Array, b: Array) -> Array:
+        return np.asarray(np.add.reduceat(np.einsum("rt,rt->t", a, b), self._edges))
+
+    def _with(self, signal: Array) -> Array:
+        """Moments of angle and velocity with a signal, shape (bin, 2)."""
+        return np.stack([self._moment(self._motion[0], signal), self._moment(self._motion[1], signal)], axis=1)
+
+    def _solve(self, moments: Array) -> Array:
+        return np.asarray(np.linalg.solve(self._gram, moments[..., None])[..., 0])
+
+    def _inertia(self, torque: Array, by_torque: Array) -> tuple[float, float]:
+        """Inertia, and what it has in common with the torque where stiffness and viscosity leave both."""
+        common = np.sum(self._moment(self._motion[2], torque)) - np.sum(self._with_acceleration * by_torque)
+        return float(common) / self._left if self._left > 0 else 0.0, float(common)
+
+    def fit(self, torque: Array) -> SecondOrder:
+        """Fit to a torque, shape (realization, time)."""
+        by_torque = self._solve(self._with(torque))
+        inertia, _ = self._inertia(torque, by_torque)
+        stiffness, viscosity = (by_torque - inertia * self._by_motion).T
+        return SecondOrder(self._motion, torque, self._rate, self._first, self._bins, stiffness, viscosity, inertia)
+
+    def left(self, torque: Array) -> float:
+        """Share of the torque's variance that a fit to it leaves, in a third of the time of the fit's own."""
+        total, moments = float(np.sum(torque**2)), self._with(torque)
+        by_torque = self._solve(moments)
+        inertia, common = self._inertia(torque, by_torque)
+        return 1 - float(np.sum(moments * by_torque) + inertia * common) / total if total > 0 else 1.0
+
+
+def fit_motion(motion: Array, torque: Array, sampling_rate: float, first: int) -> SecondOrder:
+    """Fit to angle, velocity and acceleration, shape (3, realization, time), and torque."""
+    return Regressors(motion, sampling_rate, first).fit(torque)
 
 
 def _constant_impedance(motion: Array, torque: Array) -> tuple[Array, Array]:
@@ -198,6 +226,11 @@ class FittedEnsemble:
     def fit(self) -> SecondOrder:
         """Second-order model with stiffness and viscosity free in each bin."""
         return fit_second_order(self.angle, self.torque, self.rate, self.ensemble.context)
+
+    @cached_property
+    def regressors(self) -> Regressors:
+        """Those of the fit, for fits to other torques."""
+        return Regressors(self.fit.motion, self.rate, self.fit.first)
 
     @property
     def explained(self) -> float:

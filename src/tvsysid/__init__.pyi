@@ -20,6 +20,7 @@ from .methods import BasisIRF as BasisIRF
 from .methods import EnsembleIRF as EnsembleIRF
 from .methods import EnsembleSpectral as EnsembleSpectral
 from .methods import Input as Input
+from .methods import JointCascade as JointCascade
 from .methods import KernelRegression as KernelRegression
 from .methods import ParallelCascade as ParallelCascade
 from .methods import ShortDataSegments as ShortDataSegments

@@ -3,6 +3,7 @@
 from tvsysid.methods.apply import Identifies, apply, deviating_channels
 from tvsysid.methods.base import Choice, Input, Method, reason_to_skip
 from tvsysid.methods.birf import BasisIRF
+from tvsysid.methods.cascade.cascade import JointCascade
 from tvsysid.methods.eirf import EnsembleIRF
 from tvsysid.methods.esm import EnsembleSpectral
 from tvsysid.methods.kbr.kbr import KernelRegression
@@ -27,6 +28,7 @@ from tvsysid.methods.tuning.evidence import Evidence, Tuned
 __all__ = ["DEFAULT_METHODS", "METHODS", "BasisIRF", "Choice", "EnsembleIRF", "EnsembleSpectral", "Evidence"]
 __all__ += ["Identifies", "Input"]
 __all__ += [
+    "JointCascade",
     "KernelRegression",
     "Method",
     "ParallelCascade",

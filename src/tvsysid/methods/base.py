@@ -66,6 +66,7 @@ class Method(ABC):
     inputs: ClassVar[tuple[Input, ...]] = ()  # signals that it needs beside angle and torque; channels of the ensemble
     contiguous: ClassVar[bool] = False  # whether it needs realizations that follow each other in the record
     time_invariant: ClassVar[bool] = False  # whether it takes the joint as constant
+    takes_deviations: ClassVar[bool] = False  # whether it subtracts the mean over realizations by itself
     uses_recorded_angle: ClassVar[bool] = False  # whether it uses the angle at the rate at which it was recorded
 
     def identify(self, ensemble: Ensemble) -> Model:
@@ -87,7 +88,11 @@ class Method(ABC):
         _check_ensemble(self, "identify", ensemble)
         started = perf_counter()
         model = self._identify(ensemble)
-        texts = (*self._own_warnings(ensemble), *_common_warnings(ensemble, model, *self._needed_band(ensemble)))
+        texts = (
+            *model.diagnostics.warnings,
+            *self._own_warnings(ensemble),
+            *_common_warnings(ensemble, model, *self._needed_band(ensemble), self.takes_deviations),
+        )
         details = {**model.diagnostics.details, **aligned(ensemble)}
         diagnostics = replace(model.diagnostics, warnings=texts, seconds=perf_counter() - started, details=details)
         for text in texts:
@@ -235,7 +240,9 @@ CERTAIN = 2.0  # standard errors by which it must lie lower
 EXCITED_ABOVE = 1.0  # Hz above which viscosity and inertia show beside a joint's stiffness at all
 
 
-def _common_warnings(ensemble: Ensemble, model: Model, low: float, high: float) -> Iterator[str]:
+def _common_warnings(
+    ensemble: Ensemble, model: Model, low: float, high: float, takes_deviations: bool
+) -> Iterator[str]:
     known = model.stiffness[np.isfinite(model.stiffness)]
     if len(known) and np.mean(known < 0) > MOSTLY_NEGATIVE:
         yield (
@@ -255,7 +262,7 @@ def _common_warnings(ensemble: Ensemble, model: Model, low: float, high: float) 
             "the joint is not of second order, so viscosity and inertia mean nothing; see model.impulse_response"
         )
     left = mean_left(ensemble.torque[:, ensemble.core])
-    if left.found:
+    if left.found and not takes_deviations:
         yield (
             f"the torque has a mean over realizations of {left.size:.2g} N·m RMS, more than chance would leave: it is "
             "no answer to the perturbation and biases the stiffness; use tvsysid.preprocess.subtract_mean first"

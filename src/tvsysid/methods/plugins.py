@@ -26,6 +26,7 @@ from tvsysid.errors import InputError, describe_error, one_line
 from tvsysid.methods.apply import Identifies
 from tvsysid.methods.base import Method, inputs_of
 from tvsysid.methods.birf import BasisIRF
+from tvsysid.methods.cascade.cascade import JointCascade
 from tvsysid.methods.eirf import EnsembleIRF
 from tvsysid.methods.esm import EnsembleSpectral
 from tvsysid.methods.kbr.kbr import KernelRegression
@@ -42,6 +43,7 @@ METHODS: dict[str, type[Method]] = {
         BasisIRF,
         EnsembleSpectral,
         KernelRegression,
+        JointCascade,
         ParallelCascade,
     )
 }

@@ -16,16 +16,16 @@ BAND = 0.8  # share of the Nyquist frequency over which the filters are fitted; 
 
 
 @cache
-def derivative_weights(half_width: int = HALF_WIDTH) -> Array:
+def derivative_weights(half_width: int = HALF_WIDTH, band: float = BAND) -> Array:
     r"""Weights, shape (3, 2 n + 1), that turn samples into the signal and its derivatives for unit sample time.
 
     .. math:: \frac{d^m u}{dt^m}(i) \approx f_s^m \sum_{j=-n}^{n} d_m(j)\, u(i - j)
 
-    The weights minimise the relative error of the frequency response against :math:`(j\omega)^m` over the band 0 to 0.8
-    of the Nyquist frequency. Differences of neighbouring samples are exact only at low frequency: at 100 Hz they bias
-    the inertia of a joint by 75 %.
+    The weights minimise the relative error of the frequency response against :math:`(j\omega)^m` over the ``band`` from
+    0 to that share of the Nyquist frequency. Differences of neighbouring samples are exact only at low frequency: at
+    100 Hz they bias the inertia of a joint by 75 %.
     """
-    omega = (np.arange(1, 32 * half_width) - 0.5) / (32 * half_width) * BAND * np.pi
+    omega = (np.arange(1, 32 * half_width) - 0.5) / (32 * half_width) * band * np.pi
     lags = np.arange(1, half_width + 1)
     phase = np.outer(omega, lags)
     sine = np.linalg.lstsq(-2 * np.sin(phase) / omega[:, None], np.ones_like(omega), rcond=None)[0]

@@ -1,0 +1,90 @@
+"""How sure the coefficients are: their covariance under noise of any colour, and the standard errors that follow."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import next_fast_len, rfft
+from scipy.linalg import blas
+
+from tvsysid.estimates import StandardError
+from tvsysid.methods.cascade.shape import TERMS, Found, Problem
+from tvsysid.numerics import Array
+from tvsysid.numerics.bands import arc_length
+from tvsysid.numerics.noise import autocovariance
+
+LONGEST = 60  # samples up to which the noise's autocorrelation counts
+CHUNK = 2**22  # regressors' values held at once
+
+
+class Covariance(NamedTuple):
+    """Of the columns' coefficients, and then of the free numbers of the shape; with its degrees of ``freedom``."""
+
+    matrix: Array
+    freedom: float
+
+    def error(self, features: Array, known: NDArray[np.bool_], start: int) -> StandardError:
+        """Standard error of sums of coefficients from ``start`` on, with features (time, coefficient), where known."""
+        stop = start + features.shape[1]
+        covariance = self.matrix[start:stop, start:stop]
+        variance = np.einsum("tj,jk,tk->t", features, covariance, features, optimize=True)
+        values = np.where(known, np.sqrt(np.maximum(variance, 0.0)), np.nan)
+        return StandardError(values, np.array(self.freedom), arc_length(features, covariance))
+
+
+def covariance_of(problem: Problem, found: Found, left: Array) -> Covariance:
+    r"""Sandwich covariance of a solution that ``left`` something of the torque (realization, time).
+
+    .. math:: H^{-1} \left(\Phi^T \Sigma \Phi + \sigma^4 P^{-1}\right) H^{-1}, \qquad
+              H = \Phi^T \Phi + \sigma^2 P^{-1}
+
+    with the derivatives by the shape among the columns, P the prior's covariance, and :math:`\Sigma` the noise's
+    autocovariance within a realization, from what is left, with Bartlett's weights.
+    """
+    columns, slopes = problem.columns(found.shape), problem.slopes(found)
+    further = np.concatenate([columns, slopes])
+    scale = np.concatenate([found.scale, np.ones(len(slopes))])
+    gram = problem.data.moments(further).scaled(scale).gram
+    noise = found.solved.noise_variance
+    shape = np.array([TERMS[name].spread for name in problem.free[: len(slopes)]]) ** 2
+    weight = np.concatenate([1 / found.spread**2, noise / shape])
+    freedom = max(1.0, problem.data.number - found.solved.effective - len(slopes))
+    coloured = _coloured(problem, further, scale, _spectrum(left, freedom))
+    inverse = np.linalg.inv(gram + np.diag(weight))
+    matrix = inverse @ (coloured + noise * np.diag(weight)) @ inverse
+    return Covariance(matrix / np.outer(scale, scale), freedom)
+
+
+def _spectrum(left: Array, freedom: float) -> Array:
+    """Power of the noise at the frequencies of transforms that are long enough for its correlation not to wrap."""
+    times = left.shape[1]
+    lags = min(times - 1, LONGEST)
+    covariance = autocovariance(left, lags) * left.size / freedom
+    covariance *= 1 - np.arange(lags + 1) / (lags + 1)
+    size = 2 * next_fast_len((times + lags + 1) // 2, real=True)  # an even number
+    both = np.zeros(size)
+    both[: lags + 1] = covariance
+    both[size - lags :] = covariance[:0:-1]
+    return np.asarray(np.maximum(rfft(both).real, 0.0))
+
+
+def _coloured(problem: Problem, further: Array, scale: Array, power: Array) -> Array:
+    """Products of all columns with each other, weighted by the noise's autocovariance at their distance."""
+    data, count = problem.data, len(scale)
+    size = 2 * (len(power) - 1)
+    times = data.torque.shape[1]
+    out = np.zeros((count, count), order="F")
+    length = max(1, CHUNK // (count * times))
+    # Frequencies between 0 and Nyquist's stand for their negative ones too.
+    twice = np.full(len(power), 2.0)
+    twice[[0, -1]] = 1.0
+    weights = np.sqrt(power * twice / size)
+    for start in range(0, len(data.torque), length):
+        rows = slice(start, start + length)
+        columns = np.concatenate([data.modulated(rows), further[:, rows]]) / scale[:, None, None]
+        spectra = rfft(columns, size, axis=-1) * weights
+        flat = spectra.view(np.float64).reshape(count, -1)
+        out = blas.dsyrk(1.0, flat.T, beta=1.0, c=out, trans=1, lower=1, overwrite_c=1)
+    return np.asarray(np.tril(out) + np.tril(out, -1).T)

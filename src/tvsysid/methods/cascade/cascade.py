@@ -1,0 +1,216 @@
+"""Intrinsic and reflex pathway of a joint in one fit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tvsysid.errors import InputError
+from tvsysid.methods import base
+from tvsysid.methods.cascade import result
+from tvsysid.methods.cascade.choice import ENOUGH, SETTLED, Candidate, Drives, Search
+from tvsysid.methods.cascade.regressors import Data, lagged_signals
+from tvsysid.methods.shared.pathways import Stretch, TwoPathwayModel, history, velocity_of
+from tvsysid.numerics.bases import FourierSeries
+from tvsysid.numerics.stretch import decimated, stretch
+from tvsysid.quality.reflexes import reflex_test
+from tvsysid.signals import Array, Ensemble
+
+VELOCITY_DELAY, EMG_DELAY = 0.04, 0.01  # s
+EXCITED_BELOW = 5.0  # Hz
+FINE = 500.0  # Hz from which on a rectified velocity is one
+DIRECTIONS = {"positive": 1, "negative": -1}
+
+
+@dataclass(frozen=True)
+class JointCascade(base.Method):
+    r"""Both pathways in one fit: a short intrinsic response to the angle, and a stretch reflex behind a muscle.
+
+    .. math:: y(t) = \sum_{|\tau| \le 40\,ms} h(t, \tau)\, \theta(t - \tau)\, \Delta t + r(t) + e(t)
+
+    .. math:: \ddot r + 2 \zeta \omega\, \dot r + \omega^2\, r = \omega^2\, G(t)\, f(t - d), \qquad
+              f = s \max(s\, \dot\theta - c, 0)
+
+    Stiffness is the sum of h. h is a sum of the angle, its velocity, its acceleration and its differences of higher
+    order; the coefficients of the first two and the gain G are Fourier series of the period, the others constant.
+
+    Parameters
+    ----------
+    period
+        Period of the behaviour in s; None takes the duration of a realization.
+    harmonics
+        Of stiffness, viscosity and reflex gain over a period.
+    constant
+        Whether none of them changes. None decides by what predicts realizations better that were not fitted to.
+    delay
+        d in s; ``"fit"`` estimates it between 35 and 75 ms: below the lags of the intrinsic response the reflex would
+        take over its inertia. None is 40 ms, or 10 ms from EMG to torque.
+    emg
+        Channel that drives the muscle in the velocity's place: the EMG's envelope, say. There is no threshold then.
+    max_lag
+        Lags of the intrinsic response to either side, in s.
+
+    Notes
+    -----
+    Coefficients have Gaussian priors relative to the noise: wide ones for the constants of stiffness, viscosity and
+    inertia, :math:`\gamma h^{-\nu}` for the h-th harmonic, one size for the differences and one for the mean gain.
+    Sizes and decays are those of greatest evidence. The muscle's frequency and damping, the threshold c and a free
+    delay are found by Gauss-Newton steps, with all coefficients solved for in each: a reflex that is fitted to what an
+    intrinsic fit left has lost part of itself. Nothing is prewhitened, which would give weight to misfit at high
+    frequency.
+
+    The velocity is that of the total angle, rectified at the rate at which it was recorded. Torque and regressors are
+    deviations from their mean over realizations. The gain is that of the stretch as it arrives at the muscle.
+    Viscosity and inertia are those of a second-order fit to the intrinsic response from 0.5 to 15 Hz.
+
+    Whether there is a reflex, and in which direction of stretch s, decides a test on realizations that were
+    not fitted to (:func:`tvsysid.quality.reflexes.reflex_test`). Where none is shown, the model is one without, and
+    ``reflex_gain`` says with its band what the data leave room for.
+
+    The bands count the noise's colour, the priors' pull and the uncertain shape. At jumps, which a Fourier series
+    rounds off, the truth lies outside.
+
+    The diagnostics' ``details`` hold the shape with standard errors; ``direction``; ``reflex_shown`` and ``constant``,
+    1 or 0; the share of the torque in per cent that is explained (``vaf``, ``vaf_intrinsic``, ``vaf_reflex``; these two
+    need not add up), and where it was not fitted to (``vaf_held_out``, by thirds of the realizations, in turn); the log
+    evidence without a reflex, with a linear late answer, and with each direction; ``stiffness_fitted``, the mean
+    stiffness of the second-order fit.
+
+    References
+    ----------
+    The two pathways: Kearney, Stein & Parameswaran 1997, IEEE Trans. Biomed. Eng. 44, 493-504. The fit is our own.
+
+    Examples
+    --------
+    >>> import tvsysid as tv
+    >>> tv.methods.create("cascade", delay="fit").delay
+    'fit'
+    """
+
+    period: float | None = None
+    harmonics: tuple[int, int, int] = (25, 25, 10)
+    constant: bool | None = None
+    delay: float | Literal["fit"] | None = None
+    emg: str | None = None
+    max_lag: float = 0.04
+
+    key: ClassVar[str] = "cascade"
+    title: ClassVar[str] = "Joint fit of intrinsic and reflex pathways"
+    assumptions: ClassVar[tuple[str, ...]] = (
+        "The intrinsic response lasts 40 ms to either side, the reflex comes later.",
+        "The reflex answers the velocity of stretch beyond a threshold, through a muscle of second order.",
+        "Behaviour is the same in all realizations, and periodic; without a period, that of a realization.",
+    )
+    quantities: ClassVar[tuple[str, ...]] = ("reflex_gain",)
+    pathway_names: ClassVar[tuple[str, ...]] = ("intrinsic", "reflex")
+    takes_deviations: ClassVar[bool] = True
+    uses_recorded_angle: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        base.check_positive(self, max_lag=self.max_lag)
+        if self.period is not None:
+            base.check_positive(self, period=self.period)
+        if not (len(self.harmonics) == 3 and all(type(h) is int and h >= 0 for h in self.harmonics)):
+            raise InputError(
+                "JointCascade: harmonics must be three whole numbers of 0 or more: of stiffness, viscosity and "
+                f"reflex gain; got {self.harmonics!r}"
+            )
+        if self.constant not in (True, False, None):
+            raise InputError(f"JointCascade: constant must be True, False or None, got {self.constant!r}")
+        if self.delay is not None and self.delay != "fit":
+            base.check_positive(self, delay=self.delay)
+        if self.emg is not None:
+            object.__setattr__(self, "inputs", (base.Input(self.emg, "input", "V"),))
+
+    def _identify(self, ensemble: Ensemble) -> TwoPathwayModel:
+        search = self._search(ensemble)
+        fits = search.fits(self.constant)
+        name, shown = self._shown(ensemble, fits)
+        found = search.refined(name, fits) if shown else search.unshown(name, fits)
+        return result.model(repr(self), search, fits, result.Chosen(name, shown, found, self.emg))
+
+    def _search(self, ensemble: Ensemble) -> Search:
+        rate, lags = ensemble.sampling_rate, base.fitting_lags("JointCascade", self.max_lag, ensemble)
+        period = ensemble.duration if self.period is None else self.period
+        signals, known = lagged_signals(ensemble.angle, ensemble.context, lags, rate)
+        drives = self._drives(ensemble)
+        fitted = known & _settled(ensemble, next(iter(drives.values()))(0.0))
+        if not fitted.any():
+            raise InputError(
+                f"JointCascade: a reflex needs to know {SETTLED:g} s of what went before, realizations have "
+                f"{ensemble.samples / rate:g} s with {ensemble.context / rate:g} s of context; give longer ones"
+            )
+        bases = [FourierSeries(min(h, ensemble.samples // 4))(ensemble.time / period) for h in self.harmonics[:2]]
+        bases += [np.ones((ensemble.samples, 1))] * (len(signals) - 2)
+        data = Data.of(ensemble.torque[:, ensemble.core], signals, tuple(bases), fitted)
+        shape = () if self.emg else ("threshold",)
+        free = {
+            name: ("frequency", "damping", *shape * (name in DIRECTIONS), *("delay",) * (self.delay == "fit"))
+            for name in drives
+        }
+        return Search(ensemble, data, lags, drives, self.harmonics[2], period, self._delay, free)
+
+    @property
+    def _delay(self) -> float | None:
+        """Delay in s; None where it is to be found."""
+        if self.delay == "fit":
+            return None
+        usual = EMG_DELAY if self.emg else VELOCITY_DELAY
+        return usual if self.delay is None else float(self.delay)
+
+    def _drives(self, ensemble: Ensemble) -> Drives:
+        """What may drive the reflex, by name."""
+        if self.emg is not None:
+            signal = ensemble.signal(self.emg)
+            return {"emg": lambda threshold: signal}
+        velocity, ratio = velocity_of(ensemble)
+        plain = decimated(velocity, ratio)
+
+        def rectified(direction: int) -> Callable[[float], Array]:
+            return lru_cache(maxsize=4)(lambda threshold: stretch(velocity, ratio, threshold, direction))
+
+        return {"linear": lambda threshold: plain} | {name: rectified(s) for name, s in DIRECTIONS.items()}
+
+    def _shown(self, ensemble: Ensemble, fits: Mapping[str, Candidate]) -> tuple[str, bool]:
+        """Which reflex there is, or might be, and whether one is shown."""
+        if self.emg is not None:
+            return "emg", fits["emg"].better_than(fits["none"]) < ENOUGH
+        angle, torque = (x - x.mean(axis=0) for x in (ensemble.angle, ensemble.torque))
+        stretches = (Stretch(0.0, 1)(ensemble), Stretch(0.0, -1)(ensemble))
+        order = np.concatenate(ensemble.runs)
+        try:
+            test = reflex_test(
+                angle[order],
+                torque[order],
+                (stretches[0][order], stretches[1][order]),
+                ensemble.core,
+                ensemble.sampling_rate,
+            )
+        except InputError:  # realizations too short
+            return min(DIRECTIONS, key=lambda name: -fits[name].found.objective), False
+        return {1: "positive", -1: "negative"}[test.direction], test.shown
+
+    def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
+        return EXCITED_BELOW, base.EXCITED_ABOVE
+
+    def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
+        recorded = ensemble.recorded_angle
+        rate = ensemble.sampling_rate * (1 if recorded is None else recorded.shape[-1])
+        if self.emg is None and rate < FINE:
+            yield (
+                f"the angle is there at {rate:g} Hz only, where the velocity of fast movements cannot be rectified: "
+                "the reflex's gain comes out too large, and a threshold where there is none; give a recording at 500 "
+                "Hz or more and decimate it with tvsysid.preprocess.decimate, which keeps the angle as it was"
+            )
+
+
+def _settled(ensemble: Ensemble, drive: Array) -> NDArray[np.bool_]:
+    """Samples (realization, time) before which enough is known of what drives a reflex."""
+    needed = round(SETTLED * ensemble.sampling_rate)
+    known = np.isfinite(history(ensemble, drive, needed)).cumsum(axis=1)
+    return known[:, needed:] > needed

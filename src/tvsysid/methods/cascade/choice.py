@@ -1,0 +1,123 @@
+"""Which pathways there are, and whether they change over a realization: by what predicts realizations not fitted to."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import stdtr
+
+from tvsysid.methods.cascade.regressors import Data, Reflex, Shape
+from tvsysid.methods.cascade.shape import Found, Problem, first_shapes, held_out
+from tvsysid.methods.shared.pathways import history
+from tvsysid.numerics import Array
+from tvsysid.numerics.bases import FourierSeries
+from tvsysid.signals import Ensemble
+
+SETTLED = 0.45  # seconds of what drives a reflex that must be known before a sample that is fitted
+HISTORY = 0.75  # seconds of it that are used where they were recorded
+FOLDS = 3  # of realizations, taken in turn, each predicted from the others
+USUAL = (16.0, 0.8, 0.0)  # frequency in rad/s, damping and threshold of a reflex that is not shown
+ENOUGH = 1e-3  # probability below which a better prediction is not taken for chance
+
+Drives = Mapping[str, Callable[[float], Array]]  # by threshold, (realization, context + time + context)
+
+
+class Candidate(NamedTuple):
+    """A solution, and the squares that it ``left`` in each realization that it was not fitted to; NaN if alone."""
+
+    problem: Problem
+    found: Found
+    left: Array
+
+    def share(self) -> float:
+        """Of the torque's square, what is predicted where it was not fitted to."""
+        return 1 - float(self.left.sum()) / self.found.moments.square
+
+    def better_than(self, other: Candidate) -> float:
+        """Probability that this one predicts so much better by chance."""
+        scores = np.log(other.left / self.left)
+        spread = float(scores.std(ddof=1)) / math.sqrt(len(scores)) if len(scores) > 2 else 0.0
+        return float(stdtr(len(scores) - 1, -scores.mean() / spread)) if spread > 0 else 1.0
+
+
+class Search(NamedTuple):
+    """Data, and what may drive a reflex, by name; which numbers of its shape are ``free``; a ``delay`` of None is.
+
+    ``harmonics`` are the gain's, ``lags`` the intrinsic response's to either side, in samples.
+    """
+
+    ensemble: Ensemble
+    data: Data
+    lags: int
+    drives: Drives
+    harmonics: int
+    period: float
+    delay: float | None
+    free: Mapping[str, tuple[str, ...]]
+
+    @property
+    def folds(self) -> list[NDArray[np.int64]]:
+        """Realizations in the order in which they were recorded, in turn."""
+        order = np.concatenate(self.ensemble.runs)
+        return [np.sort(order[first::FOLDS]) for first in range(min(FOLDS, len(order)))]
+
+    def problem(self, name: str, data: Data, free: tuple[str, ...] | None = None) -> Problem:
+        """With a reflex of this name, or plain where it is "none"; the gain changes if the stiffness does."""
+        if name == "none":
+            return Problem.of(data, None, ())
+        basis = FourierSeries(self.harmonics if data.varies else 0)
+        reflex = Reflex(partial(self.rows, name), basis, self.period, self.ensemble.sampling_rate, data.fitted)
+        return Problem.of(data, reflex, self.free[name] if free is None else free)
+
+    def rows(self, name: str, threshold: float) -> Array:
+        """What drives a reflex, with its history (realization, history + time)."""
+        samples = round(HISTORY * self.ensemble.sampling_rate)
+        return history(self.ensemble, self.drives[name](threshold), samples)
+
+    def fits(self, constant: bool | None) -> dict[str, Candidate]:
+        """Solution with each reflex, and without one; None chooses whether they are constant."""
+        still = self.data.constant()
+        found = {"none": self.candidate("none", still, first_shapes(self.delay, ())[0])}
+        for name in self.drives:
+            problem = self.problem(name, still)
+            best = problem.refined(problem.started(first_shapes(self.delay, self.free[name])).shape)
+            found[name] = self.judged(problem, best)
+        if constant or not self.data.varies:
+            return found
+        varying = {name: self.candidate(name, self.data, each.found.shape) for name, each in found.items()}
+        return varying if constant is False or _better(varying, found) else found
+
+    def candidate(self, name: str, data: Data, shape: Shape) -> Candidate:
+        """Solution for a shape."""
+        problem = self.problem(name, data)
+        return self.judged(problem, problem.at(shape))
+
+    def judged(self, problem: Problem, found: Found) -> Candidate:
+        """Solution with what it leaves where it was not fitted to."""
+        folds = self.folds
+        one = np.full(len(problem.data.torque), np.nan)
+        return Candidate(problem, found, held_out(problem, found, folds) if len(folds) > 1 else one)
+
+    def refined(self, name: str, fits: Mapping[str, Candidate]) -> Candidate:
+        """Best solution with a reflex."""
+        problem, found = fits[name].problem, fits[name].found
+        return self.judged(problem, problem.refined(found.shape))
+
+    def unshown(self, name: str, fits: Mapping[str, Candidate]) -> Candidate:
+        """Solution with a reflex that nothing shows: it has the usual shape, and no threshold."""
+        usual = Shape(fits[name].found.shape.delay, *USUAL)
+        problem = self.problem(name, fits[name].problem.data, free=())
+        return Candidate(problem, problem.at(usual), fits["none"].left)
+
+
+def _better(one: Mapping[str, Candidate], other: Mapping[str, Candidate]) -> bool:
+    """Whether the best of some candidates predicts better than the best of others; if unknown, has more evidence."""
+    best, rest = (min(each.left.sum() for each in candidates.values()) for candidates in (one, other))
+    if math.isnan(best):
+        best, rest = (-max(each.found.objective for each in candidates.values()) for candidates in (one, other))
+    return bool(best < rest)

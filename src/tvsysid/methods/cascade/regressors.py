@@ -1,0 +1,225 @@
+"""What is regressed: lagged angles times functions of time, and a rectified velocity behind delay and muscle."""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from tvsysid.methods.cascade.evidence import Moments
+from tvsysid.numerics import Array
+from tvsysid.numerics.bases import FourierSeries
+from tvsysid.numerics.differentiation import derivative_weights
+
+BAND = 0.6  # share of the Nyquist frequency over which so few lags give velocity and acceleration to 0.3 %
+HIGHEST = 8  # order of difference of the angle up to which the intrinsic response is free
+
+
+def intrinsic_filters(lags: int, rate: float) -> Array:
+    """Filters (signal, lag) of the angle: itself, its velocity, its acceleration, and its differences from order 3 on.
+
+    The first passes what stands still, the others nothing of it, so that a response's sum is the first's coefficient;
+    the velocity of a ramp and the acceleration of a parabola are exact.
+    """
+    offsets = np.arange(-lags, lags + 1)
+    filters = derivative_weights(lags, BAND).copy()
+    filters[1] *= -rate / (filters[1] @ offsets)
+    filters[2] *= 2 * rate**2 / (filters[2] @ offsets**2)
+    step = max(1, lags // 4)
+    second, odd = np.zeros(2 * step + 1), np.zeros(2 * step + 1)
+    second[::step], odd[::step] = (1, -2, 1), (0.5, 0, -0.5)
+    rows = list(filters)
+    for order in range(3, HIGHEST + 1):
+        taps = odd if order % 2 else np.ones(1)
+        for _ in range(order // 2):
+            taps = np.convolve(taps, second)
+        if len(taps) <= len(offsets):
+            rows.append(np.pad(taps, (len(offsets) - len(taps)) // 2))
+    return np.stack(rows)
+
+
+def deviations(values: Array, fitted: NDArray[np.bool_]) -> Array:
+    """Values (…, realization, time) less their mean over the realizations fitted at each time; 0 where not fitted.
+
+    Of one realization, the mean over time is subtracted.
+    """
+    axis = -1 if len(fitted) == 1 else -2
+    if fitted.all():
+        return np.asarray(values - values.mean(axis=axis, keepdims=True))
+    known = np.where(fitted, values, 0.0)
+    count = np.maximum(fitted.sum(axis=axis, keepdims=True), 1)
+    return np.where(fitted, known - known.sum(axis=axis, keepdims=True) / count, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Data:
+    """Deviations of the torque (realization, time) and of the intrinsic ``signals`` from their mean over realizations.
+
+    ``bases`` are the functions of time (time, function) by which each signal's coefficient changes; samples that are
+    not ``fitted`` are 0; ``own`` are the moments of the signals' products with their functions.
+    """
+
+    torque: Array
+    signals: Array
+    bases: tuple[Array, ...]
+    fitted: NDArray[np.bool_]
+    number: float
+    own: Moments
+
+    @classmethod
+    def of(cls, torque: Array, signals: Array, bases: tuple[Array, ...], fitted: NDArray[np.bool_]) -> Self:
+        """Of torque and signals (signal, realization, time) as they are."""
+        taken = int(fitted.any(axis=0).sum()) if len(fitted) > 1 else 1
+        number = float(fitted.sum() - taken)
+        return cls._of(deviations(torque, fitted), deviations(signals, fitted), bases, fitted, number)
+
+    @classmethod
+    def _of(
+        cls, torque: Array, signals: Array, bases: tuple[Array, ...], fitted: NDArray[np.bool_], number: float
+    ) -> Self:
+        products = np.einsum("irt,jrt->tij", signals, np.concatenate([signals, torque[None]]), optimize=True)
+        gram = np.block(
+            [[(a * products[:, i, j, None]).T @ b for j, b in enumerate(bases)] for i, a in enumerate(bases)]
+        )
+        cross = np.concatenate([a.T @ products[:, i, -1] for i, a in enumerate(bases)])
+        square = float(np.vdot(torque, torque))
+        return cls(torque, signals, bases, fitted, number, Moments(gram, cross, square, number))
+
+    @property
+    def varies(self) -> bool:
+        """Whether anything changes over time."""
+        return any(functions.shape[1] > 1 for functions in self.bases)
+
+    def constant(self) -> Self:
+        """Data of coefficients that do not change."""
+        return self._of(self.torque, self.signals, tuple(a[:, :1] for a in self.bases), self.fitted, self.number)
+
+    def part(self, rows: NDArray[np.int64]) -> Self:
+        """Data of some realizations, the means subtracted being those of all."""
+        share = float(self.fitted[rows].sum() / self.fitted.sum())
+        return self._of(self.torque[rows], self.signals[:, rows], self.bases, self.fitted[rows], self.number * share)
+
+    def moments(self, columns: Array) -> Moments:
+        """Moments of the intrinsic columns and of others (column, realization, time), which are deviations."""
+        if not len(columns):
+            return self.own
+        flat = columns.reshape(len(columns), -1)
+        mixed = [a.T @ np.einsum("rt,krt->tk", s, columns) for a, s in zip(self.bases, self.signals, strict=True)]
+        between = np.concatenate(mixed)
+        gram = np.block([[self.own.gram, between], [between.T, flat @ flat.T]])
+        cross = np.concatenate([self.own.cross, flat @ self.torque.ravel()])
+        return Moments(gram, cross, self.own.square, self.number)
+
+    def modulated(self, rows: slice) -> Array:
+        """Intrinsic columns of some realizations (column, realization, time)."""
+        parts = [s[None, rows] * a.T[:, None] for a, s in zip(self.bases, self.signals, strict=True)]
+        return np.concatenate(parts)
+
+    def torque_of(self, coefficients: Array) -> Array:
+        """Intrinsic torque (realization, time), as a deviation from its mean."""
+        out, at = np.zeros_like(self.torque), 0
+        for functions, signal in zip(self.bases, self.signals, strict=True):
+            out += (functions @ coefficients[at : at + functions.shape[1]]) * signal
+            at += functions.shape[1]
+        return out
+
+
+class Shape(NamedTuple):
+    """Of the reflex: ``delay`` in s, ``frequency`` in rad/s and ``damping`` of the muscle, ``threshold`` in rad/s."""
+
+    delay: float
+    frequency: float
+    damping: float
+    threshold: float
+
+    def muscle(self, rate: float) -> tuple[int, Array, Array]:
+        r"""Whole samples of the delay, and a recursive filter for the rest and for the muscle.
+
+        Its impulse response is that of :math:`\omega^2 / (s^2 + 2\zeta\omega s + \omega^2)`, sampled, with unit gain.
+        """
+        samples = self.delay * rate
+        whole = math.floor(samples + 1e-9)
+        rest = max(0.0, samples - whole)
+        root = cmath.sqrt(self.damping**2 - 1 or 1e-12)
+        if abs(root) < 1e-4:
+            root = 1e-4 + 0j
+        first, second = (self.frequency / rate * (-self.damping + sign * root) for sign in (1, -1))
+        poles = cmath.exp(first), cmath.exp(second)
+        late = cmath.exp(-first * rest), cmath.exp(-second * rest)
+        one = (late[0] * poles[0] - late[1] * poles[1]) / (poles[0] - poles[1])
+        two = poles[0] * poles[1] * (late[1] - late[0]) / (poles[0] - poles[1])
+        down = np.array([1.0, -(poles[0] + poles[1]).real, (poles[0] * poles[1]).real])
+        up = np.array([0.0, one.real, two.real])
+        return whole, up * (down.sum() / up.sum()), down
+
+    def response(self, samples: int, rate: float) -> Array:
+        """Impulse response of delay and muscle at lags from 0 on, which sums to 1."""
+        whole, up, down = self.muscle(rate)
+        impulse = np.zeros(samples)
+        impulse[min(whole, samples - 1)] = 1.0
+        response = lfilter(up, down, impulse)
+        return np.asarray(response / response.sum())
+
+
+@dataclass(frozen=True, eq=False)
+class Reflex:
+    """Columns of the reflex pathway: what drives it, times functions of time, behind delay and muscle.
+
+    ``drive`` gives the rows (realization, history + time) for a threshold, NaN where nothing was recorded; ``basis`` is
+    that of the gain over a ``period`` in s.
+    """
+
+    drive: Callable[[float], Array]
+    basis: FourierSeries
+    period: float
+    rate: float
+    fitted: NDArray[np.bool_]
+
+    def rows(self, threshold: float) -> Array:
+        """What drives the pathway, as deviations from its mean over realizations; 0 where it is not known."""
+        rows = self.drive(threshold)
+        return deviations(rows, np.isfinite(rows))
+
+    def functions(self, shape: Shape, times: int) -> Array:
+        """Functions of the gain (time, function) at the times of arrival of so many last samples of the drive."""
+        samples = self.fitted.shape[1]
+        arrival = np.arange(samples - times, samples) / self.rate + shape.delay
+        return self.basis(arrival / self.period)
+
+    def columns(self, shape: Shape) -> Array:
+        """Regressors (function, realization, time), as deviations from their mean over realizations."""
+        rows = self.rows(shape.threshold)
+        functions = self.functions(shape, rows.shape[1])
+        return self._behind(rows[None] * functions.T[:, None], shape)
+
+    def torque(self, shape: Shape, coefficients: Array) -> Array:
+        """Sum of the columns times coefficients, (realization, time)."""
+        rows = self.rows(shape.threshold)
+        return self._behind(rows * (self.functions(shape, rows.shape[1]) @ coefficients), shape)
+
+    def _behind(self, driven: Array, shape: Shape) -> Array:
+        """What comes out of delay and muscle, (…, realization, time)."""
+        whole, up, down = shape.muscle(self.rate)
+        out = lfilter(up, down, driven)
+        stop = out.shape[-1] - whole
+        return deviations(out[..., stop - self.fitted.shape[1] : stop], self.fitted)
+
+
+def lagged_signals(angle: Array, context: int, lags: int, rate: float) -> tuple[Array, NDArray[np.bool_]]:
+    """Intrinsic signals (signal, realization, time) of angles with context, and where their lags lie within it."""
+    missing = max(0, lags - context)
+    angle = np.pad(angle, ((0, 0), (missing, missing)))
+    first = max(0, context - lags)
+    windows = sliding_window_view(angle[:, first : angle.shape[1] - first], 2 * lags + 1, axis=1)
+    filters = intrinsic_filters(lags, rate)[:, ::-1]
+    signals = np.moveaxis(np.tensordot(windows, filters, axes=(2, 1)), 2, 0)
+    known = np.zeros(signals.shape[2], dtype=bool)
+    known[missing : len(known) - missing] = True
+    return np.ascontiguousarray(signals), known

@@ -1,0 +1,228 @@
+"""The model that is returned: estimates with bands, pathways, and what is to be said about them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from tvsysid.estimates import UNITS, Estimate
+from tvsysid.methods.cascade.bands import Covariance, covariance_of
+from tvsysid.methods.cascade.choice import SETTLED, Candidate, Search
+from tvsysid.methods.cascade.regressors import intrinsic_filters
+from tvsysid.methods.cascade.shape import LOGARITHMIC, TERMS, Found, Problem, place_of
+from tvsysid.methods.shared.pathways import Drive, Stretch, TwoPathwayModel
+from tvsysid.models import Diagnostics
+from tvsysid.signals import Array, Ensemble
+
+FITTED = (0.5, 15.0)  # Hz, over which viscosity and inertia are those of the intrinsic response
+APART = 0.1  # share by which the stiffness of that fit may differ from the response's sum
+FADED = 3e-3  # share of a muscle's response that is cut off
+
+
+class Chosen(NamedTuple):
+    """A reflex by name, whether it is ``shown``, and the solution with it."""
+
+    name: str
+    shown: bool
+    fit: Candidate
+    emg: str | None
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A channel that drives the reflex."""
+
+    name: str
+
+    def __call__(self, ensemble: Ensemble) -> Array:
+        """Return it as it is."""
+        return ensemble.signal(self.name)
+
+
+def second_order_fit(lags: Array) -> Array:
+    """Weights (quantity, lag) that give stiffness, viscosity and inertia of a response's weights at lags in s.
+
+    By least squares to its frequency response from 0.5 to 15 Hz.
+    """
+    omega = 2 * np.pi * np.linspace(*FITTED, 60)
+    phase = np.outer(omega, lags)
+    real = np.linalg.pinv(np.stack([np.ones_like(omega), -(omega**2)], axis=1)) @ np.cos(phase)
+    return np.stack([real[0], -(omega @ np.sin(phase)) / (omega @ omega), real[1]])
+
+
+class Intrinsic(NamedTuple):
+    """Weights (time, lag) of lagged angles, and the mean stiffness of a second-order fit to them.
+
+    What is ``estimated``: its name, its values (time,), and the features (time, coefficient) that give them, with the
+    first coefficient.
+    """
+
+    weights: Array
+    fitted_stiffness: float
+    estimated: list[tuple[str, Array, tuple[Array, int]]]
+
+    @classmethod
+    def of(cls, problem: Problem, found: Found, lags: int, rate: float) -> Intrinsic:
+        """Of a solution."""
+        bases, filters = problem.data.bases, intrinsic_filters(lags, rate)
+        coefficients = found.coefficients[: len(problem.data.own.cross)]
+        ends = np.cumsum([functions.shape[1] for functions in bases])
+        parts = np.split(coefficients, ends[:-1])
+        weights = np.asarray(sum(np.outer(a @ c, f) for a, c, f in zip(bases, parts, filters, strict=True)))
+        readout = second_order_fit(np.arange(-lags, lags + 1) / rate) @ filters.T  # (quantity, signal)
+        every = [np.concatenate([a * r for a, r in zip(bases, row, strict=True)], axis=1) for row in readout]
+        first = int(ends[0])
+        features = {
+            "stiffness": (bases[0], 0),
+            "viscosity": (every[1][:, first:], first),
+            "inertia": (every[2][:, first:], first),
+        }
+        values = [(name, f @ coefficients[at : at + f.shape[1]], (f, at)) for name, (f, at) in features.items()]
+        return cls(weights, float((every[0] @ coefficients).mean()), values)
+
+
+def model(method: str, search: Search, fits: Mapping[str, Candidate], chosen: Chosen) -> TwoPathwayModel:
+    """Model of the reflex chosen if it is shown, else of none; the reflex's gain is stated in both cases."""
+    ensemble, rate = search.ensemble, search.ensemble.sampling_rate
+    used = chosen.fit if chosen.shown else fits["none"]
+    lags = search.lags
+    intrinsic = Intrinsic.of(used.problem, used.found, lags, rate)
+    known = np.asarray(used.problem.data.fitted.any(axis=0))
+    torques = _torques(used)
+    left = used.problem.data.torque - np.sum(torques, axis=0)
+    sure = covariance_of(used.problem, used.found, left)
+    reflex_sure = sure if chosen.shown else covariance_of(chosen.fit.problem, chosen.fit.found, left)
+    estimates = {
+        name: Estimate(np.where(known, values, np.nan), UNITS[name], error=sure.error(features, known, first))
+        for name, values, (features, first) in intrinsic.estimated
+    }
+    gain, basis = _gain(chosen.fit, ensemble.time)
+    start = len(chosen.fit.problem.data.own.cross)
+    unit = "N m/V" if chosen.emg else UNITS["reflex_gain"]
+    error = reflex_sure.error(basis, known, start)
+    estimates["reflex_gain"] = Estimate(np.where(known, gain, np.nan), unit, error=error)
+    response, reflex_lags = _reflex_response(search, chosen)
+    details = _details(search, fits, chosen, torques, reflex_sure) | {"stiffness_fitted": intrinsic.fitted_stiffness}
+    texts = tuple(_warnings(search, chosen, details, estimates))
+    nan = np.where(known, 1.0, np.nan)[:, None]
+    return TwoPathwayModel(
+        method=method,
+        sampling_rate=rate,
+        time=ensemble.time,
+        estimates=estimates,
+        impulse_response=intrinsic.weights * nan * rate,
+        lags=np.arange(-lags, lags + 1) / rate,
+        reflex_response=response * nan * rate,
+        reflex_lags=reflex_lags,
+        drive=_drive(chosen),
+        diagnostics=Diagnostics(used.found.solved.effective, warnings=texts, details=details),
+    )
+
+
+def _drive(chosen: Chosen) -> Drive:
+    if chosen.emg is not None:
+        return Measured(chosen.emg)
+    return Stretch(chosen.fit.found.shape.threshold, 1 if chosen.name == "positive" else -1)
+
+
+def _torques(fit: Candidate) -> tuple[Array, Array]:
+    """Intrinsic and reflex torque (realization, time), as deviations from their means."""
+    problem, coefficients = fit.problem, fit.found.coefficients
+    own = len(problem.data.own.cross)
+    intrinsic = problem.data.torque_of(coefficients[:own])
+    if problem.reflex is None:
+        return intrinsic, np.zeros_like(intrinsic)
+    return intrinsic, problem.reflex.torque(fit.found.shape, coefficients[own:])
+
+
+def _gain(fit: Candidate, time: Array) -> tuple[Array, Array]:
+    """Reflex gain at times in s, and its basis."""
+    assert fit.problem.reflex is not None
+    basis = fit.problem.reflex.basis(time / fit.problem.reflex.period)
+    return basis @ fit.found.coefficients[len(fit.problem.data.own.cross) :], basis
+
+
+def _reflex_response(search: Search, chosen: Chosen) -> tuple[Array, Array]:
+    """Weights (time, lag) of what drives the reflex, and the lags in s; zero where no reflex is shown."""
+    ensemble, rate = search.ensemble, search.ensemble.sampling_rate
+    shape = chosen.fit.found.shape
+    longest = max(round(SETTLED * rate), ensemble.context) + 1
+    muscle = shape.response(4 * longest, rate)
+    late = np.flatnonzero(np.abs(np.cumsum(muscle[::-1])[::-1]) > FADED)[-1]
+    first, stop = math.floor(shape.delay * rate + 1e-9), min(int(late) + 1, longest)
+    lags = np.arange(first, max(stop, first + 1)) / rate
+    if not chosen.shown:
+        return np.zeros((ensemble.samples, 1)), lags[:1]
+    muscle = muscle[first : first + len(lags)]
+    # The gain is that at which the stretch arrives.
+    arrival = ensemble.time[:, None] - lags + shape.delay
+    gain = _gain(chosen.fit, arrival.ravel())[0].reshape(arrival.shape)
+    return gain * muscle / muscle.sum(), lags
+
+
+def _details(
+    search: Search, fits: Mapping[str, Candidate], chosen: Chosen, torques: tuple[Array, Array], sure: Covariance
+) -> dict[str, float]:
+    shape, free = chosen.fit.found.shape, chosen.fit.problem.free
+    errors = np.sqrt(np.diag(sure.matrix)[len(sure.matrix) - len(free) :])
+    used = chosen.fit if chosen.shown else fits["none"]
+    torque = used.problem.data.torque
+
+    def explained(part: Array) -> float:
+        return 100 * (1 - float(np.sum((torque - part) ** 2)) / float(np.sum(torque**2)))
+
+    details: dict[str, float] = {"reflex_shown": float(chosen.shown), "constant": float(not used.problem.data.varies)}
+    if not chosen.emg:
+        details["direction"] = 1.0 if chosen.name == "positive" else -1.0
+    for name, value in shape._asdict().items():
+        if name == "threshold" and chosen.emg:
+            continue
+        details[name] = value
+        if name in free:
+            error = float(errors[free.index(name)])
+            details[f"{name}_error"] = error * value if name in LOGARITHMIC else error
+    details["vaf"], details["vaf_intrinsic"] = explained(torques[0] + torques[1]), explained(torques[0])
+    details["vaf_reflex"] = explained(torques[1])
+    details["vaf_held_out"] = 100 * used.share()
+    for name, fit in (dict(fits) | ({chosen.name: chosen.fit} if chosen.shown else {})).items():
+        details[f"evidence_{name}"] = float(fit.found.objective)
+    return details
+
+
+def _warnings(
+    search: Search, chosen: Chosen, details: Mapping[str, float], estimates: Mapping[str, Estimate]
+) -> Iterator[str]:
+    if not chosen.shown:
+        yield (
+            "no reflex is shown by these data: stiffness, viscosity and inertia are those of a joint without one, and "
+            "reflex_gain with its band is what the data leave room for"
+        )
+        return
+    shape, free = chosen.fit.found.shape, chosen.fit.problem.free
+    place = dict(zip(free, place_of(shape, free), strict=True))
+    if "delay" in free and place["delay"] in (TERMS["delay"].low, TERMS["delay"].high):
+        yield (f"the delay ran into its bound of {1e3 * shape.delay:.3g} ms: it is not identified; fix it (delay=0.04)")
+    if "threshold" in free and place["threshold"] >= TERMS["threshold"].high:
+        yield (
+            f"the threshold ran into its bound of {shape.threshold:g} rad/s: it is not identified, nor is the reflex's "
+            "gain"
+        )
+    mean = float(np.nanmean(estimates["stiffness"].values))
+    fitted = details["stiffness_fitted"]
+    if abs(fitted - mean) > APART * abs(mean):
+        yield (
+            f"the intrinsic response is not that of a second-order joint: its sum gives a mean stiffness of {mean:.1f} "
+            f"N·m/rad, a second-order fit from 0.5 to 15 Hz {fitted:.1f}; take the difference as an uncertainty"
+        )
+    gain = estimates["reflex_gain"]
+    known = gain.values[np.isfinite(gain.values)]
+    error = gain.standard_error
+    assert error is not None
+    if not details["constant"] and 1.96 * np.nanmax(error.values) > np.ptp(known):
+        yield (
+            "the reflex gain's change over time is not identified: its band is wider than its range; only its mean is"
+        )

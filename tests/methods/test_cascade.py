@@ -1,0 +1,292 @@
+"""Joint fit of both pathways: its parts against slow and plain ones, and what it makes of joints that are known."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.linalg import toeplitz
+
+import tvsysid as tv
+from tvsysid.methods.cascade.bands import covariance_of
+from tvsysid.methods.cascade.evidence import Family, Moments, Prior, solve, tuned
+from tvsysid.methods.cascade.regressors import Data, Reflex, Shape, deviations, intrinsic_filters, lagged_signals
+from tvsysid.methods.cascade.result import second_order_fit
+from tvsysid.methods.cascade.shape import Problem, moved, place_of
+from tvsysid.numerics.bases import FourierSeries
+
+RATE, TIMES, HISTORY, LAGS = 100.0, 60, 50, 4
+GAIN = tv.simulate.SineWave(8.0, 4.0, offset=-0.5)
+FREE = ("frequency", "damping", "threshold", "delay")
+KNOWN = Shape(0.043, 14.0, 0.7, 0.1)
+CASES = {
+    "A": (tv.simulate.SineWave(), GAIN, {}, tv.simulate.FilteredNoise()),
+    "C": (tv.simulate.Constant(100.0), 0.0, {}, tv.simulate.FilteredNoise()),
+    "E": (tv.simulate.SineWave(), GAIN, {}, tv.simulate.PRBS()),
+    "N": (tv.simulate.SineWave(), GAIN, {"direction": -1}, tv.simulate.FilteredNoise()),
+    "T": (tv.simulate.SineWave(), GAIN, {"threshold": 0.1}, tv.simulate.FilteredNoise()),
+}
+
+
+def simulated(case, duration, seed=1000):
+    stiffness, gain, reflex, perturbation = CASES[case]
+    joint = tv.simulate.ReflexJoint(stiffness, reflex_gain=gain, reflex=tv.simulate.StretchReflex(**reflex))
+    simulation = joint.simulate(duration, perturbation=perturbation, snr_db=10, seed=seed)
+    ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 2.0)
+    return ensemble, {name: values[0] for name, values in simulation.truth_of(ensemble).items()}
+
+
+@pytest.fixture
+def problem(random):
+    """Small problem whose velocity is known, so that it is rectified exactly."""
+    angle = np.cumsum(random.normal(size=(8, TIMES + HISTORY)), axis=1) / 20
+    velocity = np.gradient(angle, axis=1) * 20
+    signals, _ = lagged_signals(angle[:, HISTORY - LAGS :], LAGS, LAGS, RATE)
+    signals = np.pad(signals, ((0, 0), (0, 0), (0, 0)))
+    times, fitted = signals.shape[2], np.ones(signals.shape[1:], dtype=bool)
+    rows = velocity[:, : HISTORY + times]
+    phase = np.arange(times) / times
+    bases = (FourierSeries(2)(phase), FourierSeries(1)(phase), *[np.ones((times, 1))] * (len(signals) - 2))
+    reflex = Reflex(lambda c: np.maximum(rows - c, 0.0), FourierSeries(1), times / RATE, RATE, fitted)
+    noise = 1e-5 * random.normal(size=fitted.shape)
+    plain = Problem.of(Data.of(noise, signals, bases, fitted), reflex, FREE)
+    columns = np.concatenate([plain.data.modulated(slice(None)), reflex.columns(KNOWN)])
+    truth = random.normal(size=len(columns)) / np.sqrt(np.mean(columns**2, axis=(1, 2)))
+    torque = np.tensordot(truth, columns, 1) + noise
+    return Problem.of(Data.of(torque, signals, bases, fitted), reflex, FREE), truth
+
+
+def dense(problem, shape):
+    """All columns, (sample, column)."""
+    columns = np.concatenate([problem.data.modulated(slice(None)), problem.reflex.columns(shape)])
+    return columns.reshape(len(columns), -1).T
+
+
+def test_only_the_angle_itself_counts_at_rest_and_ramps_and_parabolas_are_exact():
+    offsets, filters = np.arange(-LAGS, LAGS + 1), intrinsic_filters(LAGS, RATE)
+    assert np.linalg.matrix_rank(filters / np.linalg.norm(filters, axis=1, keepdims=True)) == 2 * LAGS + 1
+    np.testing.assert_allclose(filters.sum(axis=1), [1, *[0] * 8], atol=1e-9)
+    np.testing.assert_allclose(filters @ (-offsets / RATE), [0, 1, *[0] * 7], atol=1e-9)
+    np.testing.assert_allclose(filters @ (offsets / RATE) ** 2, [0, 0, 2, *[0] * 6], atol=1e-9)
+
+
+def test_a_second_order_response_is_read_from_its_weights():
+    lags = np.arange(-LAGS, LAGS + 1) / RATE
+    weights = np.array([80.0, 2.0, 0.015]) @ intrinsic_filters(LAGS, RATE)[:3]
+    np.testing.assert_allclose(second_order_fit(lags) @ weights, [80.0, 2.0, 0.015], rtol=3e-3)
+
+
+@pytest.mark.parametrize("damping", [0.3, 1.0, 2.0])
+@pytest.mark.parametrize("delay", [0.04, 0.0437])
+def test_the_muscle_is_one_of_second_order(damping, delay):
+    # Numerical solution at a rate so high that its steps do not matter.
+    fine = 100_000
+    force, speed, out = 0.0, 16.0**2, []
+    for _ in range(fine):
+        out.append(force)
+        speed += (-2 * damping * 16.0 * speed - 16.0**2 * force) / fine
+        force += speed / fine
+    at = np.arange(100) / RATE - delay
+    expected = np.where(at >= 0, np.interp(at, np.arange(fine) / fine, out), 0.0) / RATE
+    found = Shape(delay, 16.0, damping, 0.0).response(100, RATE)
+    np.testing.assert_allclose(found, expected / expected.sum(), atol=5e-4 * expected.max() + 1e-6)
+
+
+def test_moments_are_those_of_the_columns(problem):
+    problem, _ = problem
+    columns, torque = dense(problem, KNOWN), problem.data.torque.ravel()
+    moments = problem.data.moments(problem.columns(KNOWN))
+    np.testing.assert_allclose(moments.gram, columns.T @ columns, rtol=1e-9, atol=1e-9 * np.abs(columns).max() ** 2)
+    np.testing.assert_allclose(moments.cross, columns.T @ torque, rtol=1e-8, atol=1e-9)
+    coefficients = np.arange(len(problem.data.own.cross)) / 10
+    expected = columns[:, : len(coefficients)] @ coefficients
+    np.testing.assert_allclose(problem.data.torque_of(coefficients).ravel(), expected, atol=1e-9)
+    parts = [problem.data.part(rows) for rows in (np.arange(0, 8, 2), np.arange(1, 8, 2))]
+    np.testing.assert_allclose(parts[0].own.gram + parts[1].own.gram, problem.data.own.gram, rtol=1e-9, atol=1e-12)
+
+
+def test_reflex_columns_are_what_arrives_at_the_muscle_times_functions_of_time(problem):
+    reflex = problem[0].reflex
+    shape = KNOWN._replace(delay=0.04)
+    rows = np.maximum(reflex.drive(0.0) - 0.0, 0.0)
+    rows = np.maximum(reflex.drive(shape.threshold), 0.0)
+    samples, late = reflex.fitted.shape[1], 4
+    arrival = (np.arange(-HISTORY, samples) + late) / RATE
+    response = shape._replace(delay=0.0).response(HISTORY + samples, RATE)
+    for number, column in enumerate(reflex.columns(shape)):
+        driven = rows * reflex.basis(arrival / reflex.period)[:, number]
+        out = np.stack([np.convolve(row, response)[HISTORY - late : HISTORY - late + samples] for row in driven])
+        np.testing.assert_allclose(column, deviations(out, reflex.fitted), rtol=1e-3, atol=1e-4)
+
+
+def test_evidence_is_that_of_the_samples(random):
+    columns, torque = random.normal(size=(40, 5)), random.normal(size=40)
+    moments = Moments(columns.T @ columns, columns.T @ torque, torque @ torque, 40.0)
+    spread = np.array([1e4, 0.5, 2.0, 0.1, 1.0])
+    found = solve(moments, spread)
+    covariance = np.eye(40) + (columns * spread**2) @ columns.T
+    left = torque @ np.linalg.solve(covariance, torque)
+    expected = -20 * np.log(left / (torque @ torque)) - np.linalg.slogdet(covariance)[1] / 2
+    assert found.log_evidence == pytest.approx(expected, abs=1e-5)
+    assert found.noise_variance == pytest.approx(left / 40)
+    hat = columns @ np.linalg.solve(columns.T @ columns + np.diag(spread**-2.0), columns.T)
+    assert found.effective == pytest.approx(np.trace(hat))
+    for place, slope in enumerate(found.by_spread):
+        ends = [solve(moments, spread * np.exp(sign * 1e-5 * (np.arange(5) == place))).log_evidence for sign in (1, -1)]
+        assert slope == pytest.approx((ends[0] - ends[1]) / 2e-5, rel=1e-4, abs=1e-6)
+
+
+def test_hyper_parameters_are_those_of_greatest_evidence(random):
+    families = (Family(3), Family(), Family(several=2), Family(1, free=False))
+    prior = Prior.of(families)
+    assert prior.design.shape == (7 + 1 + 2 + 3, 2 + 0 + 1 + 3)
+    columns = random.normal(size=(200, 13))
+    torque = columns @ (random.normal(size=13) * np.array([5, 1, 1, 0.3, 0.3, 0.1, 0.1, 5, 0, 0, 3, 2, 2]))
+    torque += random.normal(size=200)
+    moments = Moments(columns.T @ columns, columns.T @ torque, torque @ torque, 200.0)
+    best = tuned(moments, prior, prior.usual)
+
+    def objective(parameters):
+        return solve(moments, prior.spread(parameters)).log_evidence + prior.log_density(parameters)[0]
+
+    for place in range(len(best)):
+        for change in (-0.05, 0.05):
+            assert objective(best + change * (np.arange(len(best)) == place)) < objective(best) + 1e-3
+
+
+def test_steps_lead_to_the_known_shape_and_coefficients(problem):
+    problem, truth = problem
+    found = problem.refined(Shape(0.045, 17.0, 0.8, 0.05))
+    np.testing.assert_allclose(found.shape, KNOWN, rtol=0.02)
+    known = np.r_[0:9, -3:0]  # the differences are nearly alike
+    size = found.scale[known] * np.abs(truth[known]).max()
+    np.testing.assert_allclose(found.coefficients[known] / size, truth[known] / size, atol=0.02)
+    for place in range(len(FREE)):
+        change = np.where(np.arange(len(FREE)) == place, 0.01, 0.0)
+        for shape in (moved(found.shape, FREE, place_of(found.shape, FREE) + sign * change) for sign in (1, -1)):
+            assert problem.at(shape, found.parameters).objective < found.objective + 0.1
+
+
+def test_slopes_are_those_of_the_torque(problem):
+    problem, _ = problem
+    found = problem.at(KNOWN)
+    own = len(problem.data.own.cross)
+    for place, slope in enumerate(problem.slopes(found)):
+        change = np.where(np.arange(len(FREE)) == place, 1e-5, 0.0)
+        later, earlier = (
+            problem.reflex.torque(moved(KNOWN, FREE, place_of(KNOWN, FREE) + sign * change), found.coefficients[own:])
+            for sign in (1, -1)
+        )
+        difference = (later - earlier) / 2e-5
+        # Where the threshold is, the torque has a kink for each sample.
+        allowed = 0.1 if FREE[place] == "threshold" else 0.01
+        assert np.abs(slope - difference).max() < allowed * np.abs(difference).max()
+
+
+def test_covariance_is_the_sandwich_of_the_samples(problem, random):
+    problem, _ = problem
+    problem = dataclasses.replace(problem, free=("frequency",))
+    found = problem.at(KNOWN)
+    left = random.normal(size=problem.data.torque.shape)
+    left[:, 1:] += 0.8 * left[:, :-1]
+    sure = covariance_of(problem, found, left)
+    columns = dense(problem, KNOWN)
+    columns = np.concatenate([columns, problem.slopes(found).reshape(1, -1).T], axis=1)
+    samples = left.shape[1]
+    lags = min(samples - 1, 60)
+    products = [np.sum(left[:, : samples - d] * left[:, d:]) for d in range(lags + 1)] / np.float64(sure.freedom)
+    first = np.pad(products * (1 - np.arange(lags + 1) / (lags + 1)), (0, samples - 1 - lags))
+    noise = np.kron(np.eye(len(left)), toeplitz(first))
+    variance = found.solved.noise_variance
+    weight = np.diag([*(found.scale**2 / found.spread**2), variance / 0.6**2])
+    inverse = np.linalg.inv(columns.T @ columns + weight)
+    expected = inverse @ (columns.T @ noise @ columns + variance * weight) @ inverse
+    size = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(sure.matrix / np.outer(size, size), expected / np.outer(size, size), atol=1e-6)
+
+
+@pytest.mark.parametrize("case", ["A", "E", "N", "T"])
+def test_both_pathways_are_found(case):
+    ensemble, truth = simulated(case, 150 if case == "E" else 40)
+    model = tv.JointCascade().identify(ensemble)
+    details = model.diagnostics.details
+    assert model.diagnostics.warnings == ()
+    assert details["reflex_shown"] == 1
+    assert details["direction"] == (-1 if case == "N" else 1)
+    error = model.stiffness - truth["stiffness"]
+    assert abs(error.mean()) < 4.0
+    assert np.sqrt(np.mean(error**2)) < 5.0  # by sds 55
+    error = model.over_time("reflex_gain") - truth["reflex_gain"]
+    assert abs(error.mean()) < 0.5
+    assert np.sqrt(np.mean(error**2)) < 1.0
+    for name in ("stiffness", "reflex_gain"):
+        lower, upper = model.estimates[name].band()
+        assert np.mean((lower < truth[name]) & (truth[name] < upper)) > 0.7
+    assert details["frequency"] == pytest.approx(15.6, rel=0.06)
+    assert details["damping"] == pytest.approx(0.62, rel=0.12)
+    assert details["threshold"] == pytest.approx(CASES[case][2].get("threshold", 0.0), abs=0.03)
+    assert details["evidence_negative" if case == "N" else "evidence_positive"] > details["evidence_linear"] + 20
+    assert details["vaf_held_out"] == pytest.approx(details["vaf"], abs=1.5)
+    np.testing.assert_allclose(model.impulse_response.sum(axis=1) / 100, model.stiffness, rtol=1e-9)
+    assert model.viscosity.mean() == pytest.approx(2.2, rel=0.05)
+    assert model.inertia.mean() == pytest.approx(0.02, rel=0.06)
+
+
+def test_no_reflex_is_invented():
+    ensemble, truth = simulated("C", 40)
+    with pytest.warns(tv.DataQualityWarning, match="cascade: no reflex is shown"):
+        model = tv.JointCascade().identify(ensemble)
+    assert model.diagnostics.details["reflex_shown"] == 0
+    np.testing.assert_array_equal(model.pathways(ensemble)["reflex"][:, 45:], 0)
+    np.testing.assert_allclose(model.stiffness, truth["stiffness"], atol=2.0)
+    lower, upper = model.estimates["reflex_gain"].band(0.999)
+    assert (lower < 0).all()
+    assert (upper > 0).all()
+    assert (upper - lower < 3).all()
+
+
+def test_emg_drives_the_reflex():
+    ensemble, truth = simulated("A", 40)
+    model = tv.JointCascade(emg="emg").identify(ensemble)
+    assert model.diagnostics.details["reflex_shown"] == 1
+    assert abs(np.mean(model.stiffness - truth["stiffness"])) < 15  # half of sds's: the electrode's noise is no drive
+    assert model.estimates["reflex_gain"].unit == "N m/V"
+    assert set(model.pathways(ensemble)) == {"intrinsic", "reflex"}
+    with pytest.raises(tv.InputError, match="it needs the channel 'soleus'"):
+        tv.JointCascade(emg="soleus").identify(ensemble)
+
+
+def test_an_angle_at_the_low_rate_only_serves_with_a_warning():
+    ensemble, truth = simulated("A", 40)
+    with pytest.warns(tv.DataQualityWarning, match="the angle is there at 100 Hz only"):
+        model = tv.JointCascade().identify(dataclasses.replace(ensemble, recorded_angle=None))
+    assert abs(np.mean(model.stiffness - truth["stiffness"])) < 4
+
+
+def test_a_model_predicts_as_it_was_fitted():
+    ensemble, _ = simulated("A", 40)
+    ensemble = tv.preprocess.subtract_mean(ensemble)
+    model = tv.JointCascade().identify(ensemble)
+    measured, predicted = ensemble.torque[:, ensemble.core], model.predict(ensemble)
+    share = 1 - np.nansum((measured - predicted) ** 2) / np.sum(measured[np.isfinite(predicted)] ** 2)
+    assert 100 * share == pytest.approx(model.diagnostics.details["vaf"], abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"harmonics": (25, 25)}, "three whole numbers"),
+        ({"harmonics": (25, -1, 3)}, "three whole numbers"),
+        ({"delay": "free"}, "delay must be a number"),
+        ({"constant": "yes"}, "constant must be True, False or None"),
+        ({"period": 0.0}, "period must be positive"),
+    ],
+)
+def test_wrong_settings_are_refused(settings, message):
+    with pytest.raises(tv.InputError, match=message):
+        tv.JointCascade(**settings)
+
+
+def test_realizations_without_history_are_refused(random):
+    angle = random.normal(size=(20, 40))
+    with pytest.raises(tv.InputError, match=r"a reflex needs to know 0.45 s of what went before"):
+        tv.JointCascade().identify(tv.Ensemble(angle, angle, 100.0))

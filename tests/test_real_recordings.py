@@ -118,6 +118,42 @@ def test_reversed_sign_is_told(recordings_folder):
         tv.ShortDataSegments().identify(tv.preprocess.subtract_mean(ensemble))
 
 
+# Expected are 54.7, 77.2 and 52.0 by an independent fit; others that separate the pathways give 50-73, 72-81 and 49-54.
+INTRINSIC = {"plantarflexor": (50, 70, 87), "dorsiflexor": (73, 81, 94), "dorsiflexor_2": (50, 54, 95)}
+
+
+@pytest.mark.filterwarnings(
+    "ignore:cascade. the (intrinsic response|threshold|reflex gain):tvsysid.errors.DataQualityWarning"
+)
+@pytest.mark.parametrize("muscle", MUSCLES)
+def test_tonic_stiffness_without_its_reflex(recordings_folder, muscle):
+    ensemble = tonic(recordings_folder, muscle)
+    model = tv.JointCascade().identify(ensemble)
+    low, high, share = INTRINSIC[muscle]
+    assert low < model.stiffness.mean() < high
+    assert model.stiffness.std() < 1.5
+    lower, upper = model.estimates["stiffness"].band()
+    assert np.mean(lower) > low - 2
+    assert np.mean(upper) < high + 2
+    details = model.diagnostics.details
+    assert (details["reflex_shown"], details["direction"]) == (1, 1)
+    assert details["vaf"] == pytest.approx(share, abs=1.5)  # slow drift counts, which nothing explains
+    assert details["vaf_held_out"] == pytest.approx(details["vaf"], abs=1)
+    assert details["evidence_positive"] > details["evidence_negative"] + 20
+    assert model.over_time("reflex_gain").mean() == pytest.approx({"dorsiflexor_2": 6.8}.get(muscle, 40), rel=0.25)
+    assert 0.005 < model.inertia.mean() < 0.02
+
+
+def test_walking_has_a_small_reflex(walking):
+    with pytest.warns(tv.DataQualityWarning, match="the threshold is hardly identified"):
+        model = tv.JointCascade().identify(walking)
+    details = model.diagnostics.details
+    assert details["reflex_shown"] == 1
+    assert details["vaf_held_out"] == pytest.approx(96, abs=0.5)
+    assert 25 < model.stiffness.mean() < 32
+    assert model.time[np.argmax(model.stiffness)] == pytest.approx(0.69, abs=0.1)
+
+
 @pytest.fixture(scope="module")
 def moving(recordings_folder):
     file = recordings_folder / "moving_ankle_nldat.mat"

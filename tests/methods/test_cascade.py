@@ -118,6 +118,15 @@ def test_reflex_columns_are_what_arrives_at_the_muscle_times_functions_of_time(p
         np.testing.assert_allclose(column, deviations(out, reflex.fitted), rtol=1e-3, atol=1e-4)
 
 
+def test_samples_of_coloured_noise_count_less(problem):
+    whole, half = (problem[0].data.counting(share) for share in (1.0, 0.5))
+    columns = problem[0].columns(KNOWN)
+    for data in (half, half.part(np.arange(8))):
+        for one, other in zip(data.moments(columns), whole.moments(columns), strict=True):
+            np.testing.assert_allclose(one, 0.5 * other, rtol=1e-9)
+    assert half.constant().own.number == half.own.number
+
+
 def test_evidence_is_that_of_the_samples(random):
     columns, torque = random.normal(size=(40, 5)), random.normal(size=40)
     moments = Moments(columns.T @ columns, columns.T @ torque, torque @ torque, 40.0)

@@ -53,7 +53,7 @@ def covariance_of(problem: Problem, found: Found, left: Array) -> Covariance:
     freedom = max(1.0, problem.data.number - found.solved.effective - len(slopes))
     coloured = _coloured(problem, further, scale, _spectrum(left, freedom))
     inverse = np.linalg.inv(gram + np.diag(weight))
-    matrix = inverse @ (coloured + noise * np.diag(weight)) @ inverse
+    matrix = inverse @ (problem.data.share**2 * coloured + noise * np.diag(weight)) @ inverse
     return Covariance(matrix / np.outer(scale, scale), freedom)
 
 

@@ -59,10 +59,11 @@ class JointCascade(base.Method):
     -----
     Coefficients have Gaussian priors relative to the noise: wide ones for the constants of stiffness, viscosity and
     inertia, :math:`\gamma h^{-\nu}` for the h-th harmonic, one size for the differences and one for the mean gain.
-    Sizes and decays are those of greatest evidence. The muscle's frequency and damping, the threshold c and a free
-    delay are found by Gauss-Newton steps, with all coefficients solved for in each: a reflex that is fitted to what an
-    intrinsic fit left has lost part of itself. Nothing is prewhitened, which would give weight to misfit at high
-    frequency.
+    Sizes and decays are those of greatest evidence, for which a sample counts as a share of an independent one where
+    the noise is not white (:func:`tvsysid.numerics.noise.white_share`): slow voluntary torque would pass for a change
+    of stiffness. The muscle's frequency and damping, the threshold c and a free delay are found by Gauss-Newton steps,
+    with all coefficients solved for in each: a reflex that is fitted to what an intrinsic fit left has lost part of
+    itself. Nothing is prewhitened, which would give weight to misfit at high frequency.
 
     The velocity is that of the total angle, rectified at the rate at which it was recorded. Torque and regressors are
     deviations from their mean over realizations. The gain is that of the stretch as it arrives at the muscle.

@@ -16,6 +16,7 @@ from tvsysid.methods.cascade.shape import Found, Problem, first_shapes, held_out
 from tvsysid.methods.shared.pathways import history
 from tvsysid.numerics import Array
 from tvsysid.numerics.bases import FourierSeries
+from tvsysid.numerics.noise import white_share
 from tvsysid.signals import Ensemble
 
 SETTLED = 0.45  # seconds of what drives a reflex that must be known before a sample that is fitted
@@ -36,7 +37,7 @@ class Candidate(NamedTuple):
 
     def share(self) -> float:
         """Of the torque's square, what is predicted where it was not fitted to."""
-        return 1 - float(self.left.sum()) / self.found.moments.square
+        return 1 - float(self.left.sum()) / float(np.sum(self.problem.data.torque**2))
 
     def better_than(self, other: Candidate) -> float:
         """Probability that this one predicts so much better by chance."""
@@ -82,15 +83,29 @@ class Search(NamedTuple):
     def fits(self, constant: bool | None) -> dict[str, Candidate]:
         """Solution with each reflex, and without one; None chooses whether they are constant."""
         still = self.data.constant()
-        found = {"none": self.candidate("none", still, first_shapes(self.delay, ())[0])}
+        shapes = {"none": first_shapes(self.delay, ())[0]}
         for name in self.drives:
-            problem = self.problem(name, still)
-            best = problem.refined(problem.started(first_shapes(self.delay, self.free[name])).shape)
-            found[name] = self.judged(problem, best)
-        if constant or not self.data.varies:
+            shapes[name] = self.problem(name, still).started(first_shapes(self.delay, self.free[name])).shape
+        varying = self.data.varies and not constant
+        share = self._share(shapes, self.data if varying else still)
+        found = {name: self.candidate(name, still.counting(share), shape) for name, shape in shapes.items()}
+        if not varying:
             return found
-        varying = {name: self.candidate(name, self.data, each.found.shape) for name, each in found.items()}
-        return varying if constant is False or _better(varying, found) else found
+        data = self.data.counting(share)
+        changing = {name: self.candidate(name, data, shape) for name, shape in shapes.items()}
+        return changing if constant is False or _better(changing, found) else found
+
+    def _share(self, shapes: Mapping[str, Shape], data: Data) -> float:
+        """How much a sample is worth: what the best solution leaves is not white."""
+        problems = {name: self.problem(name, data) for name in shapes}
+        found = {name: problem.at(shapes[name]) for name, problem in problems.items()}
+        best = max(found, key=lambda name: found[name].objective)
+        left = data.torque - np.sum(problems[best].torques(found[best]), axis=0)
+        seen = data.fitted.all(axis=0)
+        if not seen.any():
+            return 1.0
+        rate = self.ensemble.sampling_rate
+        return white_share(left[:, seen], data.signals[0][:, seen], rate, (0.0, rate / 2))
 
     def candidate(self, name: str, data: Data, shape: Shape) -> Candidate:
         """Solution for a shape."""

@@ -30,6 +30,10 @@ class Moments(NamedTuple):
     square: float
     number: float
 
+    def times(self, share: float) -> Self:
+        """Moments of samples each of which counts as a share of one."""
+        return type(self)(share * self.gram, share * self.cross, share * self.square, share * self.number)
+
     def scaled(self, scale: Array) -> Self:
         """Moments of columns that are divided by these numbers."""
         return self._replace(gram=self.gram / np.outer(scale, scale), cross=self.cross / scale)

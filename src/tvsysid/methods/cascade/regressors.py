@@ -5,7 +5,7 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -63,7 +63,8 @@ class Data:
     """Deviations of the torque (realization, time) and of the intrinsic ``signals`` from their mean over realizations.
 
     ``bases`` are the functions of time (time, function) by which each signal's coefficient changes; samples that are
-    not ``fitted`` are 0; ``own`` are the moments of the signals' products with their functions.
+    not ``fitted`` are 0. ``own`` are the moments of the signals' products with their functions. Of ``number``
+    independent samples each counts as a ``share`` of one, because noise is not white.
     """
 
     torque: Array
@@ -72,17 +73,24 @@ class Data:
     fitted: NDArray[np.bool_]
     number: float
     own: Moments
+    share: float = 1.0
 
     @classmethod
     def of(cls, torque: Array, signals: Array, bases: tuple[Array, ...], fitted: NDArray[np.bool_]) -> Self:
         """Of torque and signals (signal, realization, time) as they are."""
         taken = int(fitted.any(axis=0).sum()) if len(fitted) > 1 else 1
         number = float(fitted.sum() - taken)
-        return cls._of(deviations(torque, fitted), deviations(signals, fitted), bases, fitted, number)
+        return cls._of(deviations(torque, fitted), deviations(signals, fitted), bases, fitted, number, 1.0)
 
     @classmethod
     def _of(
-        cls, torque: Array, signals: Array, bases: tuple[Array, ...], fitted: NDArray[np.bool_], number: float
+        cls,
+        torque: Array,
+        signals: Array,
+        bases: tuple[Array, ...],
+        fitted: NDArray[np.bool_],
+        number: float,
+        share: float,
     ) -> Self:
         products = np.einsum("irt,jrt->tij", signals, np.concatenate([signals, torque[None]]), optimize=True)
         gram = np.block(
@@ -90,7 +98,7 @@ class Data:
         )
         cross = np.concatenate([a.T @ products[:, i, -1] for i, a in enumerate(bases)])
         square = float(np.vdot(torque, torque))
-        return cls(torque, signals, bases, fitted, number, Moments(gram, cross, square, number))
+        return cls(torque, signals, bases, fitted, number, Moments(gram, cross, square, number).times(share), share)
 
     @property
     def varies(self) -> bool:
@@ -99,12 +107,19 @@ class Data:
 
     def constant(self) -> Self:
         """Data of coefficients that do not change."""
-        return self._of(self.torque, self.signals, tuple(a[:, :1] for a in self.bases), self.fitted, self.number)
+        return self._of(
+            self.torque, self.signals, tuple(a[:, :1] for a in self.bases), self.fitted, self.number, self.share
+        )
+
+    def counting(self, share: float) -> Self:
+        """Data of which each sample counts as this share of an independent one."""
+        return replace(self, own=self.own.times(share / self.share), share=share)
 
     def part(self, rows: NDArray[np.int64]) -> Self:
         """Data of some realizations, the means subtracted being those of all."""
-        share = float(self.fitted[rows].sum() / self.fitted.sum())
-        return self._of(self.torque[rows], self.signals[:, rows], self.bases, self.fitted[rows], self.number * share)
+        number = self.number * float(self.fitted[rows].sum() / self.fitted.sum())
+        torque, signals, fitted = self.torque[rows], self.signals[:, rows], self.fitted[rows]
+        return self._of(torque, signals, self.bases, fitted, number, self.share)
 
     def moments(self, columns: Array) -> Moments:
         """Moments of the intrinsic columns and of others (column, realization, time), which are deviations."""
@@ -112,10 +127,10 @@ class Data:
             return self.own
         flat = columns.reshape(len(columns), -1)
         mixed = [a.T @ np.einsum("rt,krt->tk", s, columns) for a, s in zip(self.bases, self.signals, strict=True)]
-        between = np.concatenate(mixed)
-        gram = np.block([[self.own.gram, between], [between.T, flat @ flat.T]])
-        cross = np.concatenate([self.own.cross, flat @ self.torque.ravel()])
-        return Moments(gram, cross, self.own.square, self.number)
+        between = self.share * np.concatenate(mixed)
+        gram = np.block([[self.own.gram, between], [between.T, self.share * (flat @ flat.T)]])
+        cross = np.concatenate([self.own.cross, self.share * (flat @ self.torque.ravel())])
+        return Moments(gram, cross, self.own.square, self.own.number)
 
     def modulated(self, rows: slice) -> Array:
         """Intrinsic columns of some realizations (column, realization, time)."""

@@ -20,6 +20,7 @@ from tvsysid.signals import Array, Ensemble
 
 FITTED = (0.5, 15.0)  # Hz, over which viscosity and inertia are those of the intrinsic response
 APART = 0.1  # share by which the stiffness of that fit may differ from the response's sum
+UNKNOWN = 0.1  # rad/s of a threshold's standard error, a third of its prior's
 FADED = 3e-3  # share of a muscle's response that is cut off
 
 
@@ -92,7 +93,7 @@ def model(method: str, search: Search, fits: Mapping[str, Candidate], chosen: Ch
     lags = search.lags
     intrinsic = Intrinsic.of(used.problem, used.found, lags, rate)
     known = np.asarray(used.problem.data.fitted.any(axis=0))
-    torques = _torques(used)
+    torques = used.problem.torques(used.found)
     left = used.problem.data.torque - np.sum(torques, axis=0)
     sure = covariance_of(used.problem, used.found, left)
     reflex_sure = sure if chosen.shown else covariance_of(chosen.fit.problem, chosen.fit.found, left)
@@ -127,16 +128,6 @@ def _drive(chosen: Chosen) -> Drive:
     if chosen.emg is not None:
         return Measured(chosen.emg)
     return Stretch(chosen.fit.found.shape.threshold, 1 if chosen.name == "positive" else -1)
-
-
-def _torques(fit: Candidate) -> tuple[Array, Array]:
-    """Intrinsic and reflex torque (realization, time), as deviations from their means."""
-    problem, coefficients = fit.problem, fit.found.coefficients
-    own = len(problem.data.own.cross)
-    intrinsic = problem.data.torque_of(coefficients[:own])
-    if problem.reflex is None:
-        return intrinsic, np.zeros_like(intrinsic)
-    return intrinsic, problem.reflex.torque(fit.found.shape, coefficients[own:])
 
 
 def _gain(fit: Candidate, time: Array) -> tuple[Array, Array]:
@@ -210,6 +201,11 @@ def _warnings(
         yield (
             f"the threshold ran into its bound of {shape.threshold:g} rad/s: it is not identified, nor is the reflex's "
             "gain"
+        )
+    elif details.get("threshold_error", 0.0) > UNKNOWN:
+        yield (
+            f"the threshold is hardly identified ({shape.threshold:.2g} ± {details['threshold_error']:.2g} rad/s), as "
+            "where all movements are equally fast: the reflex's gain rises and falls with it"
         )
     mean = float(np.nanmean(estimates["stiffness"].values))
     fitted = details["stiffness_fitted"]

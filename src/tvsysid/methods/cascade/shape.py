@@ -132,6 +132,14 @@ class Problem:
         parameters = tuned(found.moments, self.prior, found.parameters)
         return self._solved(found.shape, found.moments, found.scale, parameters)
 
+    def torques(self, found: Found) -> tuple[Array, Array]:
+        """Intrinsic and reflex torque (realization, time) of a solution, as deviations from their means."""
+        own = len(self.data.own.cross)
+        intrinsic = self.data.torque_of(found.coefficients[:own])
+        if self.reflex is None:
+            return intrinsic, np.zeros_like(intrinsic)
+        return intrinsic, self.reflex.torque(found.shape, found.coefficients[own:])
+
     def slopes(self, found: Found) -> Array:
         """Derivatives of the reflex torque by the free numbers of its shape, (number, realization, time)."""
         out = np.zeros((len(self.free), *self.data.torque.shape))

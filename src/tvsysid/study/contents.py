@@ -52,6 +52,7 @@ class Fixed(NamedTuple):
     attributes: Mapping[str, str] = {}
 
 
+ASKED = {"long_name": "whether the method identifies the scenario"}
 OF_METHOD, OVER_TIME, OF_QUANTITY = ("method_key",), ("method_key", "time"), ("method_key", "quantity", "time")
 OVER_SCHEDULE = ("method_key", "scheduled", "scheduling")
 OF_TRIAL = {
@@ -177,6 +178,8 @@ def _of_simulations(study: Study) -> Layout:
     traits = ("profile", "perturbation", "duration_s", "snr_db", "viscosity", "system")
     units = {"duration_s": {"units": "s"}, "snr_db": {"units": "dB"}}
     truth = np.stack([known.truth[scenario] for scenario in scenarios])
+    asked = np.array([[label in study.methods_of[each] for label in study.named_methods] for each in scenarios])
+    restricted = [] if asked.all() else [Fixed("asked", ("scenario", "method_key"), asked, ASKED)]
     return Layout(
         title=SIMULATIONS,
         places=("scenario", "trial"),
@@ -189,6 +192,7 @@ def _of_simulations(study: Study) -> Layout:
             Fixed("trial", ("trial",), np.arange(study.trials)),
             # Not "method", which xarray's sel() takes for a way to interpolate.
             Fixed("method_key", ("method_key",), list(study.named_methods)),
+            *restricted,
             *_shared(study, known.quantities, known.pathways, study.period, study.rate),
             Fixed("statistic", ("statistic",), STATISTICS),
             Fixed("stage", ("stage",), STAGES),
@@ -203,7 +207,7 @@ def _of_simulations(study: Study) -> Layout:
         | (OF_SEVERAL_PATHWAYS if known.pathways else {})
         | (OF_SCHEDULED if study.scheduled else {})
         | (OF_CHANGING_TRUTH if known.changes else {}),
-        coordinates=(*traits, "unit"),
+        coordinates=(*traits, "unit", *(item.name for item in restricted)),
         identity={
             "study": (json.loads(study.to_json()), "another study"),
             "versions": (versions(), "other versions of the software"),

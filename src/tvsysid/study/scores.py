@@ -232,10 +232,10 @@ def score(results: xr.Dataset) -> xr.Dataset:
     place_of = {each: number for number, each in enumerate(every)}
     shape = (results.sizes["scenario"], results.sizes["method_key"], len(every))
     value, replicates = np.full(shape, np.nan), np.full((*shape, draws), np.nan)
-    there = results.checksums.values.any(axis=-1)
-    failed = there[..., None] & np.asarray(results.failure.values != "")
+    there = results.checksums.values.any(axis=-1)[..., None] & asked(results)[:, None]
+    failed = there & np.asarray(results.failure.values != "")
     value[..., place_of["", "failed"]] = failed.sum(axis=1)
-    used = there[..., None] & ~failed
+    used = there & ~failed
     for row in range(shape[0]):
         here = {name: results[name].isel(scenario=row).values for name in SCORED if name in results}
         for column in np.flatnonzero(used[row].any(axis=0)).tolist():
@@ -281,6 +281,12 @@ def score(results: xr.Dataset) -> xr.Dataset:
         },
         attrs=results.attrs,
     )
+
+
+def asked(results: xr.Dataset) -> NDArray[np.bool_]:
+    """Which methods identify each scenario, (scenario, method_key); all of them unless the study says otherwise."""
+    shape = results.sizes["scenario"], results.sizes["method_key"]
+    return np.asarray(results.asked.values) if "asked" in results.coords else np.ones(shape, dtype=bool)
 
 
 def units_of(results: xr.Dataset) -> dict[str, str]:

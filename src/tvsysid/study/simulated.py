@@ -49,6 +49,7 @@ KINDS: dict[str, tuple[Mapping[str, Any], str, str]] = {
 
 Parts = Annotated[tuple[Any, ...], Listed, Field(min_length=1)]
 Numbers = Annotated[tuple[float, ...], Listed, Field(min_length=1)]
+Methods = Annotated[tuple[AnyMethod, ...], Listed, Field(min_length=1)]
 
 
 def _said(expected: str, **limits: Any) -> Any:
@@ -92,6 +93,11 @@ class Known(NamedTuple):
 
 
 class _Grid(Settings):
+    @field_validator("methods", check_fields=False)
+    @classmethod
+    def _given_once(cls, values: tuple[Any, ...] | None) -> tuple[Any, ...] | None:
+        return values and unique(values)
+
     @field_validator(*KINDS, check_fields=False)
     @classmethod
     def _found(cls, values: tuple[Any, ...] | None, info: Any) -> tuple[Any, ...] | None:
@@ -127,6 +133,7 @@ class Further(_Grid):
     snr_db: Numbers | None = None
     viscosity: Parts | None = None
     system: Parts | None = None
+    methods: Methods | None = None
 
 
 class Study(_Grid, StudySettings):
@@ -147,7 +154,8 @@ class Study(_Grid, StudySettings):
         ``simulate``. A dataclass with fields ``stiffness`` and ``viscosity`` is given those of the scenario; any other
         has its own.
     also
-        Further scenarios: mappings of the settings above, each a grid of its own; what is not given is as above.
+        Further scenarios: mappings of the settings above and of ``methods``, each a grid of its own; what is not given
+        is as above.
     rate, period
         Rate in Hz to which the data are decimated, and duration of a realization in s.
     methods
@@ -181,16 +189,9 @@ class Study(_Grid, StudySettings):
     also: Annotated[tuple[Further, ...], _said("tables of further scenarios")] = ()
     rate: Annotated[float, _said("a number of hertz", gt=0)] = RATE
     period: Annotated[float, _said("a number of seconds", gt=0)] = PERIOD
-    methods: Annotated[
-        tuple[AnyMethod, ...], Listed, _said("keys of methods, such as 'sds:window=0.2'", min_length=1)
-    ] = DEFAULT_METHODS
+    methods: Annotated[Methods, _said("keys of methods, such as 'sds:window=0.2'")] = DEFAULT_METHODS
     trials: Annotated[Whole, _said("a whole number of one or more", ge=1)] = 20
     seed: Annotated[Whole, _said("a whole number of zero or more", ge=0)] = 0
-
-    @field_validator("methods")
-    @classmethod
-    def _given_once(cls, values: tuple[Any, ...]) -> tuple[Any, ...]:
-        return unique(values)
 
     @model_validator(mode="after")
     def _named_apart(self) -> Study:
@@ -235,7 +236,8 @@ class Study(_Grid, StudySettings):
     @cached_property
     def named_methods(self) -> dict[str, Any]:
         """Method objects by the label that they have in results."""
-        return {label_of(value): parse(value) if isinstance(value, str) else value for value in self.methods}
+        every = [value for settings in (self, *self.also) for value in settings.methods or ()]
+        return {label_of(value): parse(value) if isinstance(value, str) else value for value in every}
 
     @cached_property
     def parts(self) -> dict[str, Any]:
@@ -248,16 +250,22 @@ class Study(_Grid, StudySettings):
             if verb
         }
 
-    @cached_property
+    @property
     def scenarios(self) -> tuple[Scenario, ...]:
         """Every combination of the settings of each grid, once."""
-        own = {name: getattr(self, name) for name in GRID}
-        grids = [own]
-        for further in self.also:
-            given = {name: getattr(further, name) for name in GRID}
-            grids.append({name: own[name] if value is None else value for name, value in given.items()})
-        every = (Scenario._make(_labels(values)) for grid in grids for values in itertools.product(*grid.values()))
-        return tuple(dict.fromkeys(map(self._as_taken, every)))
+        return tuple(self.methods_of)
+
+    @cached_property
+    def methods_of(self) -> dict[Scenario, frozenset[str]]:
+        """Labels of the methods that identify each scenario: those of every grid that it belongs to."""
+        found: dict[Scenario, frozenset[str]] = {}
+        for settings in (self, *self.also):
+            chosen = {name: getattr(settings, name) or getattr(self, name) for name in (*GRID, "methods")}
+            methods = frozenset(map(label_of, chosen.pop("methods")))
+            for values in itertools.product(*chosen.values()):
+                scenario = self._as_taken(Scenario._make(_labels(values)))
+                found[scenario] = found.get(scenario, frozenset()) | methods
+        return found
 
     def _as_taken(self, scenario: Scenario) -> Scenario:
         """The scenario, without what its system does not take."""
@@ -337,7 +345,7 @@ class Study(_Grid, StudySettings):
                 {name: _labels(value) for name, value in further if value is not None} for further in self.also
             ]
         others = {"rate": self.rate, "period": self.period, "trials": self.trials, "seed": self.seed}
-        return json.dumps(settings | {"methods": list(self.named_methods)} | others)
+        return json.dumps(settings | {"methods": _labels(self.methods)} | others)
 
 
 def _is_always(usual: Mapping[str, Array], simulation: Simulation, ensemble: Ensemble) -> bool:

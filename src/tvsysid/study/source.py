@@ -69,6 +69,7 @@ class Simulations(Source):
             seed=self._study.seed_of(scenario, number),
             methods=self._methods,
             shapes=self.layout.shapes("method_key"),
+            asked=self._study.methods_of.get(scenario, frozenset(self._methods)),
         )
 
 

@@ -82,6 +82,8 @@ def _rows(cell: Any) -> Iterator[tuple[Any, ...]]:
     names = list(zip(*kinds, strict=True))
     for method in cell.method_key.values:
         own = cell.sel(method_key=method)
+        if not own.coords.get("asked", True):
+            continue
         counted = (*labels, str(method), int(own.trials))
         for (name, unit, quantity), value, error in zip(
             names, own.value.values.tolist(), own.standard_error.values.tolist(), strict=True

@@ -48,11 +48,15 @@ class Setting(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Trial(task.Task):
-    """One trial of one scenario, as sent to a worker; system and perturbation (``simulated``) are pickled."""
+    """One trial of one scenario, as sent to a worker; system and perturbation (``simulated``) are pickled.
+
+    Only the methods ``asked`` identify it; the others have no numbers, and did not fail.
+    """
 
     setting: Setting
     simulated: bytes
     seed: np.random.SeedSequence
+    asked: frozenset[str]
 
     def work(self) -> Outcome:
         """Simulate the trial and identify it by each method.
@@ -91,7 +95,10 @@ class Trial(task.Task):
                 explained = task.explained(torque, np.asarray(sum(own.values())), ensemble.sampling_rate)
                 return bands | estimate | explained | task.of_pathways(own, known)
 
-        rows = [self.attempt(label, ensemble, measure) for label in self.methods]
+        rows = [
+            self.attempt(label, ensemble, measure) if label in self.asked else task.failed("")
+            for label in self.methods
+        ]
         return self._outcome(rows, list(clock.seconds.values()), truth)
 
     def all_failed(self, reason: str) -> Outcome:

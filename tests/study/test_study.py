@@ -74,7 +74,7 @@ def test_a_study_from_toml(tmp_path):
         ("duration_ms = [40000]", r"duration_ms: unknown key; did you mean duration_s\?"),
         ('duration_s = ["150 s"]', r"duration_s.0: .*valid number.*got '150 s' \(expected numbers of seconds\)"),
         ("duration_s = 0.04", "duration_s: expected whole realizations of 2 s, two at least: multiples of 2 s; got "),
-        ("[[also]]\ntrials = 5", r"also.0.trials: unknown key.*known: stiffness, .* viscosity, system\)"),
+        ("[[also]]\ntrials = 5", r"also.0.trials: unknown key.*known: stiffness, .* viscosity, system, methods\)"),
         ("trials = ", "study.toml: not a TOML file: "),
         ('also = "sine"', "also"),
         ("also = [3]", "also"),

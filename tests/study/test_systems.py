@@ -1,13 +1,14 @@
 """A study simulates any system, profile and perturbation, at any rate and period."""
 
 import dataclasses
+import json
 import sys
 
 import numpy as np
 import pytest
 
 import tvsysid as tv
-from tvsysid.study import Study, of_quantity, run, score, summarize
+from tvsysid.study import Study, of_quantity, read_results, run, score, summarize
 from tvsysid.study.scores import wave_of
 
 MODULE = """
@@ -201,3 +202,40 @@ def test_each_pathway_is_scored():
     expected = found.pathway_vaf.sel(method_key="Halves", statistic="mean").mean("trial").values[0]
     np.testing.assert_allclose(table.value, expected)
     assert (table.standard_error > 0).all()
+
+
+def test_further_scenarios_may_have_methods_of_their_own(tmp_path):
+    also = [{"duration_s": 12, "methods": ["sds", "eirf"]}, {"perturbation": "pulses"}]
+    study = Study(system="reflex", duration_s=20, **SHORT | {"methods": ["birf", "sds"]}, also=also)
+    assert list(study.named_methods) == ["birf", "sds", "eirf"]
+    assert list(map(sorted, study.methods_of.values())) == [["birf", "sds"], ["eirf", "sds"], ["birf", "sds"]]
+    run(study, store=tmp_path / "results.zarr", workers=1)
+    found = read_results(tmp_path / "results.zarr")
+    there = np.isfinite(found.vaf.sel(statistic="mean", trial=0)).values
+    np.testing.assert_array_equal(there, [[True, True, False], [False, True, True], [True, True, False]])
+    np.testing.assert_array_equal(found.asked, there)
+    assert not (found.failure.values != "").any()
+    table = summarize(score(found))
+    assert {name: set(rows.method) for name, rows in table.groupby("duration_s")} == {
+        20.0: {"birf", "sds"},
+        12.0: {"sds", "eirf"},
+    }
+    alone = run(Study(system="reflex", duration_s=12, **SHORT | {"methods": ["sds"]}), workers=1)
+    np.testing.assert_array_equal(
+        alone.estimate.values.squeeze(), found.estimate.isel(scenario=1).sel(method_key="sds").values.squeeze()
+    )
+
+
+def test_the_mean_over_realizations_is_taken_from_what_is_identified_and_from_the_noiseless_torque():
+    settings = {"system": "reflex", "duration_s": 20, "perturbation": "noise", "trials": 1, "methods": [Halves()]}
+    plain, without = (run(Study(**settings, subtract_mean=each), workers=1) for each in (False, True))
+    study = Study(**settings)
+    seed = study.seed_of(study.scenarios[0], 0)
+    simulation = study.parts["system reflex"].simulate(
+        20, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=seed
+    )
+    ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 2.0)
+    model = tv.ShortDataSegments().identify(tv.preprocess.subtract_mean(ensemble))
+    np.testing.assert_allclose(without.estimate.values[0, 0, 0, 0], model.stiffness)
+    assert not np.allclose(plain.estimate, without.estimate, equal_nan=True)
+    assert json.loads(Study(**settings, subtract_mean=True).to_json())["subtract_mean"]

@@ -158,6 +158,9 @@ class Study(_Grid, StudySettings):
         is as above.
     rate, period
         Rate in Hz to which the data are decimated, and duration of a realization in s.
+    subtract_mean
+        Whether angle and torque lose their mean over realizations, as that which a reflex's torque has; the noiseless
+        torque then loses it too.
     methods
         Keys of methods, with settings if need be (``"sds:window=0.2"``), ``"mymodule:MyMethod"``, or objects with
         ``identify``; by default the package's own five.
@@ -189,6 +192,7 @@ class Study(_Grid, StudySettings):
     also: Annotated[tuple[Further, ...], _said("tables of further scenarios")] = ()
     rate: Annotated[float, _said("a number of hertz", gt=0)] = RATE
     period: Annotated[float, _said("a number of seconds", gt=0)] = PERIOD
+    subtract_mean: Annotated[bool, _said("true or false")] = False
     methods: Annotated[Methods, _said("keys of methods, such as 'sds:window=0.2'")] = DEFAULT_METHODS
     trials: Annotated[Whole, _said("a whole number of one or more", ge=1)] = 20
     seed: Annotated[Whole, _said("a whole number of zero or more", ge=0)] = 0
@@ -288,7 +292,7 @@ class Study(_Grid, StudySettings):
     def setting_of(self, scenario: Scenario) -> Setting:
         """How a scenario is simulated and cut."""
         measured = self.known.quantities, self.known.pathways, self.scheduled
-        return Setting(scenario.duration_s, scenario.snr_db, self.rate, self.period, *measured)
+        return Setting(scenario.duration_s, scenario.snr_db, self.rate, self.period, *measured, self.subtract_mean)
 
     @cached_property
     def known(self) -> Known:
@@ -344,7 +348,8 @@ class Study(_Grid, StudySettings):
             settings["also"] = [
                 {name: _labels(value) for name, value in further if value is not None} for further in self.also
             ]
-        others = {"rate": self.rate, "period": self.period, "trials": self.trials, "seed": self.seed}
+        others: dict[str, Any] = {"rate": self.rate, "period": self.period, "trials": self.trials, "seed": self.seed}
+        others |= {"subtract_mean": True} if self.subtract_mean else {}
         return json.dumps(settings | {"methods": _labels(self.methods)} | others)
 
 

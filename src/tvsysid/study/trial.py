@@ -12,7 +12,7 @@ import numpy as np
 
 from tvsysid.errors import DataQualityWarning
 from tvsysid.models import Model
-from tvsysid.preprocess import decimate, segment
+from tvsysid.preprocess import decimate, segment, subtract_mean
 from tvsysid.signals import Array, Ensemble, Recording
 from tvsysid.simulate import Perturbation, Simulation, System
 from tvsysid.simulate.simulation import checked_simulation
@@ -34,6 +34,7 @@ class Setting(NamedTuple):
     quantities: tuple[str, ...]
     pathways: tuple[str, ...]
     scheduled: Mapping[str, int] = {}
+    subtract_mean: bool = False
 
     def simulated(self, system: System, perturbation: Perturbation, seed: np.random.SeedSequence) -> Simulation:
         """Record a system."""
@@ -44,6 +45,12 @@ class Setting(NamedTuple):
     def cut(self, recording: Recording) -> Ensemble:
         """Realizations of a simulated recording."""
         return segment(decimate(recording, self.rate), self.period)
+
+    def torque(self, recording: Recording) -> Array:
+        """Torque of a recording's realizations, (realization, time)."""
+        cut = self.cut(recording)
+        torque = np.asarray(cut.torque[:, cut.core])
+        return torque - torque.mean(axis=0) if self.subtract_mean else torque
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,15 +78,12 @@ class Trial(task.Task):
             simulation = setting.simulated(system, perturbation, self.seed)
         with clock.stage("preprocessing"):
             ensemble = setting.cut(simulation.recording)
-
-            def core_torque(recording: Recording) -> Array:
-                cut = setting.cut(recording)
-                return np.asarray(cut.torque[:, cut.core])
-
-            torque = core_torque(simulation.noiseless)
+            if setting.subtract_mean:
+                ensemble = subtract_mean(ensemble)
+            torque = setting.torque(simulation.noiseless)
             truth = true_values(simulation, ensemble, setting.quantities)
             known: Known = {
-                name: core_torque(replace(simulation.recording, torque=simulation.pathways[name]))
+                name: setting.torque(replace(simulation.recording, torque=simulation.pathways[name]))
                 if name in simulation.pathways
                 else None
                 for name in setting.pathways
@@ -96,8 +100,7 @@ class Trial(task.Task):
                 return bands | estimate | explained | task.of_pathways(own, known)
 
         rows = [
-            self.attempt(label, ensemble, measure) if label in self.asked else task.failed("")
-            for label in self.methods
+            self.attempt(label, ensemble, measure) if label in self.asked else task.failed("") for label in self.methods
         ]
         return self._outcome(rows, list(clock.seconds.values()), truth)
 

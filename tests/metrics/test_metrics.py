@@ -45,7 +45,9 @@ def test_a_perfect_identification_has_the_best_value(name, random):
     }.get(name, ([truth, truth], truth))
     np.testing.assert_allclose(metric.function(*arguments), metric.best, atol=1e-12)
     assert metric.unit in {"N·m/rad", "s", "%"}
-    assert metric.needs_truth == (name in {"bias_error", "debiased_bias_error", "total_error", "rise_time", "coverage"})
+    assert metric.needs_truth == (
+        name in {"bias_error", "debiased_bias_error", "mean_bias", "total_error", "rise_time", "coverage"}
+    )
 
 
 def test_coverage_counts_edges_as_inside_and_leaves_out_what_has_no_band():

@@ -70,7 +70,7 @@ def test_outcome_tells_what_was_kept_and_found(experiment, elements):
     assert "6 recordings of 3 participants; 4 methods" in text
     assert "288 identifications in all, of which 54 failed." in text
     assert "With filtered noise, 260 ± 0 of 300 realizations were kept (the paper: 260 ± 12 of 300)." in text
-    assert "Of 4 claims of the paper: holds: 1" in text
+    assert "Of 4 published claims: holds: 1" in text
     rows = experiment.summary[
         (experiment.summary.metric == "random_error") & (experiment.summary.perturbation == "prbs")
     ]

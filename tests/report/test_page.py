@@ -138,7 +138,7 @@ def test_outcome_says_who_is_best_and_how_surely(study):
     first, second, third = outcome(results, summary, claims())
     assert f"{best.method} has the lowest bias error ({best.value:.2f} ± {best.standard_error:.2f} N·m/rad)" in first
     assert second.startswith("Lowest total error: ")
-    assert third == "Of 4 claims of the paper: holds: 1, does not hold: 1, undecided: 1, not studied: 1."
+    assert third == "Of 4 published claims: holds: 1, does not hold: 1, undecided: 1, not studied: 1."
 
 
 def test_small_differences_are_not_called_clear():

@@ -45,11 +45,12 @@ def benchmark(
         Path | None, typer.Argument(metavar="[STUDY.toml]", help="TOML file with the study's settings.")
     ] = None,
     preset: Annotated[
-        Literal["quick", "paper", "snr", "viscosity"] | None,
+        Literal["quick", "paper", "snr", "viscosity", "reflex"] | None,
         option(
             None,
             "`quick` (the default), `paper` (van de Ruit et al. 2021: 40 to 600 s, 100 trials, and their sine), `snr` "
-            "(0 to 30 dB), `viscosity` (constant, and rising with stiffness). The options below override its settings.",
+            "(0 to 30 dB), `viscosity` (constant, and rising with stiffness), `reflex` (a stretch reflex, by methods "
+            "of one pathway and of two). The options below override its settings.",
         ),
     ] = None,
     system: Annotated[
@@ -109,11 +110,11 @@ def benchmark(
 
     Writes to the folder:
 
-    - `report.html`: all results in one page: ranking, figures, and the paper's claims compared with the results;
+    - `report.html`: all results in one page: ranking, figures, and published claims compared with the results;
 
     - `summary.csv`: a row for each scenario, method and metric, with value, standard error and unit;
 
-    - `claims.csv`: each claim of the paper, with the values found here and a verdict;
+    - `claims.csv`: each published claim, with the values found here and a verdict;
 
     - `figures/`: each figure as PNG, PDF and SVG;
 
@@ -125,6 +126,7 @@ def benchmark(
 
     Example: `tvsysid benchmark --preset paper --out paper`
     """
+    from tvsysid.studies import reflex
     from tvsysid.studies.van_de_ruit_2021 import preset as study_called
     from tvsysid.study import Study, cores, run
 
@@ -133,7 +135,10 @@ def benchmark(
     settings |= given(methods=list(dict.fromkeys(method)))
     if study_file is not None and preset is not None:
         raise InputError(f"{study_file} and --preset {preset}: give one of them")
-    study = Study.from_toml(study_file, **settings) if study_file else study_called(preset or "quick", **settings)
+    if study_file is not None:
+        study = Study.from_toml(study_file, **settings)
+    else:
+        study = study_called(preset or "quick", reflex.PRESETS, **settings)
     if dry_run:
         _print_plan(study, workers or cores())
         return
@@ -170,10 +175,11 @@ def _print_plan(study: Study, workers: int) -> None:
 def write(results: xr.Dataset, out: Path, command: str) -> bool:
     """Write tables, figures and report, and print the essence; whether every method gave a result in every trial."""
     from tvsysid.report import problems
+    from tvsysid.studies.reflex import published
     from tvsysid.studies.van_de_ruit_2021 import write_study
 
     with waiting("scoring and drawing"):
-        summary, claims, files, *_ = write_study(results, out, command)
+        summary, claims, files, *_ = write_study(results, out, command, published(results))
     labels = list(dict.fromkeys(summary.scenario))
     for label in labels[:MOST_TABLES]:
         _show_scores(summary[summary.scenario == label])
@@ -204,6 +210,8 @@ def _show_scores(summary: pd.DataFrame) -> None:
         "total_error": ("total\n(N·m/rad)", "{:.1f}"),
         "rise_time": ("rise\n(s)", "{:.2f}"),
         "vaf": ("VAF\n(%)", "{:.1f}"),
+        "reflex_gain total_error": ("reflex gain\n(N·m·s/rad)", "{:.1f}"),
+        "reflex pathway_vaf": ("VAF reflex\n(%)", "{:.1f}"),
         "bandpassed_vaf": ("VAF 1-10 Hz\n(%)", "{:.1f}"),
         "seconds": ("time\n(ms)", "{:.0f}"),
     }

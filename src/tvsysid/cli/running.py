@@ -120,4 +120,4 @@ def show_claims(claims: pd.DataFrame, of: str, need: str) -> None:
     ]
     missing = len(claims) - len(studied)
     caption = f"{missing} more of its claims need {need}" if missing else None
-    show_table(f"the paper's claims about its {of}", ["claim", "verdict"], rows, "ll", caption)
+    show_table(f"published claims about {of}", ["claim", "verdict"], rows, "ll", caption)

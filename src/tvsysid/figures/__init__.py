@@ -3,18 +3,27 @@
 A ``title`` stands above all of a figure.
 """
 
-from tvsysid.figures.comparison import method_comparison
+from tvsysid.figures.comparison import BARS_OF_PATHWAYS, method_comparison
 from tvsysid.figures.diagnosis import diagnosis_illustration, diagnosis_panels
 from tvsysid.figures.identification import identified_impedance, tuning_curves
 from tvsysid.figures.participants import participant_in_detail, stiffness_of_participants, stiffness_with_bands
 from tvsysid.figures.preparation import preparation_steps
 from tvsysid.figures.recorded import recorded_channels, recorded_signals
 from tvsysid.figures.saving import Illustration, Picture, draw_all, drawn, helpers, save, share_out
-from tvsysid.figures.simulations import coverage_over_time, error_against_amount, impulse_responses
+from tvsysid.figures.simulations import bias_against_gain, coverage_over_time, error_against_amount, impulse_responses
 from tvsysid.figures.spread import error_against_truth, variance_and_spread
 from tvsysid.figures.style import lines
 
-__all__ = ["Illustration", "Picture", "coverage_over_time", "diagnosis_illustration", "diagnosis_panels", "draw_all"]
+__all__ = [
+    "BARS_OF_PATHWAYS",
+    "Illustration",
+    "Picture",
+    "bias_against_gain",
+    "coverage_over_time",
+    "diagnosis_illustration",
+    "diagnosis_panels",
+    "draw_all",
+]
 __all__ += ["drawn", "error_against_amount", "error_against_truth", "helpers", "identified_impedance"]
 __all__ += ["impulse_responses", "lines", "method_comparison", "participant_in_detail", "preparation_steps"]
 __all__ += ["recorded_channels", "recorded_signals", "save", "share_out", "stiffness_of_participants"]

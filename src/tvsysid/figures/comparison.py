@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,33 +26,49 @@ BARS = {
     "rise_time": "rise time\n(s)",
     "vaf": "VAF\n(%)",
 }
+BARS_OF_PATHWAYS = {
+    "bias_error": "bias error\n(N·m/rad)",
+    "total_error": "total error\n(N·m/rad)",
+    "reflex_gain total_error": "error of gain\n(N·m·s/rad)",
+    "intrinsic pathway_vaf": "VAF intrinsic\n(%)",
+    "reflex pathway_vaf": "VAF reflex\n(%)",
+}
+OVER_TIME = {"stiffness": "stiffness\n(N·m/rad)", "reflex_gain": "reflex gain\n(N·m·s/rad)"}
 OUTLYING = 5.0  # bars are cut off at this multiple of what is usual among the methods: one would hide the others
 GAP = 0.1  # between the bars of two methods, beside the room on either side, as a share of a method's width
 
 
 @style.styled
 def method_comparison(
-    results: xr.Dataset, summary: pd.DataFrame, shown: Sequence[str], bars: Sequence[str], title: str = ""
+    results: xr.Dataset,
+    summary: pd.DataFrame,
+    shown: Sequence[str],
+    bars: Sequence[str],
+    title: str = "",
+    metrics: Mapping[str, str] = BARS,
 ) -> Figure:
-    """Stiffness and time-varying VAF over time, and bars of every metric; a column for each method.
+    """Estimates and time-varying VAF over time, and bars of every metric; a column for each method.
 
-    Two rows of axes for each scenario shown, one for each method, and an axes for each metric that is known.
+    For each scenario shown a row of axes for each quantity and one for the VAF, and an axes for each metric that is
+    known.
 
     Parameters
     ----------
     results, summary
-        Of a simulation study.
+        Of a simulation study; what lies along ``quantity`` is drawn, the stiffness if nothing does.
     shown
-        Labels of the scenarios whose stiffness and time-varying VAF are drawn over time: mean ± 2 standard deviations
-        over trials.
+        Labels of the scenarios that are drawn over time: mean ± 2 standard deviations over trials.
     bars
         Labels of the scenarios that have a bar in each of the lower axes: value ± its standard error. A bar that is
         far longer than is usual among the methods is cut off, and its value printed.
+    metrics
+        Of the summary, and what their axes are called.
     """
     methods = unique(results.method_key.values)
-    table = _table(summary, methods, bars)
-    names = [name for name in BARS if np.isfinite(table[name][0]).any()]
-    over_time, crowd = 2 * len(shown), len(methods) > 5
+    table = _table(summary, methods, bars, metrics)
+    names = [name for name in metrics if np.isfinite(table[name][0]).any()]
+    quantities = unique(results.quantity.values) if "quantity" in results.dims else ["stiffness"]
+    over_time, crowd = (len(quantities) + 1) * len(shown), len(methods) > 5
     width = max((1.4 if crowd else 1.6) * len(methods), 3.2) + 0.8
     figure = style.blank(width, 1.25 * over_time + 1.0 * len(names) + 1.4, title)
     spec = figure.add_gridspec(
@@ -63,14 +79,16 @@ def method_comparison(
         axes.set_title(wrapped(method, 17 if crowd else 20), fontsize=9 if len(method) <= 20 else 8)
     which = [f"{text}\n" for text in differing(_traits(results, shown))] if len(shown) > 1 else [""]
     for row, (label, text) in enumerate(zip(shown, which, strict=True)):
-        _stiffness(grid[row], results.sel(scenario=label), text)
-        _varying_vaf(grid[row + len(shown)], results.sel(scenario=label), text)
+        cell = results.sel(scenario=label)
+        for place, quantity in enumerate(quantities):
+            _estimates(grid[row + place * len(shown)], cell, quantity, text)
+        _varying_vaf(grid[row + len(quantities) * len(shown)], cell, text)
     for axes in grid[-1]:
         axes.set_xlabel("time (s)")
     below: list[Any] = []
     for row, name in enumerate(names, start=over_time):
         below.append(figure.add_subplot(spec[row, :], sharex=below[0] if below else None))
-        _bars(below[-1], name, *table[name], methods)
+        _bars(below[-1], metrics[name], *table[name], methods)
         below[-1].tick_params(labelbottom=name == names[-1])
     if below:
         _label_bars(below[0], len(methods), differing(_traits(results, bars)))
@@ -98,10 +116,12 @@ def _traits(results: xr.Dataset, labels: Sequence[str]) -> list[dict[str, Any]]:
     return [{name: results[name].sel(scenario=label).item() for name in TRAITS} for label in labels]
 
 
-def _table(summary: pd.DataFrame, methods: Sequence[str], scenarios: Sequence[str]) -> dict[str, tuple[Array, Array]]:
+def _table(
+    summary: pd.DataFrame, methods: Sequence[str], scenarios: Sequence[str], metrics: Iterable[str]
+) -> dict[str, tuple[Array, Array]]:
     """Value and standard error of each metric, each of shape (method, scenario)."""
     tables = {}
-    for name in BARS:
+    for name in metrics:
         rows = summary[summary.metric == name].set_index(["method", "scenario"])
         value, error = (
             rows[column].unstack("scenario").reindex(index=list(methods), columns=list(scenarios)).to_numpy(dtype=float)
@@ -111,14 +131,14 @@ def _table(summary: pd.DataFrame, methods: Sequence[str], scenarios: Sequence[st
     return tables
 
 
-def _stiffness(row: Sequence[Axes], cell: xr.Dataset, which: str) -> None:
-    true = truth(cell).values
+def _estimates(row: Sequence[Axes], cell: xr.Dataset, quantity: str, which: str) -> None:
+    true = truth(cell, quantity).values
     for axes in row:
         axes.plot(cell.time.values, true, zorder=3, **style.TRUE_LINE)
-    _means(row, cell, estimates(cell))
-    span = max(float(np.ptp(true)), 0.5 * float(np.abs(true).max()))
+    _means(row, cell, estimates(cell, quantity))
+    span = max(float(np.ptp(true)), 0.5 * float(np.abs(true).max())) or 1.0
     row[0].set_ylim(min(0.0, float(true.min()) - 0.5 * span), float(true.max()) + 0.6 * span)
-    row[0].set_ylabel(f"{which}stiffness\n(N·m/rad)")
+    row[0].set_ylabel(f"{which}{OVER_TIME[quantity]}")
 
 
 def _varying_vaf(row: Sequence[Axes], cell: xr.Dataset, which: str) -> None:
@@ -169,10 +189,10 @@ def _label_bars(axes: Axes, methods: int, ticks: list[str]) -> None:
         each.tick_params(axis="x", labelrotation=90 if crowded else 0)
 
 
-def _bars(axes: Axes, name: str, values: Array, errors: Array, methods: Sequence[str]) -> None:
-    """Bars of one metric; values and standard errors of shape (method, scenario)."""
+def _bars(axes: Axes, label: str, values: Array, errors: Array, methods: Sequence[str]) -> None:
+    """Bars of one metric of this label; values and standard errors of shape (method, scenario)."""
     base = 0.0
-    if name == "vaf":
+    if "(%)" in label:
         base = _floor(float(np.nanmin(values)))
         top, highest = 100.0, 100.0 + 0.02 * (100 - base)
     else:
@@ -190,7 +210,7 @@ def _bars(axes: Axes, name: str, values: Array, errors: Array, methods: Sequence
     for place in places[~np.isfinite(values)]:
         axes.text(place, base, "–", ha="center", va="bottom", fontsize=10)
     axes.set_ylim(base, highest if highest > base else base + 1)
-    axes.set_ylabel(BARS[name].replace("(%)", _percent(base)))
+    axes.set_ylabel(label.replace("(%)", _percent(base)))
 
 
 def _top(values: Array) -> float:

@@ -25,7 +25,7 @@ ERRORS = {
     "total_error": "total error\n(N·m/rad)",
 }
 AMOUNTS = {"duration_s": "data (s)", "snr_db": "signal-to-noise ratio (dB)"}
-MARKERS = "osD^vPX<"
+MARKERS = "osD^vPX<>h"
 NOMINAL = 95.0
 SMOOTHED = 0.05  # seconds over which the share of trials is averaged: of a hundred trials it is a coarse number
 
@@ -74,6 +74,27 @@ def error_against_amount(summary: pd.DataFrame, title: str = "") -> Figure:
         _scale(axes, rows[rows.metric == error].value.to_numpy(dtype=float))
     figure.align_ylabels(grid[:, 0])
     legend_below(figure, grid[0, 0].get_legend_handles_labels()[0])
+    return figure
+
+
+@styled
+def bias_against_gain(rows: pd.DataFrame, title: str = "") -> Figure:
+    """Mean bias of the stiffness against the gain of a reflex, a line for each method: value ± standard error.
+
+    The rows have columns method, gain (N·m·s/rad), value and standard_error (N·m/rad).
+    """
+    figure, grid = panels(1, 1, 4.6, 3.8, title)
+    axes, looks = grid[0, 0], lines(unique(rows.method))
+    axes.axhline(0, color=TRUTH, linestyle="--", linewidth=1.0)
+    for number, (method, (hue, style)) in enumerate(looks.items()):
+        line = rows[rows.method == method].sort_values("gain")
+        marker = MARKERS[number % len(MARKERS)]
+        axes.errorbar(line.gain, line.value, yerr=line.standard_error.fillna(0.0), capsize=2, marker=marker,
+                      markersize=4.5, linewidth=1.2, color=hue, linestyle=style, label=wrapped(method, 40))  # fmt: skip
+    axes.set_xticks(sorted(rows.gain.unique()))
+    axes.set_xlabel("gain of the reflex (N·m·s/rad)")
+    axes.set_ylabel("mean bias of the stiffness (N·m/rad)")
+    legend_below(figure, axes.get_legend_handles_labels()[0])
     return figure
 
 

@@ -41,7 +41,10 @@ def trait(name: str, value: Any) -> str:
 def differing(scenarios: Sequence[Mapping[str, Any]]) -> list[str]:
     """Texts that tell scenarios apart, like "noise": the traits they do not share, or the duration of a single one."""
     names = [name for name in TRAITS if len({scenario[name] for scenario in scenarios}) > 1] or ["duration_s"]
-    return [", ".join(trait(name, scenario[name]) for name in names) for scenario in scenarios]
+    if len({str(scenario["system"]).partition(":")[0] for scenario in scenarios}) == 1:
+        # Settings alone tell variants of one system apart; and one that has none from all others.
+        scenarios = [{**scenario, "system": str(scenario["system"]).partition(":")[2]} for scenario in scenarios]
+    return [", ".join(filter(None, (trait(name, each[name]) for name in names))) for each in scenarios]
 
 
 def described(scenario: Mapping[str, Any], names: Sequence[str] = TRAITS) -> str:

@@ -9,6 +9,7 @@ from tvsysid.metrics.errors import (
     coverage,
     debiased_bias_error,
     left_out,
+    mean_bias,
     random_error,
     rise_time,
     share_covered,
@@ -18,7 +19,8 @@ from tvsysid.metrics.errors import (
 from tvsysid.metrics.variance import bandpassed_vaf, time_varying_vaf, vaf
 
 __all__ = ["CATALOGUE", "Metric", "bandpassed_vaf", "bias_error", "coverage", "debiased_bias_error", "left_out"]
-__all__ += ["random_error", "rise_time", "share_covered", "time_varying_vaf", "total_error", "vaf", "weighted_mean"]
+__all__ += ["mean_bias", "random_error", "rise_time", "share_covered", "time_varying_vaf", "total_error", "vaf"]
+__all__ += ["weighted_mean"]
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,7 @@ class Metric:
 CATALOGUE: dict[str, Metric] = {
     "bias_error": Metric("bias error", "N·m/rad", 0.0, True, bias_error),
     "debiased_bias_error": Metric("bias error freed of random error", "N·m/rad", 0.0, True, debiased_bias_error),
+    "mean_bias": Metric("mean bias", "N·m/rad", 0.0, True, mean_bias),
     "random_error": Metric("random error", "N·m/rad", 0.0, False, random_error),
     "total_error": Metric("total error", "N·m/rad", 0.0, True, total_error),
     "rise_time": Metric("rise time", "s", 0.0, True, rise_time),

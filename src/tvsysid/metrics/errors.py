@@ -118,6 +118,20 @@ def debiased_bias_error(estimates: ArrayLike, truth: ArrayLike, weights: ArrayLi
     return np.sqrt(np.maximum(0.0, np.square(bias_error(estimates, truth, weights)) - part))[()]
 
 
+def mean_bias(estimates: ArrayLike, truth: ArrayLike, weights: ArrayLike | None = None) -> Value:
+    """Mean over time of the mean estimate's error, with its sign. Arguments and result are those of :func:`bias_error`.
+
+    Examples
+    --------
+    >>> float(mean_bias([[1.0, 2.0], [3.0, 4.0]], [0.0, 3.0]))
+    1.0
+    """
+    values, true = _against(estimates, truth)
+    if not values.shape[1]:
+        return _power_of_mean(values, weights)
+    return weighted_mean(np.mean(values - true, axis=1), weights)[()]
+
+
 def random_error(estimates: ArrayLike, weights: ArrayLike | None = None) -> Value:
     r"""Root mean square, over time and trials, of the deviation from the mean estimate.
 

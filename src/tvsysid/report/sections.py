@@ -99,11 +99,11 @@ def claims_section(claims: pd.DataFrame, caption: str, fold: bool = False) -> Se
     """What a paper claims, and whether the study confirms it; claims that it does not bear on may be folded away."""
     folded = claims[claims.verdict == "not studied"] if fold else claims[:0]
     shown = claims.drop(folded.index)
-    blocks: list[Block] = [_claims("Claims of the paper", caption, shown)] if len(shown) else ["No claim was examined."]
+    blocks: list[Block] = [_claims("Published claims", caption, shown)] if len(shown) else ["No claim was examined."]
     if len(folded):
         table = _claims("Claims that were not studied", "Claims that these recordings do not bear on.", folded)
         blocks.append(Fold(f"{count(len(folded), 'claim')} not studied, and why", [table]))
-    return Section("claims", "Claims of the paper", blocks, contents="Claims")
+    return Section("claims", "Published claims", blocks, contents="Claims")
 
 
 def _claims(label: str, caption: str, claims: pd.DataFrame) -> Table:
@@ -123,7 +123,7 @@ def verdicts(claims: pd.DataFrame) -> list[str]:
         return []
     counts = claims.verdict.value_counts()
     parts = ", ".join(f"{verdict}: {counts[verdict]}" for verdict in SYMBOLS if verdict in counts)
-    return [f"Of {len(claims)} claims of the paper: {parts}."]
+    return [f"Of {len(claims)} published claims: {parts}."]
 
 
 def methods_section(labels: Iterable[str]) -> Section:

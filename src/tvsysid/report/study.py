@@ -12,9 +12,11 @@ import numpy as np
 import tomli_w
 
 from tvsysid.figures import Picture
+from tvsysid.figures.results import unique
 from tvsysid.figures.words import TRAITS, count, described, trait
 from tvsysid.methods import names
 from tvsysid.report import page, sections
+from tvsysid.study.scores import asked
 from tvsysid.study.simulated import KINDS, OWN
 
 if TYPE_CHECKING:
@@ -43,6 +45,9 @@ RANKED = {
     "vaf": ("VAF", "%", 2),
     "bandpassed_vaf": ("VAF 1-10 Hz", "%", 2),
     "coverage": ("in 95 % band", "%", 1),
+    "reflex_gain total_error": ("error of reflex gain", "N·m·s/rad", 2),
+    "intrinsic pathway_vaf": ("VAF intrinsic", "%", 1),
+    "reflex pathway_vaf": ("VAF reflex", "%", 1),
     "seconds": ("time", "ms", 1),
 }
 """Heading, unit and decimals of each column of the ranking."""
@@ -68,7 +73,8 @@ METRICS = (
     "time is the time from 10 to 90 % of a step in stiffness. VAF (variance accounted for) is the share of the "
     "noiseless torque that the identified model predicts. “In 95 % band” is the share of times and trials at which the "
     "method’s own band holds the true stiffness: a band covers noise, not what a method smooths away, so it misses the "
-    "truth near a switch. The value after ± is one standard error of the Monte-Carlo estimate."
+    "truth near a switch. “Error of reflex gain” is its total error; the VAF of a pathway is that of its own torque. "
+    "The value after ± is one standard error of the Monte-Carlo estimate."
 )
 CLAIMS = (
     "What van de Ruit et al. (2021) say, and whether this study finds it. Estimate and limits (95 %) are those of the "
@@ -84,6 +90,7 @@ def write_report(
     claims: pd.DataFrame,
     pictures: Mapping[str, Picture],
     command: str = "",
+    about: str = CLAIMS,
 ) -> None:
     """Write one HTML file that holds all of a study's outcome and needs nothing else.
 
@@ -94,19 +101,22 @@ def write_report(
     results, summary
         As of :func:`tvsysid.study.run`, and of :func:`tvsysid.study.summarize`.
     claims
-        What the paper says and whether it holds here; may have no rows.
+        What the papers say and whether it holds here; may have no rows.
     pictures
         As of :func:`tvsysid.figures.draw_all`.
     command
         What was typed to run the study, if it is to be mentioned.
+    about
+        What stands above the claims.
     """
     sizes, study = results.sizes, sections.settings_of(results, "study")
-    failure = results.failure.values[results.checksums.values.any(axis=-1)]
+    there = results.checksums.values.any(axis=-1)
+    failure, tried = results.failure.values[there], int((there[..., None] & asked(results)[:, None]).sum())
     failed = int(np.count_nonzero(failure != ""))
     methods, scenarios = (count(sizes[dim], word) for dim, word in (("method_key", "method"), ("scenario", "scenario")))
     done = (
         f"{methods} identified the same simulated data: {scenarios} with {count(sizes['trial'], 'trial')} each, "
-        f"{count(failure.size, 'identification')} in all, of which {failed or 'none'} failed."
+        f"{count(tried, 'identification')} in all, of which {failed or 'none'} failed."
     )
     # A system of one's own may have a stiffness that nobody can set.
     unused = [name for name in ("profile", "viscosity") if (results[name] == OWN).all()]
@@ -117,10 +127,10 @@ def write_report(
     lines = [done, *sections.unfinished(results, "trials"), *outcome(results, summary, claims)]
     parts = [
         page.Section("outcome", "Outcome", [page.Box(lines), METRICS]),
-        sections.run_section(results, settings, seconds, f"{failed} of {failure.size}"),
+        sections.run_section(results, settings, seconds, f"{failed} of {tried}"),
         page.Section("ranking", "Ranking", [ranking(results, summary)], wide=True),
         *([page.Section("figures", "Figures", sections.numbered(pictures))] if pictures else []),
-        sections.claims_section(claims, CLAIMS),
+        sections.claims_section(claims, about),
         sections.methods_section(map(str, results.method_key.values)),
         sections.problems_section(sections.problems(results), "method"),
         sections.again_section(
@@ -167,7 +177,7 @@ def ranking(results: xr.Dataset, summary: pd.DataFrame) -> page.Table:
     rows = []
     for label, each in traits.items():
         mine = []
-        for method in map(str, results.method_key.values):
+        for method in unique(summary.method[summary.scenario == label]):
             cells = {name: _cell(table, label, method, name) for name in metrics}
             total = cells.get("total_error", page.Cell("", None)).value
             texts = [

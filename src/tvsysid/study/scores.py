@@ -180,7 +180,7 @@ UNITS = {
 } | {name: unit for name, (unit, _) in OWN.items()}  # fmt: skip
 """Of every metric that is computed."""
 OF_SWITCHES = ("rise_time", "switch_dip", "coverage_at_switch", "coverage_away")  # metrics of a stiffness that switches
-ERRORS = ("bias_error", "debiased_bias_error", "random_error", "total_error")
+ERRORS = ("bias_error", "debiased_bias_error", "mean_bias", "random_error", "total_error")
 OF_QUANTITY = (*ERRORS, "coverage", "without_band", "left_out")
 """Metrics of each quantity that is both estimated and known."""
 

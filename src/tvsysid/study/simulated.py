@@ -240,7 +240,7 @@ class Study(_Grid, StudySettings):
     @cached_property
     def named_methods(self) -> dict[str, Any]:
         """Method objects by the label that they have in results."""
-        every = [value for settings in (self, *self.also) for value in settings.methods or ()]
+        every = [*self.methods, *(value for further in self.also for value in further.methods or ())]
         return {label_of(value): parse(value) if isinstance(value, str) else value for value in every}
 
     @cached_property

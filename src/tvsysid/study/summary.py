@@ -98,6 +98,12 @@ def of_quantity(summary: pd.DataFrame, quantity: str = MAIN) -> pd.DataFrame:
     return summary[summary.quantity.isin(["", quantity])]
 
 
+def by_full_name(summary: pd.DataFrame) -> pd.DataFrame:
+    """A summary in which metrics of all but the stiffness have their quantity before them: "viscosity bias_error"."""
+    own = summary.quantity.isin(["", MAIN])
+    return summary.assign(metric=summary.metric.where(own, summary.quantity + " " + summary.metric))
+
+
 def _of_experiment(results: xr.Dataset) -> pd.DataFrame:
     import pandas as pd  # noqa: PLC0415  # heavy
 

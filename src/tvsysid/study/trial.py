@@ -46,11 +46,12 @@ class Setting(NamedTuple):
         """Realizations of a simulated recording."""
         return segment(decimate(recording, self.rate), self.period)
 
-    def torque(self, recording: Recording) -> Array:
-        """Torque of a recording's realizations, (realization, time)."""
-        cut = self.cut(recording)
-        torque = np.asarray(cut.torque[:, cut.core])
-        return torque - torque.mean(axis=0) if self.subtract_mean else torque
+    def torques(self, simulation: Simulation) -> dict[str, Array]:
+        """Noiseless ``"torque"``, and those of pathways, such as ``"reflex pathway"``; (realization, time)."""
+        beside = {f"{name} pathway": simulation.pathways[name] for name in self.pathways if name in simulation.pathways}
+        cut = self.cut(replace(simulation.noiseless, channels=beside))  # a pathway may be at rest, a torque may not
+        torques = {name: np.asarray(cut.signal(name)[:, cut.core]) for name in ("torque", *beside)}
+        return {name: each - each.mean(axis=0) for name, each in torques.items()} if self.subtract_mean else torques
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,14 +81,9 @@ class Trial(task.Task):
             ensemble = setting.cut(simulation.recording)
             if setting.subtract_mean:
                 ensemble = subtract_mean(ensemble)
-            torque = setting.torque(simulation.noiseless)
+            torques = setting.torques(simulation)
             truth = true_values(simulation, ensemble, setting.quantities)
-            known: Known = {
-                name: setting.torque(replace(simulation.recording, torque=simulation.pathways[name]))
-                if name in simulation.pathways
-                else None
-                for name in setting.pathways
-            }
+            known: Known = {name: torques.get(f"{name} pathway") for name in setting.pathways}
 
         def measure(model: Model) -> Row:
             with clock.stage("bands"):
@@ -96,7 +92,7 @@ class Trial(task.Task):
                 own = model.pathways(ensemble)
                 estimate = {"estimate": task.over_time(model, setting.quantities)}
                 estimate |= task.over_schedule(model, setting.scheduled)
-                explained = task.explained(torque, np.asarray(sum(own.values())), ensemble.sampling_rate)
+                explained = task.explained(torques["torque"], np.asarray(sum(own.values())), ensemble.sampling_rate)
                 return bands | estimate | explained | task.of_pathways(own, known)
 
         rows = [

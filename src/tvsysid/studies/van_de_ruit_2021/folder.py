@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
 from pathlib import Path
@@ -11,10 +11,10 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
 
 from tvsysid.errors import InputError
-from tvsysid.figures import Picture, draw_all, helpers, share_out
+from tvsysid.figures import Illustration, Picture, draw_all, helpers, share_out
 from tvsysid.quality import Diagnosis, diagnose
 from tvsysid.recordings import whole_file, write_ensemble
-from tvsysid.report import alignment, write_diagnosis, write_experiment_report, write_report
+from tvsysid.report import CLAIMS, alignment, write_diagnosis, write_experiment_report, write_report
 from tvsysid.studies.van_de_ruit_2021.experiment import COUNTS, judge_experiment
 from tvsysid.studies.van_de_ruit_2021.experiment_figures import experiment_figures, participant_figures, representative
 from tvsysid.studies.van_de_ruit_2021.figures import example_responses, study_figures
@@ -23,6 +23,7 @@ from tvsysid.study import (
     Experiment,
     Prepared,
     alignments,
+    by_full_name,
     cores,
     exclusions,
     of_quantity,
@@ -41,7 +42,7 @@ class Written(NamedTuple):
     """What was written to a folder, and its essence."""
 
     summary: pd.DataFrame
-    """A row for each metric of the stiffness, as of :func:`tvsysid.study.summarize`."""
+    """A row for each metric, as of :func:`tvsysid.study.summarize`; of an experiment, those of the stiffness alone."""
     claims: pd.DataFrame
     """A row for each claim of the paper, with its verdict."""
     files: tuple[str, ...]
@@ -72,7 +73,27 @@ def judge(found: xr.Dataset) -> pd.DataFrame:
     return judge_simulations(found) if "scenario" in found.dims else judge_experiment(found)
 
 
-def write_study(results: xr.Dataset, folder: Path, command: str = "") -> Written:
+class Published(NamedTuple):
+    """What papers say of simulations, and how a study of these is drawn."""
+
+    judge: Callable[[xr.Dataset], pd.DataFrame]
+    """From scores to a row for each claim."""
+    figures: Callable[[xr.Dataset, pd.DataFrame], dict[str, Illustration]]
+    """From results and their summary with full names."""
+    about: str
+    """What stands above the claims."""
+
+
+def _paper_figures(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illustration]:
+    seed = json.loads(results.attrs["study"])["seed"]
+    square = bool((results.profile == "square").any())
+    return study_figures(results, summary, example_responses(seed) if square else None)
+
+
+PAPER = Published(judge, _paper_figures, CLAIMS)
+
+
+def write_study(results: xr.Dataset, folder: Path, command: str = "", published: Published = PAPER) -> Written:
     """Write tables, figures and page of a simulation study.
 
     Parameters
@@ -81,19 +102,18 @@ def write_study(results: xr.Dataset, folder: Path, command: str = "") -> Written
         As of :func:`tvsysid.study.run`, finished or not, and where to write.
     command
         What was typed to run the study; the page does not mention it if it is empty.
+    published
+        Whose claims are held against it, and how it is drawn.
     """
     with helpers(cores()) as pool:
         for name in ("seconds", "stage_seconds", "warnings", "failure", "checksums"):
             results[name].load()  # small, and needed more than once
         scores = score(results)
-        summary, claims = summarize(scores), judge(scores)
+        summary, claims = summarize(scores), published.judge(scores)
         _write_tables(folder, {"summary.csv": summary, "claims.csv": claims})
-        summary = of_quantity(summary)
-        square = bool((results.profile == "square").any())
-        seed = json.loads(results.attrs["study"])["seed"]
-        illustrations = study_figures(results, summary, example_responses(seed) if square else None)
-        pictures = draw_all(illustrations, folder / "figures", pool)
-        write_report(folder / "report.html", results, summary, claims, pictures, command)
+        summary = by_full_name(summary)
+        pictures = draw_all(published.figures(results, summary), folder / "figures", pool)
+        write_report(folder / "report.html", results, summary, claims, pictures, command, published.about)
     return Written(summary, claims, ("report.html", "summary.csv", "claims.csv", f"figures/ ({len(pictures)})"))
 
 

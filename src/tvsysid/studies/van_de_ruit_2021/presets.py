@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 from tvsysid.errors import InputError
@@ -21,8 +23,8 @@ PRESETS: dict[str, dict[str, Any]] = {
 """Studies by name: the default, that of van de Ruit et al. 2021 with its Appendix A, and two that it leaves open."""
 
 
-def preset(name: str, **settings: Any) -> Study:
-    """Study of a name of ``PRESETS``: ``"quick"``, ``"paper"``, ``"snr"``, ``"viscosity"``.
+def preset(name: str, further: Mapping[str, dict[str, Any]] = MappingProxyType({}), **settings: Any) -> Study:
+    """Study of a name of ``PRESETS``: ``"quick"``, ``"paper"``, ``"snr"``, ``"viscosity"``; or of ``further`` ones.
 
     Settings given take the place of the preset's, in its further scenarios too. ``InputError`` for an unknown name, or
     a setting that a study does not take.
@@ -32,6 +34,7 @@ def preset(name: str, **settings: Any) -> Study:
     >>> len(preset("paper").scenarios), len(preset("paper", duration_s=40).scenarios)
     (12, 4)
     """
-    if name not in PRESETS:
-        raise InputError(f"unknown preset {name!r}; the presets are {', '.join(PRESETS)}")
-    return Study(**overridden(PRESETS[name], settings))
+    known = PRESETS | dict(further)
+    if name not in known:
+        raise InputError(f"unknown preset {name!r}; the presets are {', '.join(known)}")
+    return Study(**overridden(known[name], settings))

@@ -1,0 +1,77 @@
+"""Figures of a study of joints with a reflex: both pathways over time, and what the reflex does to a stiffness."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+from tvsysid.figures import BARS_OF_PATHWAYS, Illustration, bias_against_gain, method_comparison
+from tvsysid.figures.results import OVER_TIME, unique
+from tvsysid.figures.words import TRAITS, count, profile_name
+from tvsysid.study.scores import asked
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+QUANTITIES = ["stiffness", "reflex_gain"]
+
+
+def reflex_figures(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illustration]:
+    """All figures of a study, by the stem of a file's name.
+
+    ``"pathways-reflex-sine-sine"``: stiffness and reflex gain over time of the first scenario of a system and a
+    profile, with bars of all its scenarios; ``"bias-reflex-sine"``: bias of the stiffness against the gain, where
+    several constant gains were simulated.
+
+    Parameters
+    ----------
+    results, summary
+        As of :func:`tvsysid.study.run`, and of these results, with full names (:func:`tvsysid.study.by_full_name`).
+    """
+    traits = results[list(TRAITS)].to_dataframe()[list(TRAITS)]
+    traits = traits.assign(kind=traits.system.str.partition(":")[0], methods=asked(results).sum(axis=1))
+    compared = traits[traits.methods >= 2]
+    shown: dict[str, Illustration] = {}
+    for (kind, profile), rows in compared.groupby(["kind", "profile"], sort=False):
+        widest = rows[rows.methods == rows.methods.max()]
+        shown[f"pathways-{kind}-{profile}"] = _pathways(results, summary, widest, f"{kind}, {profile_name(profile)}")
+        gains = results.truth.sel(scenario=list(rows.index), quantity="reflex_gain").mean("time").to_series()
+        if gains.nunique() > 2:
+            shown[f"bias-{kind}-{profile}"] = _bias(summary, gains, f"{kind}, {profile_name(profile)}")
+    return shown
+
+
+def _pathways(results: xr.Dataset, summary: pd.DataFrame, rows: pd.DataFrame, what: str) -> Illustration:
+    labels, title = list(rows.index), f"Both pathways: {what}"
+    mine = summary[summary.scenario.isin(labels)]
+    methods = unique(mine.method)
+    drawing = partial(
+        method_comparison,
+        results[OVER_TIME].sel(scenario=labels, quantity=QUANTITIES, method_key=methods),
+        mine,
+        labels[:1],
+        labels,
+        title,
+        BARS_OF_PATHWAYS,
+    )
+    text = (
+        f"A column for each of {count(len(methods), 'method')}. Upper rows, over one realization of {labels[0]}: "
+        f"estimated stiffness and reflex gain, mean and two standard deviations over "
+        f"{count(results.sizes['trial'], 'trial')}, against the truth, and time-varying VAF. Lower rows: bars of the "
+        f"errors and of the VAF of each pathway for {count(len(labels), 'scenario')}: {', '.join(labels)}."
+    )
+    return Illustration(drawing, title, text)
+
+
+def _bias(summary: pd.DataFrame, gains: pd.Series, what: str) -> Illustration:
+    rows = summary[(summary.metric == "mean_bias") & summary.scenario.isin(gains.index)]
+    rows = rows.assign(gain=rows.scenario.map(gains)).dropna(subset=["value"]).sort_values("gain", kind="stable")
+    title = f"What a reflex does to the stiffness: {what}"
+    said = [
+        f"{method}: {', '.join(f'{each.value:.1f} at {each.gain:g}' for each in line.itertuples())}."
+        for method, line in rows.groupby("method", sort=False)
+        if len(line) > 1
+    ]
+    text = "Mean bias of the stiffness in N·m/rad against the gain of the reflex in N·m·s/rad. " + " ".join(said)
+    return Illustration(partial(bias_against_gain, rows, title), title, text)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from operator import attrgetter
 
 import numpy as np
@@ -82,8 +82,7 @@ class Search:
         other = list(self._orders(record, everything, endless))
         for each in (endless, *other):
             other += self._lags(each, max(endless, *other, key=_value))
-        best = max(other, key=_value)
-        best = best if best.value > endless.value + CLEARLY else endless
+        best = self._clearly_better(endless, other)
         if best is not endless and tried[own].decay < endless.decay:
             decayed = self._one_decay(self._record(best.lag), best, tried[own].decay)
             other += [] if decayed is None else [decayed]
@@ -93,6 +92,23 @@ class Search:
         if best is not endless and other[found].value > tried[own].value + CLEARLY:
             chosen = len(tried) + found
         return tried + other, chosen
+
+    def _clearly_better(self, endless: Tried, other: list[Tried]) -> Tried:
+        """Best of other orders and lags, if it is clearly better than the order and lag given, or else these.
+
+        A share of the numbers says too little of an order or a lag: noise that is not white is slow, and so is quiet
+        where inertia shows. So they must be better by all the numbers, too.
+        """
+        whole, alike = (
+            replace(self, share=1.0),
+            {(each.order, each.lag > 0): each for each in sorted(other, key=_value)},
+        )
+        for each in sorted(alike.values(), key=_value, reverse=True):
+            if each.value <= endless.value + CLEARLY:
+                break
+            if whole._at(each, each.lag).value > whole._at(endless, endless.lag).value:
+                return each
+        return endless
 
     def _record(self, lag: float) -> Record:
         return Record.of(lagged(self.ensemble, lag), self.band, HIGHEST)

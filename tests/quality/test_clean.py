@@ -126,11 +126,10 @@ def test_a_prepared_participant_is_clean(perturbation):
     ("record", "expected"),
     [
         # By 2 ms: with 2 ms less, inertia and viscosity explain 92 rather than 89 % of the torque.
-        ("walking", {"delay"}),
-        ("dorsiflexor", set()),
-        ("dorsiflexor_2", set()),
-        # Strong reflexes: an intrinsic model explains only some 60 % there.
-        ("plantarflexor", {"reflex", "slow-answer"}),
+        ("walking", {"delay", "reflex"}),
+        ("dorsiflexor", {"reflex"}),
+        ("dorsiflexor_2", {"reflex"}),
+        ("plantarflexor", {"reflex"}),
     ],
 )
 def test_real_records_have_only_true_findings(recordings, record, expected):

@@ -107,13 +107,15 @@ def test_its_probabilities_are_those_of_plain_least_squares(monkeypatch, random)
     none, *both = (errors(drive) for drive in (None, *drives))
     best, other = both if found.direction == 1 else both[::-1]
 
-    def chance(worse):
+    def gain(worse):
         scores = np.log(worse / best)
-        return stdtr(11, -scores.mean() / (scores.std(ddof=1) / np.sqrt(12)))
+        return scores.mean(), scores.std(ddof=1) / np.sqrt(12)
 
-    assert found.over_none == pytest.approx(min(1, 2 * chance(none)), rel=1e-5)
-    assert found.over_other == pytest.approx(chance(other), rel=1e-5)
-    assert found.share == pytest.approx(1 - best.sum() / min(none.sum(), other.sum()), rel=1e-5)
+    (over_none, error), (over_other, other_error) = gain(none), gain(other)
+    assert found.over_none == pytest.approx(min(1, 2 * stdtr(11, -over_none / error)), rel=1e-5)
+    assert found.over_other == pytest.approx(stdtr(11, -over_other / other_error), rel=1e-5)
+    least = min(over_none - 1.79588 * error, over_other - 1.79588 * other_error)
+    assert found.share == pytest.approx(1 - np.exp(-least), rel=1e-4)
 
 
 def test_what_is_too_short_or_does_not_move_is_not_taken_for_a_reflex(random):

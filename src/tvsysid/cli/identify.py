@@ -120,6 +120,7 @@ def identify(
         save(figure, out / f"stiffness.{ending}")
     _show_impedance(found)
     _show_further(found)
+    _show_reflex(found)
     say_written(out, ["stiffness.csv", "models.nc", "stiffness.png", "stiffness.pdf", *_write_tuning(found, out)])
     if found.failed:
         raise typer.Exit(1)
@@ -180,6 +181,18 @@ def _show_further(found: Comparison) -> None:
     if rows:
         headings = ["method", "quantity", "unit", "over", "mean", "lowest", "highest"]
         show_table("further estimates", headings, rows, "llll")
+
+
+def _show_reflex(found: Comparison) -> None:
+    """Say whether the data show a reflex that some of the methods take for stiffness."""
+    from tvsysid.quality import find_reflex
+
+    one_path = [label for label in found.models if "reflex" not in getattr(found.methods[label], "pathway_names", ())]
+    reflex = find_reflex(found.ensemble)
+    if one_path and reflex.found:
+        remark(
+            "warning", f"a reflex is taken for stiffness by {', '.join(one_path)}: {reflex.what}; {reflex.fault.remedy}"
+        )
 
 
 def _write_tuning(found: Comparison, out: Path) -> list[str]:

@@ -292,17 +292,17 @@ FAULTS: dict[str, Fault] = {
     ),
     "reflex": Fault(
         "A reflex answers stretch",
-        "share of the residual torque that the speed 40 to 300 ms earlier predicts, regardless of its direction",
-        2,
+        "share of the residual torque that velocity of one direction 40 to 330 ms earlier predicts at least (with 95 % "
+        "certainty), beyond that of the other",
+        0.1,
         "%",
-        "intrinsic and reflex torque are identified as one: viscosity comes out too low and stiffness too high, both "
-        "vary with the perturbation, and VAF is low",
-        "take the result as that of joint and reflex together, or use a method of your own with a reflex pathway; the "
-        "package's have none",
+        "methods with one pathway take the reflex's torque for the joint's own: stiffness and inertia come out too "
+        "high, viscosity too low, with short lags and with long ones; no band shows it",
+        "separate the pathways: tv.JointCascade() (tvsysid identify … --method cascade)",
     ),
     "slow-answer": Fault(
         "More than stiffness, viscosity and inertia",
-        "share of the residual torque that angles 40 to 300 ms earlier predict",
+        "share of the residual torque that movement 40 to 300 ms earlier predicts, where no reflex is found",
         10,
         "%",
         "a model of second order (birf, kbr) misses this part; impulse responses hold it as far as their lags reach",

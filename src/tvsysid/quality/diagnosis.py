@@ -243,6 +243,19 @@ def diagnose(ensemble: Ensemble) -> Diagnosis:
     return Diagnosis(checks, _measures(timely, seen), seen, words)
 
 
+def find_reflex(ensemble: Ensemble) -> Finding:
+    """Look for a stretch reflex alone, in the ensemble as it is: no delay or drifting offset is taken out before."""
+    return _finding("reflex", structure.reflex, FittedEnsemble.of(ensemble))
+
+
+def _finding(name: str, check: Callable[..., Seen], *arguments: object) -> Finding:
+    try:
+        seen = check(*arguments)
+    except NotJudged as reason:
+        return Finding(name, math.nan, False, str(reason))
+    return Finding(name, float(seen.value), bool(seen.significant), seen.what, seen.realizations)
+
+
 # Checks that need no more than the ensemble less drifting offsets and a delay.
 TIMELY: dict[str, Callable[[FittedEnsemble], Seen]] = {
     "few-realizations": scales.few_realizations,
@@ -268,11 +281,7 @@ def _looked_at(data: FittedEnsemble) -> tuple[FittedEnsemble, dict[str, Finding]
     found: dict[str, Finding] = {}
 
     def look(name: str, check: Callable[..., Seen], *arguments: object) -> Finding:
-        try:
-            seen = check(*arguments)
-            found[name] = Finding(name, float(seen.value), bool(seen.significant), seen.what, seen.realizations)
-        except NotJudged as reason:
-            found[name] = Finding(name, math.nan, False, str(reason))
+        found[name] = _finding(name, check, *arguments)
         return found[name]
 
     look("same-channel", scales.same_channel, data)

@@ -14,6 +14,8 @@ from scipy.ndimage import convolve1d, gaussian_filter1d
 from tvsysid.impedance import second_order_fit
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.interpolation import between
+from tvsysid.numerics.stretch import recorded_velocity, stretch
+from tvsysid.quality.reflexes import ReflexTest, reflex_test
 from tvsysid.quality.resampling import known_region, lowered
 from tvsysid.quality.statistics import innovations, prediction_error
 from tvsysid.signals import Array, Ensemble
@@ -333,6 +335,18 @@ class FittedEnsemble:
         size = np.sqrt(np.mean(self.white_residual**2, axis=1))
         usual = float(np.median(size))
         return np.asarray(size / usual) if usual > 0 else np.ones_like(size)
+
+    @cached_property
+    def reflex(self) -> ReflexTest:
+        """Test for a reflex to the velocity, rectified at the rate at which the angle was recorded.
+
+        Raises InputError where realizations are too short for it.
+        """
+        data, order = self.ensemble, self.order
+        recorded = data.angle[..., None] if data.recorded_angle is None else data.recorded_angle
+        velocity, ratio = recorded_velocity(recorded[order], self.rate), recorded.shape[-1]
+        stretches = stretch(velocity, ratio), stretch(velocity, ratio, direction=-1)
+        return reflex_test(self.angle[order], self.torque[order], stretches, data.core, self.rate)
 
     @property
     def order(self) -> NDArray[np.int64]:

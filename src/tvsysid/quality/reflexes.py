@@ -8,13 +8,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.special import stdtr
+from scipy.special import stdtr, stdtrit
 
 from tvsysid.errors import InputError
 from tvsysid.quality.statistics import LEAST_REALIZATIONS, solved
 from tvsysid.signals import Array
 
 ENOUGH = 1e-3  # probability below which it is not taken for chance
+SURE = 0.95  # probability with which the share that a reflex predicts is larger than the one given
 BLOCKS = 5  # of neighbouring realizations, each predicted from the others: slow noise is alike in neighbours
 HARMONICS = 8  # of the realization's duration with which stiffness and viscosity vary
 REACH = 0.04  # s to either side that the intrinsic response lasts
@@ -28,8 +29,9 @@ class ReflexTest(NamedTuple):
 
     ``direction`` is 1 for a reflex to positive velocity and -1 for one to negative velocity, whichever predicts better.
     ``over_none`` and ``over_other`` are the probabilities that it predicts better than no reflex, and than a reflex of
-    the other direction, by chance. ``share`` is how much of the squared error it takes from the better of these two.
-    ``stiffness`` is the mean in N·m/rad without a reflex and with it.
+    the other direction, by chance. ``share`` is how much of the squared error of either it takes at least, with a
+    probability of 95 %; below zero where that is not sure. ``stiffness`` is the mean in N·m/rad without a reflex and
+    with it.
     """
 
     direction: int
@@ -108,18 +110,29 @@ def reflex_test(angle: Array, torque: Array, stretches: tuple[Array, Array], cor
     errors = {direction: sums.errors(direction) for direction in (0, 1, -1)}
     best = 1 if np.sum(np.log(errors[-1] / errors[1])) >= 0 else -1
     without, other, error = errors[0], errors[-best], errors[best]
-    share = 1 - float(error.sum() / min(without.sum(), other.sum()))
+    over_none, least_over_none = _better(without, error)
+    over_other, least_over_other = _better(other, error)
     stiffness = [float(sums.mean @ sums.weights(direction)[: len(sums.mean)]) for direction in (0, best)]
-    # The better of two directions, each of which may predict better than none by chance.
-    over_none = min(1.0, 2 * _chance(without, error))
-    return ReflexTest(best, over_none, _chance(other, error), share, (stiffness[0], stiffness[1]))
+    return ReflexTest(
+        direction=best,
+        over_none=min(1.0, 2 * over_none),  # each of two directions may predict better than none by chance
+        over_other=over_other,
+        share=1 - math.exp(-min(least_over_none, least_over_other)),
+        stiffness=(stiffness[0], stiffness[1]),
+    )
 
 
-def _chance(worse: Array, better: Array) -> float:
-    """Probability that errors are so much smaller by chance; by logarithms, as some realizations are louder."""
+def _better(worse: Array, better: Array) -> tuple[float, float]:
+    """Probability that errors are so much smaller by chance, and by how much they are at least, in logarithms.
+
+    By logarithms, as some realizations are louder than others.
+    """
     scores, count = np.log(worse / better), len(better)
     spread = float(scores.std(ddof=1)) / math.sqrt(count) if count >= LEAST_REALIZATIONS else 0.0
-    return float(stdtr(count - 1, -scores.mean() / spread)) if spread > 0 else 1.0
+    if spread == 0:
+        return 1.0, 0.0
+    mean = float(scores.mean())
+    return float(stdtr(count - 1, -mean / spread)), mean - spread * float(stdtrit(count - 1, SURE))
 
 
 def _moments(angle: Array, torque: Array, stretches: tuple[Array, Array], core: slice, rate: float) -> _Moments:

@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from tvsysid.errors import InputError
 from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.quality.catalogue import FAULTS
 from tvsysid.quality.fitted import FittedEnsemble, NotJudged, Seen
+from tvsysid.quality.reflexes import LATEST, SOONEST
 from tvsysid.quality.statistics import LEAST_REALIZATIONS, SIGNIFICANT, gained, gains, p_value_of, without
 from tvsysid.signals import Array
 
@@ -15,7 +17,7 @@ AHEAD = 0.03  # seconds ahead that the angle is predicted: within them derivativ
 MIRRORED = 1.5  # times what is predicted of the angle before that must be predicted of the angle after to be a cause
 PAST_ANGLE = 0.2  # seconds of the angle's past that predict it by themselves
 PAST_NOISE = 0.15  # seconds of the residual torque that may add to it
-SOONEST, LATEST, STEP = 0.04, 0.3, 0.03  # lags of a reflex in s
+SLOWEST, STEP = 0.3, 0.03  # longest lag of a slow answer and step between lags, in s
 SHORT = "realizations and their context are too short"
 
 
@@ -61,33 +63,49 @@ def _predicted(angle: Array, residual: Array, first: int, rate: float) -> Array:
 
 
 def reflex(data: FittedEnsemble) -> Seen:
-    """Whether the residual torque follows the size of a late velocity, which a linear joint cannot."""
-    return _late(data, np.abs(_velocity(data)), "the speed", ", regardless of its direction,")
+    """Whether late velocity of one direction predicts torque that neither the joint nor the other direction does."""
+    data.require(LEAST_REALIZATIONS, answer=False)
+    try:
+        test = data.reflex
+    except InputError:
+        raise NotJudged(SHORT) from None
+    data.require()
+    one_path, two_paths = test.stiffness
+    what = (
+        f"{'positive' if test.direction > 0 else 'negative'} velocity predicts at least {_percent(test.share)} of the "
+        f"residual torque {1000 * SOONEST:.0f} to {1000 * LATEST:.0f} ms later, more than no reflex "
+        f"(p = {test.over_none:.1g}) and than the other direction (p = {test.over_other:.1g}); the mean stiffness is "
+        f"{one_path:.3g} N·m/rad with the reflex's torque in it, {two_paths:.3g} without"
+    )
+    if two_paths > 0:
+        what += f": {100 * (one_path / two_paths - 1):+.0f} % in these data"
+    return Seen(100 * max(0.0, test.share), what, test.shown)
+
+
+def _has_reflex(data: FittedEnsemble) -> bool:
+    try:
+        return data.reflex.shown
+    except InputError:
+        return False
 
 
 def slow_answer(data: FittedEnsemble) -> Seen:
-    """Whether the residual torque follows late velocities."""
-    return _late(data, _velocity(data), "the movement")
-
-
-def _velocity(data: FittedEnsemble) -> Array:
-    return np.asarray(np.gradient(data.angle, 1 / data.rate, axis=1))
-
-
-def _late(data: FittedEnsemble, cause: Array, name: str, direction: str = "") -> Seen:
-    """Share of the residual torque that a cause, of the angle's shape, predicts with the lags of a reflex."""
+    """Share of the residual torque that late velocities predict, where no reflex does."""
     data.require(LEAST_REALIZATIONS)
-    lags = np.unique(np.round(np.arange(SOONEST, LATEST, STEP) * data.rate).astype(np.int64))
+    if _has_reflex(data):
+        raise NotJudged("a reflex is found, whose answer is late; longer lags do not mend that")
+    lags = np.unique(np.round(np.arange(SOONEST, SLOWEST, STEP) * data.rate).astype(np.int64))
     first, count = data.fit.first, data.fit.torque.shape[1]
     # The samples of the fit before which all lags are known.
     start, stop = max(first, int(lags.max())), first + count
     if stop - start < 2 * HALF_WIDTH:
         raise NotJudged(SHORT)
-    windows = sliding_window_view(cause - cause.mean(axis=0), stop - start, axis=1)
+    velocity = np.gradient(data.angle, 1 / data.rate, axis=1)
+    windows = sliding_window_view(velocity, stop - start, axis=1)
     causes = np.stack([windows[:, start - lag] for lag in lags])
     share, probability = gained(data.fit.residual[:, start - first :], causes)
-    when = f"{1000 * SOONEST:.0f} to {1000 * LATEST:.0f} ms before"
-    what = f"{name} {when}{direction} predicts {_percent(share)} of the residual torque"
+    when = f"{1000 * SOONEST:.0f} to {1000 * SLOWEST:.0f} ms before"
+    what = f"the movement {when} predicts {_percent(share)} of the residual torque"
     return Seen(100 * max(0.0, share), what, probability < SIGNIFICANT)
 
 

@@ -79,7 +79,7 @@ def test_a_channel_reaches_the_method_that_needs_it(tvsysid, recording, tmp_path
     assert own.stiffness.isna().all()
     assert table[table.method == "birf"].emg_level.isna().all()
     rows = [[cell.strip() for cell in line.split("│")[1:-1]] for line in out.splitlines() if "│" in line]
-    assert ["channel_methods:Scheduled", "stiffness", "N m/rad", "emg", "100", "50", "150"] in rows
+    assert ["channel_methods:Scheduled", "stiffness", "N·m/rad", "emg", "100", "-", "50", "150"] in rows
     with xr.open_datatree(tmp_path / "tvsysid-identify" / "models.nc", engine="h5netcdf") as tree:
         model = tree["channel_methods:Scheduled"]
         np.testing.assert_array_equal(model.stiffness.sel(emg=0.5), 100)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import shlex
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -167,8 +168,10 @@ def _show_impedance(found: Comparison) -> None:
 
 
 def _show_further(found: Comparison) -> None:
-    """Print what the methods estimate beside stiffness, viscosity and inertia over time."""
+    """Print what the methods estimate beside stiffness, viscosity and inertia over time, and the reflex's shape."""
     import numpy as np
+
+    from tvsysid.figures.words import unit_name
 
     rows = []
     for label, model in found.models.items():
@@ -176,11 +179,37 @@ def _show_further(found: Comparison) -> None:
             if name in ("stiffness", "viscosity", "inertia") and set(estimate.axes) <= {"realization", "time"}:
                 continue
             known = estimate.values[np.isfinite(estimate.values)]
-            numbers = (known.mean(), known.min(), known.max()) if known.size else ()
-            rows.append((label, name, estimate.unit, ", ".join(estimate.axes), *(f"{each:.4g}" for each in numbers)))
+            numbers = [f"{each:.4g}" for each in ((known.mean(), known.min(), known.max()) if known.size else ())]
+            error = estimate.standard_error
+            if error is not None and numbers and np.isfinite(error.values).any():
+                lower, upper = estimate.band()
+                numbers.insert(1, f"± {np.nanmean(upper - lower) / 2:.3g}")
+            else:
+                numbers.insert(1, "-")
+            rows.append((label, name.replace("_", " "), unit_name(estimate.unit), ", ".join(estimate.axes), *numbers))
     if rows:
-        headings = ["method", "quantity", "unit", "over", "mean", "lowest", "highest"]
+        headings = ["method", "quantity", "unit", "over", "mean", "95 % band", "lowest", "highest"]
         show_table("further estimates", headings, rows, "llll")
+    for label, model in found.models.items():
+        if shape := _shape(model.diagnostics.details):
+            say(f"{label}: {shape}")
+
+
+REFLEX = {"delay": "s", "frequency": "rad/s", "damping": "", "threshold": "rad/s"}  # units of what shapes a reflex
+EXPLAINED = {"vaf": "torque explained", "vaf_intrinsic": "by the intrinsic pathway", "vaf_reflex": "by the reflex"}
+EXPLAINED |= {"vaf_held_out": "of realizations held out"}
+
+
+def _shape(details: Mapping[str, float]) -> str:
+    """Delay, muscle and threshold of a reflex, and how much of the torque each pathway explains."""
+    found = []
+    for name, unit in REFLEX.items():
+        if name in details:
+            error = details.get(f"{name}_error")
+            spread = "" if error is None else f" ± {1.96 * error:.2g}"
+            found.append(f"{name} {details[name]:.3g}{spread} {unit}".rstrip())
+    shares = [f"{words} {details[name]:.1f} %" for name, words in EXPLAINED.items() if name in details]
+    return "; ".join(part for part in (", ".join(found), ", ".join(shares)) if part)
 
 
 def _show_reflex(found: Comparison) -> None:

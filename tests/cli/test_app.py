@@ -100,6 +100,28 @@ def test_start_is_light():
     assert shown == "light\n"
 
 
+@pytest.mark.parametrize("raised", ["KeyboardInterrupt", "GeneratorExit", "SystemExit(0)"])
+def test_a_module_that_ends_programs_while_it_is_imported_is_an_error(tvsysid, tmp_path, monkeypatch, raised):
+    monkeypatch.syspath_prepend(tmp_path)
+    module = f"ends_by_{raised[:4].lower()}"
+    (tmp_path / f"{module}.py").write_text(f"raise {raised}\n")
+    code, _, err = tvsysid("check-method", f"{module}:Mine")
+    assert code == 2
+    assert raised[:-3] in err
+    assert "the files that were written" not in err
+
+
+@pytest.mark.slow
+def test_a_thread_that_a_module_leaves_does_not_keep_the_command_from_ending(tmp_path):
+    (tmp_path / "leaves.py").write_text(
+        "import threading, time\nthreading.Thread(target=time.sleep, args=(600,)).start()\n"
+    )
+    words = [sys.executable, "-m", "tvsysid.cli", "check-method", "leaves:Mine"]
+    ended = subprocess.run(words, check=False, capture_output=True, text=True, cwd=tmp_path, timeout=60)
+    assert ended.returncode == 2
+    assert "has no 'Mine'" in ended.stderr
+
+
 def test_it_is_a_module_that_can_be_run():
     done = subprocess.run(
         [sys.executable, "-m", "tvsysid.cli", "--version"], capture_output=True, text=True, check=True

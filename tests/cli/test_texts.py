@@ -7,8 +7,9 @@ import sys
 
 import pandas as pd
 import pytest
+from tests.cli.conftest import IDENTIFY
 
-from tvsysid.cli.console import output
+from tvsysid.cli.console import output, show_table
 from tvsysid.errors import one_line, printable
 
 ANGLE, TORQUE, FILE = "[/a]\x1b[31m$x_{$\x07", "[bold]\u202etq$", "[red]$\x1b\udce9.csv"
@@ -65,3 +66,36 @@ def test_the_work_is_done_though_nothing_can_be_printed(tvsysid, tmp_path, monke
     assert found == code
     assert err.startswith("tvsysid: standard output: No space left on device") if code else not err
     assert (tmp_path / "joint.csv").exists()
+
+
+def test_a_narrow_terminal_breaks_no_number(monkeypatch, capsys):
+    rows = [("mymodule:MyMethod", "163.5", "0.0205")]
+    table = ("stiffness", ["method", "mean\n(N·m/rad)", "inertia"], rows)
+    shown = {}
+    for width in (60, 36, 20):
+        monkeypatch.setattr(output, "width", width)
+        show_table(*table)
+        shown[width] = capsys.readouterr().out
+    assert "mymodule:MyMethod │" in shown[60]
+    for width in (36, 20):
+        assert "163.5" in shown[width]
+        assert "0.0205" in shown[width]
+        assert "mymodule:MyMethod │" not in shown[width]
+    assert shown[20] == "stiffness\nmethod: mymodule:MyMethod\n  mean (N·m/rad): 163.5\n  inertia: 0.0205\n"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="sets a limit that only POSIX knows")
+def test_where_no_file_may_be_larger_the_error_names_the_file_and_nothing_is_left(tvsysid, tmp_path):
+    import resource
+
+    tvsysid("simulate", "joint.mat", "--duration", 40)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, hard))
+    try:  # HDF5 would end this process
+        code, _, err = tvsysid("identify", "joint.mat", *IDENTIFY, "--method", "sds")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert code == 2
+    name = os.path.join("tvsysid-identify", "models.nc")
+    assert f"tvsysid: {name}: File too large; make room there, or give another folder" in err
+    assert [file.name for file in (tmp_path / "tvsysid-identify").iterdir()] == ["stiffness.csv"]

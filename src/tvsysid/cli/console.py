@@ -45,7 +45,8 @@ class Stream(Console):
 output = Stream()
 errors = Stream(stderr=True)
 
-LONGEST_NAME = 32  # letters
+SHORTEST_NAME, LONGEST_NAME = 10, 32  # letters
+WIDEST = 1000  # letters of a table that is measured
 STYLES = {"note": "yellow", "warning": "yellow", "error": "red"}
 
 
@@ -73,7 +74,10 @@ def show_table(
     caption: str | None = None,
     lines: bool = False,
 ) -> None:
-    """Print a table; `align` has a letter, l or r, for each of the first columns, and the others are aligned right."""
+    """Print a table; `align` has a letter, l or r, for each of the first columns, and the others are aligned right.
+
+    Where the terminal is too narrow for its longest words and numbers, each row is a list.
+    """
     table = Table(title=title and printable(title), title_justify="left", caption=caption, show_lines=lines)
     told = list(rows)
     short = all(len(row[0]) <= LONGEST_NAME for row in told)  # names such as those of methods are not broken
@@ -82,7 +86,20 @@ def show_table(
         table.add_column(heading, overflow="fold", justify=justify, no_wrap=number == 0 and short)
     for row in told:
         table.add_row(*map(printable, row))
-    output.print(table)
+    over = output.measure(table, options=output.options.update(max_width=WIDEST)).minimum - output.width
+    longest = max((len(row[0]) for row in told), default=0)
+    if over > 0:  # names are broken before numbers are
+        table.columns[0].no_wrap, table.columns[0].width = False, longest - over
+    if over <= max(0, longest - SHORTEST_NAME):
+        output.print(table)
+    else:
+        say("\n".join(filter(None, (title, *(_lines(headings, row) for row in told), caption))))
+
+
+def _lines(headings: Sequence[str], row: Sequence[str]) -> str:
+    """Row of a table whose numbers a narrow terminal would break: a line for each."""
+    lines = (f"{heading}: {cell}".replace("\n", " ") for heading, cell in zip(headings, row, strict=True))
+    return "\n  ".join(lines)
 
 
 @contextmanager

@@ -147,8 +147,8 @@ def _taken(seconds: float) -> str:
 
 
 def _show_impedance(found: Comparison) -> None:
-    headings = ["method", "mean\n(N·m/rad)", "95 % band\npointwise\n(N·m/rad)", "lowest, at\n(N·m/rad,s)"]
-    headings += ["highest, at\n(N·m/rad,s)", "inertia\n(kg·m²)", "VAF\n(%)"]
+    headings = ["method", "mean\n(N·m/rad)", "95 % band\npointwise\n(N·m/rad)", "lowest, at\n(N·m/rad, s)"]
+    headings += ["highest, at\n(N·m/rad, s)", "inertia\n(kg·m²)", "VAF\n(%)"]
     rows = [
         (
             row["method"],

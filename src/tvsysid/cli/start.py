@@ -38,16 +38,23 @@ def main() -> None:
 
     _on_signals(stop)
     try:
+        import threading
+
+        before = threading.enumerate()
         code, text = _run()
     except BaseException as error:
         if not stopped and not isinstance(error, KeyboardInterrupt):
             raise
         code, text = INTERRUPTED, ""
-    if code == INTERRUPTED or stopped:
-        code = 128 + next(iter(stopped)) if stopped else INTERRUPTED
+    if stopped:
+        code = 128 + next(iter(stopped))
         text = text if text.startswith("interrupted") else "interrupted; the files that were written are complete"
+    elif code == INTERRUPTED:
+        code, text = 2, "nobody interrupted it, but the code of a method or system raised KeyboardInterrupt; mend that"
     _say_end(code, text)
-    if stopped:  # Python may insist on ending by SIGINT, if what was interrupted was code that it made while it ran
+    # Python may insist on ending by SIGINT, if what was interrupted was code that it made while it ran; and it would
+    # wait for the threads that a method's module leaves behind.
+    if stopped or not all(each.daemon for each in threading.enumerate() if each not in before):
         atexit._run_exitfuncs()
         os._exit(code)
     sys.exit(code)
@@ -84,7 +91,8 @@ def _run() -> tuple[int, str]:
             sys.path.append(os.getcwd())  # at the end, so that no file in it hides a module
         code = app(prog_name="tvsysid", standalone_mode=False)
     except SystemExit as ended:
-        code = ended.code
+        read_no_further = isinstance(ended.__context__, BrokenPipeError)  # as by --help | head
+        code = 0 if read_no_further else ended.code
     except InputError as error:
         return 2, str(error)
     except OSError as error:
@@ -106,6 +114,8 @@ def _of_the_system(error: OSError) -> str:
     if isinstance(error, FileNotFoundError) and not error.filename:
         return "the current folder is gone; go to one that is there"
     where = f"{error.filename!s}: {what}" if error.filename else f"the system reports: {what}"
+    if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+        return f"{where}; make room there, or give another folder. What was written before is complete"
     return f"{where}; give another file or folder"
 
 

@@ -197,7 +197,7 @@ def load(name: str, what: str = "object") -> Any:
     try:
         with np.errstate(), warnings.catch_warnings():  # what it changes there is no business of other methods
             module = importlib.import_module(where)
-    except (Exception, SystemExit) as error:
+    except (Exception, SystemExit, GeneratorExit) as error:
         absent = error.name if isinstance(error, ModuleNotFoundError) else None
         if absent is not None and f"{where}.".startswith(f"{absent}."):
             raise InputError(

@@ -47,6 +47,9 @@ def whole_file(path: str | Path) -> Iterator[Path]:
         os.umask(mask := os.umask(0))
         temporary.chmod(0o666 & ~mask)
         temporary.replace(target)
+    except OSError as error:
+        error.filename = error.filename or str(target)  # the system does not say which file it could not write
+        raise
     finally:
         temporary.unlink(missing_ok=True)
 
@@ -99,8 +102,9 @@ def write_models(path: str | Path, models: Mapping[str, Model], ensemble: Ensemb
     import xarray as xr  # noqa: PLC0415  # heavy
 
     groups = {name: _without_complex(model.to_xarray(ensemble)) for name, model in models.items()}
+    content = xr.DataTree.from_dict(groups).to_netcdf(engine="h5netcdf")  # HDF5 itself crashes where a disk is full
     with whole_file(path) as temporary:
-        xr.DataTree.from_dict(groups).to_netcdf(temporary, engine="h5netcdf", mode="w")
+        temporary.write_bytes(content)
 
 
 def _without_complex(dataset: xr.Dataset) -> xr.Dataset:
@@ -215,7 +219,7 @@ def _write(
             dataset = xr.Dataset(content, attrs={**about, **labels})
             for name, unit in UNITS.items():
                 dataset[name].attrs["units"] = unit
-            dataset.to_netcdf(temporary, engine="h5netcdf", mode="w")
+            temporary.write_bytes(dataset.to_netcdf(engine="h5netcdf"))
 
 
 @contextmanager

@@ -253,6 +253,14 @@ def test_no_reflex_is_invented():
     assert (upper - lower < 3).all()
 
 
+def test_of_few_realizations_the_evidence_decides():
+    few = np.arange(5)
+    shown = tv.JointCascade().identify(simulated("A", 40)[0].select(few))
+    assert shown.diagnostics.details["reflex_shown"] == 1
+    with pytest.warns(tv.DataQualityWarning, match="no reflex is shown"):
+        tv.JointCascade().identify(simulated("C", 40)[0].select(few))
+
+
 def test_emg_drives_the_reflex():
     ensemble, truth = simulated("A", 40)
     model = tv.JointCascade(emg="emg").identify(ensemble)
@@ -286,6 +294,7 @@ def test_a_model_predicts_as_it_was_fitted():
         ({"harmonics": (25, 25)}, "three whole numbers"),
         ({"harmonics": (25, -1, 3)}, "three whole numbers"),
         ({"delay": "free"}, "delay must be a number"),
+        ({"delay": "fit", "emg": "emg"}, "is not fitted; give it in s"),
         ({"constant": "yes"}, "constant must be True, False or None"),
         ({"period": 0.0}, "period must be positive"),
     ],

@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 from tvsysid.errors import InputError
 from tvsysid.methods import base
 from tvsysid.methods.cascade import result
-from tvsysid.methods.cascade.choice import ENOUGH, SETTLED, Candidate, Drives, Search
+from tvsysid.methods.cascade.choice import ENOUGH, SETTLED, Candidate, Drives, Search, by_evidence
 from tvsysid.methods.cascade.regressors import Data, lagged_signals
 from tvsysid.methods.shared.pathways import Stretch, TwoPathwayModel, history, velocity_of
 from tvsysid.numerics.bases import FourierSeries
 from tvsysid.numerics.stretch import decimated, stretch
 from tvsysid.quality.reflexes import reflex_test
+from tvsysid.quality.statistics import LEAST_REALIZATIONS
 from tvsysid.signals import Array, Ensemble
 
 VELOCITY_DELAY, EMG_DELAY = 0.04, 0.01  # s
@@ -69,9 +70,9 @@ class JointCascade(base.Method):
     deviations from their mean over realizations. The gain is that of the stretch as it arrives at the muscle.
     Viscosity and inertia are those of a second-order fit to the intrinsic response from 0.5 to 15 Hz.
 
-    Whether there is a reflex, and in which direction of stretch s, decides a test on realizations that were
-    not fitted to (:func:`tvsysid.quality.reflexes.reflex_test`). Where none is shown, the model is one without, and
-    ``reflex_gain`` says with its band what the data leave room for.
+    Whether there is a reflex, and in which direction of stretch s, decides a test on realizations that were not fitted
+    to (:func:`tvsysid.quality.reflexes.reflex_test`); of fewer than eight, the evidence. Where none is shown, the model
+    is one without, and ``reflex_gain`` says with its band what the data leave room for.
 
     The bands count the noise's colour, the priors' pull and the uncertain shape. At jumps, which a Fourier series
     rounds off, the truth lies outside.
@@ -123,6 +124,8 @@ class JointCascade(base.Method):
             )
         if self.constant not in (True, False, None):
             raise InputError(f"JointCascade: constant must be True, False or None, got {self.constant!r}")
+        if self.delay == "fit" and self.emg is not None:
+            raise InputError("JointCascade: the delay from EMG to torque is not fitted; give it in s, as in delay=0.01")
         if self.delay is not None and self.delay != "fit":
             base.check_positive(self, delay=self.delay)
         if self.emg is not None:
@@ -179,6 +182,8 @@ class JointCascade(base.Method):
 
     def _shown(self, ensemble: Ensemble, fits: Mapping[str, Candidate]) -> tuple[str, bool]:
         """Which reflex there is, or might be, and whether one is shown."""
+        if len(ensemble) < LEAST_REALIZATIONS:
+            return by_evidence(fits)
         if self.emg is not None:
             return "emg", fits["emg"].better_than(fits["none"]) < ENOUGH
         angle, torque = (x - x.mean(axis=0) for x in (ensemble.angle, ensemble.torque))
@@ -192,8 +197,8 @@ class JointCascade(base.Method):
                 ensemble.core,
                 ensemble.sampling_rate,
             )
-        except InputError:  # realizations too short
-            return min(DIRECTIONS, key=lambda name: -fits[name].found.objective), False
+        except InputError:  # realizations are too short for it
+            return by_evidence(fits)
         return {1: "positive", -1: "negative"}[test.direction], test.shown
 
     def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:

@@ -23,6 +23,7 @@ SETTLED = 0.45  # seconds of what drives a reflex that must be known before a sa
 HISTORY = 0.75  # seconds of it that are used where they were recorded
 FOLDS = 3  # of realizations, taken in turn, each predicted from the others
 USUAL = (16.0, 0.8, 0.0)  # frequency in rad/s, damping and threshold of a reflex that is not shown
+CERTAIN = 10.0  # log evidence by which a reflex must be better than the rest to be shown
 ENOUGH = 1e-3  # probability below which a better prediction is not taken for chance
 
 Drives = Mapping[str, Callable[[float], Array]]  # by threshold, (realization, context + time + context)
@@ -128,6 +129,13 @@ class Search(NamedTuple):
         usual = Shape(fits[name].found.shape.delay, *USUAL)
         problem = self.problem(name, fits[name].problem.data, free=())
         return Candidate(problem, problem.at(usual), fits["none"].left)
+
+
+def by_evidence(fits: Mapping[str, Candidate]) -> tuple[str, bool]:
+    """Reflex of most evidence, and whether that is beyond doubt: by what stands against it, linear late answers too."""
+    evidence = {name: fit.found.objective for name, fit in fits.items()}
+    best = max(evidence.keys() - {"none", "linear"}, key=lambda name: evidence[name])
+    return best, all(evidence[best] - other > CERTAIN for name, other in evidence.items() if name != best)
 
 
 def _better(one: Mapping[str, Candidate], other: Mapping[str, Candidate]) -> bool:

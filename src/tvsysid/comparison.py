@@ -13,11 +13,11 @@ from threadpoolctl import threadpool_limits
 from tvsysid.checked import Frozen
 from tvsysid.errors import DataQualityWarning, InputError, describe_error
 from tvsysid.estimates import IMPEDANCE
+from tvsysid.limits import TIME_LIMIT
 from tvsysid.methods import DEFAULT_METHODS, Evidence, Tuned, label_of, parse
 from tvsysid.methods.apart import Identified, checked_limit, identify
 from tvsysid.methods.apply import Identifies
 from tvsysid.methods.base import SkippedError
-from tvsysid.methods.forkserver import TIME_LIMIT
 from tvsysid.methods.travel import pickled
 from tvsysid.metrics import time_varying_vaf, vaf
 from tvsysid.models import Model

@@ -49,12 +49,13 @@ def one_line(text: str) -> str:
 def describe_error(error: BaseException, file: str | None = None) -> str:
     """Describe an exception in one line: its type, its message, and the last line of the user's code that it reached.
 
-    That is one of the user's ``file``, if that is known.
+    That is one of the user's ``file``, if that is known. An :class:`InputError` speaks for itself.
     """
     text, (name, line) = plain_text(error), _place(error, file)
     if isinstance(error, SyntaxError):
         text, name, line = str(error.msg), error.filename, error.lineno
-    said = textwrap.shorten(f"{type(error).__name__}: {text}".rstrip(": "), 300, placeholder=" …")
+    kind = "" if isinstance(error, InputError) else f"{type(error).__name__}: "
+    said = textwrap.shorten(f"{kind}{text}".rstrip(": "), 300, placeholder=" …")
     return printable(f"{said} ({Path(name).name}, line {line})" if name and line else said)
 
 
@@ -71,7 +72,7 @@ def _place(error: BaseException, file: str | None) -> tuple[str | None, int | No
     package, *libraries = library_folders()
     frames = [frame for frame in traceback.extract_tb(error.__traceback__) if not frame.filename.startswith(package)]
     of_file = [frame for frame in frames if frame.filename == file]
-    of_user = [frame for frame in frames if not frame.filename.startswith(("<frozen", *libraries))]
+    of_user = [frame for frame in frames if not frame.filename.startswith(("<", *libraries))]
     for chosen in (of_file, of_user, frames):
         if chosen:
             return chosen[-1].filename, chosen[-1].lineno

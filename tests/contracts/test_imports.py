@@ -15,7 +15,7 @@ import tvsysid
 PACKAGE = Path(tvsysid.__file__).parent
 # From the foundations up; rooms on one line do not import each other.
 LEVELS = [
-    ["errors"],
+    ["errors", "limits"],
     ["numerics"],
     ["checked"],
     ["signals", "impedance", "estimates"],

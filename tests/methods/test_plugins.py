@@ -432,7 +432,7 @@ def test_inputs_are_checked_wherever_a_method_begins():
             return "it has too few" if len(ensemble) < 5 else None
 
     for begin in ("identify", "tuned"):
-        with pytest.raises(tv.InputError, match=r"Alone: inputs must be a tuple, got Input\(.*; write a comma"):
+        with pytest.raises(tv.InputError, match=r"Alone: inputs must be a tuple .*comma.*, got Input\("):
             getattr(Alone(), begin)(ensemble_of())
         with pytest.raises(tv.InputError, match="Driven: it needs the channel 'emg'"):
             getattr(Driven(), begin)(ensemble_of())
@@ -440,6 +440,23 @@ def test_inputs_are_checked_wherever_a_method_begins():
         with pytest.raises(tv.InputError, match="Driven: it has too few"):
             getattr(Driven(), begin)(few)
     assert tv.methods.reason_to_skip(tv.methods.Tuned(Driven()), few) == "it has too few"
+
+
+READ = {
+    "inputs": lambda method: tv.methods.deviating_channels([method]),
+    "contiguous": lambda method: tv.study.Experiment(virtual=1, methods=method).analyses,
+    "quantities": lambda method: tv.study.Study(methods=method).units,
+    "scheduled_quantities": lambda method: tv.study.Study(methods=method).scheduled,
+}
+
+
+@pytest.mark.parametrize("name", READ)
+@pytest.mark.parametrize("said", [3, "emg", {"emg": -3}, property(lambda self: 1 / 0)])
+def test_what_a_method_says_of_itself_is_checked(name, said):
+    kind = type("Own", (), {name: said, "identify": lambda self, ensemble: None})
+    if (name, said) != ("quantities", {"emg": -3}):
+        with pytest.raises(tv.InputError, match=f"{name} (must be .*, got|cannot be read: ZeroDivisionError)"):
+            READ[name](kind())
 
 
 def test_a_tuned_method_says_of_itself_what_the_method_says():

@@ -279,6 +279,8 @@ def test_nothing_leads_out_of_a_file(tmp_path, signals, name):
         root["through"] = h5py.SoftLink("/inner/link")
         root["same"] = h5py.SoftLink("/pos")
         root["inner/again"] = root["/"]
+        if name != "ankle.nc":  # which h5netcdf does not read then
+            root["type"], root["empty"] = np.dtype("f8"), h5py.Empty("f8")
     np.testing.assert_array_equal(read(file, angle="same").angle, signals[0])
     inner = "inner.link" if name == "v73.mat" else "inner/link"
     described = describe_file(file)

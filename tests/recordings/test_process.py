@@ -17,7 +17,8 @@ import pytest
 from scipy.io import savemat
 
 import tvsysid as tv
-from tvsysid.recordings import describe_file, limits, process
+from tvsysid import limits
+from tvsysid.recordings import describe_file, process
 
 DAMAGED = Path(__file__).parent / "damaged"
 MESSAGES = {
@@ -163,5 +164,5 @@ def test_memory_is_that_of_the_strictest(tmp_path, monkeypatch):
         (old / f"memory.{name}").write_text(text)
     (tmp_path / "own").write_text("3:cpu,cpuacct:/job\n2:memory:/job\n")
     assert list(limits._control_groups(tmp_path / "v1", tmp_path / "own")) == [420]
-    monkeypatch.setattr(limits.resource, "getrlimit", lambda _: (limits._addresses() + 10**6, -1))
+    monkeypatch.setattr(limits.resource, "getrlimit", lambda _: (limits.addresses() + 10**6, -1))
     assert limits.available() <= 10**6

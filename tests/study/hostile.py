@@ -1,9 +1,10 @@
-"""Twenty methods that do what no method should, each in its own way; they say what became of them."""
+"""Methods that do what no method should, each in its own way; they say what became of them."""
 
 import _thread
 import ctypes
 import os
 import random
+import resource
 import signal
 import subprocess
 import sys
@@ -13,6 +14,10 @@ import warnings
 from types import SimpleNamespace
 
 import numpy as np
+
+from tvsysid import DataQualityWarning
+from tvsysid.estimates import Estimate
+from tvsysid.models import Diagnostics, Model
 
 
 def found(ensemble, stiffness=None, torque=None):
@@ -164,6 +169,44 @@ class PredictsInfinity:
         return found(ensemble, torque=lambda known: known + np.inf)
 
 
+class Rotated(Model):
+    """A model of the package's own kind, but for its torque."""
+
+    def _pathways(self, ensemble):
+        return {"intrinsic": 1j * ensemble.torque[:, ensemble.core]}
+
+
+class PredictsComplex:
+    def identify(self, ensemble):
+        stiffness = {"stiffness": Estimate(np.full(ensemble.samples, 100.0), "N m/rad")}
+        about = {"diagnostics": Diagnostics(1.0), "sampling_rate": ensemble.sampling_rate, "time": ensemble.time}
+        return Rotated(method="own", estimates=stiffness, **about)
+
+
+class HasNoPathways:
+    def identify(self, ensemble):
+        return SimpleNamespace(stiffness=np.full(ensemble.samples, 100.0), pathways=lambda _: {})
+
+
+class GivesHuge:
+    """Its square overflows."""
+
+    def identify(self, ensemble):
+        return found(ensemble, np.full(ensemble.samples, 1e200))
+
+
+class TakesAllMemory:
+    def identify(self, ensemble):
+        np.empty(resource.getrlimit(resource.RLIMIT_DATA)[0], np.uint8)
+
+
+class WarnsAtEachSample:
+    def identify(self, ensemble):
+        for number in range(20_000):
+            warnings.warn(f"singular at sample {number}", DataQualityWarning, stacklevel=1)
+        return found(ensemble)
+
+
 class ChangesEverything:
     """Leaves the process, NumPy and the package as nobody wants them; its own result is as good as any."""
 
@@ -206,7 +249,11 @@ FAILURES = {
     GivesTooMany: "the model's stiffness must be of shape (200,), it is (1000000000000,)",
     GivesLazy: "the cluster is gone",
     PredictsInfinity: "some of them infinite; give NaN where nothing can be said",
+    PredictsComplex: "expected real numbers, got values of type complex128",
+    HasNoPathways: "must be a mapping of the torque of each pathway by its name, got none",
+    GivesHuge: "the model's stiffness: expected values up to 1e+150, got 1e+200",
+    TakesAllMemory: "MemoryError: Unable to allocate",
 }
 """What is said of each that fails."""
-HARMLESS = (LeavesThread, LeavesFork, ChangesEverything)
+HARMLESS = (LeavesThread, LeavesFork, WarnsAtEachSample, ChangesEverything)
 """Those that give a result, whatever else they do."""

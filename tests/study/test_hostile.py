@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -45,6 +46,7 @@ def test_each_is_reported_with_what_it_did(results):
         assert told[kind.__name__]["count"] == SETTINGS["trials"]
         assert told[kind.__name__]["first"].isprintable()
         assert np.isnan(results.estimate.sel(method_key=kind.__name__)).all()
+    assert results.warnings.sel(method_key="WarnsAtEachSample").item(0).endswith("; and 19980 more warnings")
     for kind in hostile.HARMLESS:
         assert (results.estimate.sel(method_key=kind.__name__, quantity="stiffness") == 100.0).all()
 
@@ -109,16 +111,34 @@ def is_alive(process):
 
 def test_in_a_comparison_the_others_finish():
     ensemble = ensemble_of()
-    found = tv.compare(ensemble, [hostile.SetsFlags(), "sds", hostile.Interrupts(), hostile.LeavesThread()])
+    methods = [hostile.SetsFlags(), "sds", hostile.HasNoPathways(), hostile.Interrupts(), hostile.LeavesThread()]
+    found = tv.compare(ensemble, methods)
     assert list(found.models) == ["sds", "LeavesThread"]
     assert "it changed the ensemble" in found.failed["SetsFlags"]
     assert "KeyboardInterrupt (hostile.py, line" in found.failed["Interrupts"]
-    assert "failed: SetsFlags, Interrupts" in repr(found)
+    assert "failed: SetsFlags, HasNoPathways, Interrupts" in repr(found)
     np.testing.assert_array_equal(found.models["sds"].stiffness, tv.ShortDataSegments().identify(ensemble).stiffness)
     other = ensemble.select([0, 1, 2])
     assert found.models["LeavesThread"].predict(ensemble).shape == (len(ensemble), ensemble.samples)
     with pytest.raises(tv.InputError, match="must be of shape"):  # its own code, on other data
         found.models["LeavesThread"].predict(other)
+
+
+def test_no_more_processes_are_kept_than_some(monkeypatch):
+    monkeypatch.setattr(forkserver, "KEPT", 2)
+    for number in (1, 2, 3, 2):
+        tv.compare(ensemble_of(), [hostile.LeavesThread(), Numbered(number)])
+    children = forkserver._servers[0].children
+    assert len(children) == 2
+    assert len({child.process for child in children.values() if is_alive(child.process)}) == 2
+
+
+@dataclass(frozen=True)
+class Numbered:
+    number: int
+
+    def identify(self, ensemble):
+        return hostile.found(ensemble)
 
 
 def test_one_that_kills_the_server_is_followed_by_others():

@@ -125,7 +125,7 @@ def test_own_method_enters(results):
     [
         ("raises", r"ZeroDivisionError: no such luck \(conftest.py, line \d+\)"),
         ("exits", r"SystemExit: 3 \(conftest.py, line \d+\)"),
-        ("short", r"InputError: Mine: the model's stiffness must be of shape \(200,\), it is \(199,\)"),
+        ("short", r"Mine: the model's stiffness must be of shape \(200,\), it is \(199,\)"),
     ],
 )
 def test_a_method_that_fails_is_marked_and_spoils_no_other(fault, reason):
@@ -209,7 +209,7 @@ def test_an_executor_that_was_shut_down_gives_up_plainly():
 
 def test_a_method_that_finds_nothing_has_failed():
     found = run(Study(duration_s=40, trials=1, perturbation="prbs", methods=["sds", Mine("nothing")]), workers=1)
-    assert found.failure.values.ravel()[1] == "InputError: it found no stiffness at any time"
+    assert found.failure.values.ravel()[1] == "it found no stiffness at any time"
 
 
 def test_a_plain_object_is_named_by_its_class():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -15,7 +15,7 @@ from tvsysid import metrics
 from tvsysid.check.subject import LEVEL, FailedError, Subject, numbers, simulated_case
 from tvsysid.errors import InputError, plain_text
 from tvsysid.estimates import IMPEDANCE
-from tvsysid.methods.base import Input, inputs_of, reason_to_skip
+from tvsysid.methods.base import inputs_of, names_said, reason_to_skip, scheduled_by
 from tvsysid.numerics import Array
 
 
@@ -87,9 +87,6 @@ def _has_identify(subject: Subject) -> str:
 
 def _states_inputs(subject: Subject) -> str:
     inputs = inputs_of(subject.method)
-    for item in inputs:
-        if not isinstance(item, Input):
-            raise FailedError(f"expected inputs of tvsysid.methods.Input(name, kind, unit), got {item!r}")
     ensemble = subject.case("constant").ensemble
     if reason := reason_to_skip(subject.method, ensemble):
         raise FailedError(f"it skips {ensemble!r}: {reason}")
@@ -125,10 +122,8 @@ def _returns_model(subject: Subject) -> str:
         )
     _, subject.first, torque = subject.result("constant")
     estimates = getattr(model, "estimates", {"stiffness": None})
-    scheduled = getattr(subject.method, "scheduled_quantities", {})
-    if not isinstance(scheduled, Mapping):
-        raise FailedError(f"expected scheduled_quantities as {{'stiffness_at_emg': 20}}, got {scheduled!r}")
-    said = [*getattr(subject.method, "quantities", ()), *scheduled]
+    scheduled = scheduled_by(subject.method)
+    said = [*names_said(subject.method, "quantities"), *scheduled]
     if absent := [name for name in said if name not in estimates]:
         raise FailedError(f"expected estimates of all its quantities, got none of {', '.join(absent)}")
     for name, most in scheduled.items():

@@ -11,7 +11,6 @@ import typer
 
 from tvsysid.cli.console import duration_text, remark, say, say_written, show_table, waiting
 from tvsysid.cli.options import (
-    TIME_LIMIT,
     MethodOption,
     OutOption,
     SchedulerOption,
@@ -23,6 +22,7 @@ from tvsysid.cli.options import (
 )
 from tvsysid.cli.running import STORE, check_folder, command_line, print_met, run_in, show_claims
 from tvsysid.errors import InputError
+from tvsysid.limits import TIME_LIMIT
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -13,6 +13,7 @@ import typer
 from tvsysid.cli import options
 from tvsysid.cli.console import progress, remark, say, say_written, show_table, shown_warnings
 from tvsysid.cli.running import check_folder
+from tvsysid.limits import TIME_LIMIT
 
 if TYPE_CHECKING:
     from tvsysid.comparison import Comparison
@@ -38,7 +39,7 @@ def identify(
     start: options.StartOption = 0.0,
     context: options.ContextOption = 0.5,
     method: options.MethodOption = DEFAULT_METHODS,
-    time_limit: options.TimeLimitOption = options.TIME_LIMIT,
+    time_limit: options.TimeLimitOption = TIME_LIMIT,
     align_channels: Annotated[
         bool,
         options.option(

@@ -93,7 +93,6 @@ TimeLimitOption = Annotated[
         "failed.",
     ),
 ]
-TIME_LIMIT = 600.0  # that of tvsysid.methods, which takes long to import
 OutOption = Annotated[Path, option("DIR", "Folder for the results.", "--out")]
 
 

@@ -17,13 +17,14 @@ import numpy as np
 
 from tvsysid.errors import InputError, plain_text
 from tvsysid.estimates import Estimate, StandardError
-from tvsysid.methods.apply import AdoptedModel, apply, digest
+from tvsysid.limits import TIME_LIMIT
+from tvsysid.methods.apply import AdoptedModel, apply, checked_torques, digest
 from tvsysid.methods.base import Choice, Method, SkippedError, reason_to_skip
-from tvsysid.methods.forkserver import TIME_LIMIT, call
+from tvsysid.methods.forkserver import call
 from tvsysid.methods.travel import plain
 from tvsysid.methods.tuning.evidence import Evidence, Tuned
 from tvsysid.models import Diagnostics, Model
-from tvsysid.signals import Ensemble
+from tvsysid.signals import Array, Ensemble
 
 
 class Identified(NamedTuple):
@@ -94,8 +95,10 @@ def _identified_apart(method: Any, ensemble: Ensemble, label: str, tune: bool, k
     """What the process of somebody else's method does; all of its own code has run when this returns."""
     before = digest(ensemble)
     found = _identified(method, ensemble, label, tune)
-    plainly = _own_code_left_behind(found.model, ensemble, before, keep)
-    model = found.model if _travels(found.model) else plainly
+    model = found.model
+    torques = checked_torques(model.pathways(ensemble), ensemble, str(model.method))
+    if not _travels(model):
+        model = _own_code_left_behind(model, torques, before, keep)
     with suppress(Exception):  # what is there now may be no data at all
         if digest(ensemble) == before:
             return found._replace(model=model)
@@ -109,8 +112,8 @@ def _travels(model: Model) -> bool:
     return False
 
 
-def _own_code_left_behind(model: Model, ensemble: Ensemble, of: str, keep: bool) -> AdoptedModel:
-    """What a model of anybody's class estimates, and predicts for the ensemble of this digest, as arrays."""
+def _own_code_left_behind(model: Model, torques: dict[str, Array], of: str, keep: bool) -> AdoptedModel:
+    """What a model of anybody's class estimates, and its torques of pathways for the ensemble of this digest."""
     content = None
     if keep:
         with suppress(Exception):  # then it predicts for this ensemble only
@@ -124,7 +127,7 @@ def _own_code_left_behind(model: Model, ensemble: Ensemble, of: str, keep: bool)
         coordinates={str(name): np.array(values) for name, values in model.coordinates.items()},
         diagnostics=Diagnostics(float(told.parameters), warnings=tuple(map(plain_text, told.warnings))),
         found=content,
-        torques={str(name): np.array(torque) for name, torque in model.pathways(ensemble).items()},
+        torques=torques,
         of=of,
     )
 

@@ -18,6 +18,7 @@ from tvsysid.models import Diagnostics, Model
 from tvsysid.signals import Array, Ensemble
 
 LONGEST_NAME = 80  # letters of a quantity, pathway or axis
+LARGEST = 1e150  # of what a method finds: its square still is a number
 
 
 class Identifies(Protocol):
@@ -82,12 +83,19 @@ class AdoptedModel(Model):
             raise InputError(f"{self.method}: the model predicts only for the ensemble that it was identified from")
         own = getattr(found, "pathways", None)
         torques = own(ensemble) if callable(own) else {"intrinsic": found.predict(ensemble)}
-        shape = (len(ensemble), ensemble.samples)
-        whole = "predict(ensemble) must be of shape (realization, time), here"
-        return {
-            checked_name(name, self.method): _numbers(torque, shape, f"{self.method}: {whole}")
-            for name, torque in torques.items()
-        }
+        return checked_torques(torques, ensemble, self.method)
+
+
+def checked_torques(torques: object, ensemble: Ensemble, label: str) -> dict[str, Array]:
+    """Torque of each pathway, as a model of anybody's gives them."""
+    if not isinstance(torques, Mapping) or not torques:
+        raise InputError(
+            f"{label}: pathways(ensemble) must be a mapping of the torque of each pathway by its name, got "
+            f"{type(torques).__name__ if torques else 'none'}"
+        )
+    whole = f"{label}: predict(ensemble) must be of shape (realization, time), here"
+    shape = (len(ensemble), ensemble.samples)
+    return {checked_name(name, label): _numbers(torque, shape, whole) for name, torque in torques.items()}
 
 
 def _adopted(found: object, label: str, ensemble: Ensemble) -> AdoptedModel:
@@ -136,7 +144,14 @@ def _numbers(given: object, shape: tuple[int, ...], expected: str) -> Array:
     if values.dtype.kind not in "fiu" or np.isinf(values).any():
         infinite = ", some of them infinite; give NaN where nothing can be said" if values.dtype.kind == "f" else ""
         raise InputError(f"{what}: expected real numbers, got values of type {values.dtype}{infinite}")
-    return np.array(values, dtype=np.float64)
+    return _below_largest(what, np.array(values, dtype=np.float64))
+
+
+def _below_largest(what: str, values: Array) -> Array:
+    """Values, if their squares are numbers."""
+    if (np.abs(values) > LARGEST).any():
+        raise InputError(f"{what}: expected values up to {LARGEST:g}, got {np.nanmax(np.abs(values)):.2g}")
+    return values
 
 
 def checked_name(name: object, label: str) -> str:
@@ -175,6 +190,7 @@ def _check_shapes(model: Model, label: str, ensemble: Ensemble) -> None:
                 f"{label}: {name} has the axis {unknown[0]!r}, for which the model has no coordinates; expected "
                 f"coordinates={{{unknown[0]!r}: values}} beside its estimates"
             )
+        _below_largest(f"{label}: {name}", estimate.values)
         expected = tuple(lengths[axis] for axis in estimate.axes)
         if estimate.values.shape != expected:
             raise InputError(

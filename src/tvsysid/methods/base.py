@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import TYPE_CHECKING, ClassVar, Generic, Literal, NamedTuple, Self, TypeVar, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, NamedTuple, Self, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.errors import DataQualityWarning, InputError
+from tvsysid.errors import DataQualityWarning, InputError, describe_error, plain_text
 from tvsysid.models import Model
 from tvsysid.numerics.spectra import power_shares
 from tvsysid.quality.catalogue import FAULTS
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 Number = TypeVar("Number", np.float64, np.complex128)
 Chosen = TypeVar("Chosen", bound="Method")
+MOST_VALUES = 100_000  # of a variable of a method's own
 Kind = Literal["input", "reference", "scheduling"]
 
 
@@ -139,11 +140,39 @@ class SkippedError(InputError):
     """A method cannot serve an ensemble; the message is the reason."""
 
 
+def said_by(method: object, attribute: str, expected: str, *kinds: type) -> Any:
+    """What a method says of itself in an attribute, of one of these kinds; an empty one of the first if nothing."""
+    try:
+        said = getattr(method, attribute, None)
+        said = kinds[0]() if said is None else said
+        fits = isinstance(said, kinds)
+    except Exception as error:  # a property, which is anybody's code
+        raise InputError(f"{type(method).__name__}: {attribute} cannot be read: {describe_error(error)}") from error
+    if not fits:
+        raise InputError(f"{type(method).__name__}: {attribute} must be {expected}, got {plain_text(said)}")
+    return said
+
+
+def names_said(method: object, attribute: str) -> Any:
+    """Names that a method says it finds, or units by name."""
+    return said_by(method, attribute, "names in a tuple, or units by name", tuple, list, Mapping)
+
+
+def scheduled_by(method: object) -> Mapping[str, int]:
+    """What a method says that it estimates over a variable of its own, and at how many values at most."""
+    expected = f"numbers of values from 1 to {MOST_VALUES} by name, as in {{'stiffness_at_emg': 20}}"
+    said: Mapping[str, int] = said_by(method, "scheduled_quantities", expected, dict, Mapping)
+    if wrong := [most for most in said.values() if type(most) is not int or not 1 <= most <= MOST_VALUES]:
+        raise InputError(f"{type(method).__name__}: scheduled_quantities must be {expected}, got {wrong[0]!r}")
+    return said
+
+
 def inputs_of(method: object) -> tuple[Input, ...]:
     """Signals that a method needs beside angle and torque."""
-    inputs = getattr(method, "inputs", ())
-    if isinstance(inputs, Input):
-        raise InputError(f"{type(method).__name__}: inputs must be a tuple, got {inputs!r}; write a comma after it")
+    expected = "a tuple of tvsysid.methods.Input (with a comma after a single one)"
+    inputs = said_by(method, "inputs", expected, tuple, list)
+    if wrong := [item for item in inputs if not isinstance(item, Input)]:
+        raise InputError(f"{type(method).__name__}: inputs must be {expected}, got {plain_text(wrong[0])} in it")
     return tuple(inputs)
 
 

@@ -20,7 +20,7 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, NoReturn
@@ -28,13 +28,14 @@ from typing import Any, NoReturn
 import cloudpickle
 
 from tvsysid.errors import DataQualityWarning, InputError, describe_error, plain_text
+from tvsysid.limits import TIME_LIMIT, keep_within_memory
 from tvsysid.methods.base import SkippedError
 from tvsysid.methods.travel import plain
 
-TIME_LIMIT = 600.0
-"""Seconds that one identification by somebody else's method may take, if nothing else is said."""
 LARGEST = 2**31  # bytes of what a method's process sends back
 LONGEST_S = 1e7  # of what a socket waits for
+KEPT = 32  # processes that wait for their method's next call; the one that was not called for longest is ended
+MOST_WARNINGS = 20  # texts of warnings that are told of one identification
 FORKS = hasattr(os, "fork")
 Answer = tuple[str, Any, list[str]]  # "result", "skipped" or "failed"; the result or the reason; warnings
 
@@ -113,9 +114,10 @@ class _Server:
 
     def asked(self, method: bytes, work: bytes, limit: float) -> Answer:
         """Kind of answer, the answer, and the texts of warnings."""
-        if method not in self.children:
-            self.children[method] = self._forked()
-        child = self.children[method]
+        child = self.children.pop(method, None) or self._forked()
+        self.children[method] = child  # at the end: the last one called
+        while len(self.children) > KEPT:
+            self.children.pop(next(iter(self.children))).end()
         try:
             folder = os.getcwd() if os.path.exists(".") else None
             until = time.monotonic() + min(limit, LONGEST_S)
@@ -221,6 +223,7 @@ def _work(line: socket.socket) -> NoReturn:
             sys.path[:] = path
             if folder is not None:
                 os.chdir(folder)
+            keep_within_memory()
             answer = _answer(method, work)
             with suppress(Exception):
                 sys.stdout.flush()
@@ -239,9 +242,17 @@ def _answer(method: bytes, work: bytes | bytearray) -> Answer:
         except SkippedError as error:
             kind, result = "skipped", plain_text(error)
         except BaseException as error:  # this process is the method's own, and no interruption reaches it
+            if isinstance(error, KeyboardInterrupt) and not FORKS:
+                raise
             kind, result = "failed", describe_error(error)
-    told = [plain_text(item.message) for item in caught if issubclass(item.category, DataQualityWarning)]
-    return kind, result, told
+    return kind, result, _told(item.message for item in caught if issubclass(item.category, DataQualityWarning))
+
+
+def _told(messages: Iterable[object]) -> list[str]:
+    """Texts of warnings, each once, and not of more than anyone reads."""
+    texts = list(dict.fromkeys(map(plain_text, messages)))
+    more = len(texts) - MOST_WARNINGS
+    return texts if more <= 0 else [*texts[:MOST_WARNINGS], f"and {more} more warnings"]
 
 
 def _packed(answer: Answer) -> bytes:

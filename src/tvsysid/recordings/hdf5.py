@@ -28,7 +28,7 @@ ELSEWHERE = "values in another file, which are not followed"
 class Item(NamedTuple):
     """What a path in an HDF5 file leads to."""
 
-    thing: h5py.Group | h5py.Dataset | str
+    thing: h5py.Group | h5py.Dataset | h5py.Datatype | str
     """In words where it leads out of the file, nowhere or in a circle: that is not opened."""
     above: tuple[Mapping[str, Any], ...]
     """Attributes of the groups around it, the innermost first."""

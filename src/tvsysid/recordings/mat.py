@@ -142,7 +142,7 @@ def read_mat_73(file: Path) -> Iterator[tuple[str, Channel]]:
     """Variables of a MAT file of version 7.3, likewise."""
     with h5py.File(file, "r") as root:
         everything = {path: item.thing for path, item in items_of(file, root).items()}
-        size = sum(thing.nbytes for thing in everything.values() if isinstance(thing, h5py.Dataset))
+        size = sum(thing.nbytes for thing in everything.values() if isinstance(thing, h5py.Dataset) and thing.size)
         items = {path: thing for path, thing in everything.items() if not path.startswith("#")}
         objects = [path for path, thing in items.items() if "/" not in path and _class(thing) not in PLAIN_CLASSES]
         closed: tuple[str, ...] = tuple(f"{path}/" for path in objects)  # what is inside is read otherwise, or not
@@ -153,7 +153,7 @@ def read_mat_73(file: Path) -> Iterator[tuple[str, Channel]]:
                 if "MATLAB_sparse" in thing.attrs:
                     closed += (f"{path}/",)
                     yield path.replace("/", "."), Channel((), "a sparse matrix")
-            else:
+            elif not isinstance(thing, h5py.Datatype):
                 yield path.replace("/", "."), _matrix(file, thing)
     if objects:
         check_whole(file)
@@ -171,10 +171,10 @@ def _class(item: Any) -> str:
 def _matrix(file: Path, item: h5py.Dataset | str) -> Channel:
     if isinstance(item, str):
         return Channel((), item)
+    if item.shape is None or item.attrs.get("MATLAB_empty", 0):
+        return Channel((0, 0), "no values")
     # MATLAB stores columns, HDF5 rows.
     shape = item.shape[::-1]
-    if item.attrs.get("MATLAB_empty", 0):
-        return Channel((0, 0), "no values")
     if _class(item) == "char":
         return Channel(shape, "text")
     if item.dtype.kind == "V" and item.dtype.names == ("real", "imag"):

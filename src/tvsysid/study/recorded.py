@@ -14,6 +14,7 @@ from pydantic import Field, field_validator, model_validator
 
 from tvsysid.estimates import IMPEDANCE
 from tvsysid.methods import label_of, parse
+from tvsysid.methods.base import said_by
 from tvsysid.study.settings import AnyMethod, Listed, Settings, StudySettings, listed, spawn_key
 
 VIRTUAL = (1, 2, 3, 4, 5, 6)  # virtual participants that are studied if nobody else is named
@@ -237,7 +238,7 @@ class Experiment(StudySettings):
         """What is done with each recording."""
         found = []
         for item in self.methods:
-            own = bool(getattr(self.named_methods[item.name], "contiguous", False))
+            own = said_by(self.named_methods[item.name], "contiguous", "True or False", bool)
             contiguous = own if item.contiguous is None else item.contiguous
             counts = item.realizations or self.realizations or (FEW if contiguous else MANY)
             found += [Analysis(item.name, item.method, count, contiguous) for count in counts]

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tvsysid.errors import InputError
+from tvsysid.limits import TIME_LIMIT
 from tvsysid.methods.apart import checked_limit
-from tvsysid.methods.forkserver import TIME_LIMIT
 from tvsysid.study.contents import EXPERIMENT
 from tvsysid.study.prepared import Prepared
 from tvsysid.study.recorded import Experiment

@@ -12,10 +12,11 @@ from typing import Annotated, Any, ClassVar, Self, TypeVar, get_args
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, ValidationError
 
-from tvsysid.errors import InputError, one_line
+from tvsysid.errors import InputError, plain_text
 from tvsysid.estimates import UNITS
 from tvsysid.methods import from_text, parse
 from tvsysid.methods.apply import checked_name
+from tvsysid.methods.base import names_said, scheduled_by
 
 Value = TypeVar("Value")
 
@@ -44,22 +45,22 @@ class StudySettings(Settings):
 
     def said(self, attribute: str, *names: str) -> tuple[str, ...]:
         """Names, and those that methods say in an attribute of theirs, each once."""
-        said = {label: getattr(method, attribute, ()) for label, method in self.named_methods.items()}
+        said = {label: names_said(method, attribute) for label, method in self.named_methods.items()}
         checked = [checked_name(name, f"method {label}") for label, every in said.items() for name in every]
         return tuple(dict.fromkeys([*names, *checked]))
 
     @property
     def units(self) -> dict[str, str]:
         """Units by quantity: the package's, and those that methods state (``quantities`` as a mapping)."""
-        said = [getattr(method, "quantities", ()) for method in self.named_methods.values()]
+        said = [names_said(method, "quantities") for method in self.named_methods.values()]
         return {
-            name: one_line(unit) for each in said if isinstance(each, Mapping) for name, unit in each.items()
+            name: plain_text(unit) for each in said if isinstance(each, Mapping) for name, unit in each.items()
         } | UNITS
 
     @property
     def scheduled(self) -> dict[str, int]:
         """What methods say that they estimate over variables of their own, and at how many values at most."""
-        every = [getattr(method, "scheduled_quantities", {}) for method in self.named_methods.values()]
+        every = [scheduled_by(method) for method in self.named_methods.values()]
         return {name: max(each.get(name, 0) for each in every) for name in self.said("scheduled_quantities")}
 
     @classmethod

@@ -22,9 +22,10 @@ from threadpoolctl import ThreadpoolController
 
 from tvsysid import __version__, metrics
 from tvsysid.errors import DataQualityWarning, InputError, describe_error, printable
+from tvsysid.limits import TIME_LIMIT
 from tvsysid.methods.apart import identify
 from tvsysid.methods.base import SkippedError
-from tvsysid.methods.forkserver import TIME_LIMIT, HungError, MethodError
+from tvsysid.methods.forkserver import HungError, MethodError
 from tvsysid.methods.travel import module_of, name_of_module
 from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_known

@@ -17,7 +17,7 @@ from itertools import islice
 from typing import Any
 
 from tvsysid.errors import InputError, describe_error
-from tvsysid.methods.forkserver import TIME_LIMIT
+from tvsysid.limits import TIME_LIMIT
 from tvsysid.study.store import Place, Store
 from tvsysid.study.task import Outcome, Task, carry_out, given_up
 

@@ -255,6 +255,8 @@ def _other_rate(subject: Subject, name: str = "other rate") -> str:
 
 
 def _without_context(subject: Subject) -> str:
+    if reason := reason_to_skip(subject.method, subject.case("without context").ensemble):
+        return f"it says that it cannot: {reason}"
     came = _other_rate(subject, "without context")
     case, stiffness, predicted = subject.result("without context")
     edge = round(0.1 * case.ensemble.sampling_rate)

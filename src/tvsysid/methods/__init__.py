@@ -2,6 +2,7 @@
 
 from tvsysid.methods.apply import Identifies, apply, deviating_channels
 from tvsysid.methods.base import Choice, Input, Method, reason_to_skip
+from tvsysid.methods.basis_cascade import BasisCascade
 from tvsysid.methods.birf import BasisIRF
 from tvsysid.methods.cascade.cascade import JointCascade
 from tvsysid.methods.eirf import EnsembleIRF
@@ -25,7 +26,16 @@ from tvsysid.methods.plugins import (
 from tvsysid.methods.sds import ShortDataSegments
 from tvsysid.methods.tuning.evidence import Evidence, Tuned
 
-__all__ = ["DEFAULT_METHODS", "METHODS", "BasisIRF", "Choice", "EnsembleIRF", "EnsembleSpectral", "Evidence"]
+__all__ = [
+    "DEFAULT_METHODS",
+    "METHODS",
+    "BasisCascade",
+    "BasisIRF",
+    "Choice",
+    "EnsembleIRF",
+    "EnsembleSpectral",
+    "Evidence",
+]
 __all__ += ["Identifies", "Input"]
 __all__ += [
     "JointCascade",

@@ -236,16 +236,22 @@ def _irf_system(ensemble: Ensemble, functions: Array, lags: int) -> tuple[System
     angle, torque = (x[:, first : x.shape[1] - first] for x in (ensemble.angle, ensemble.torque))
     phi_uu, phi_uy, square, _ = shared.lagged_moments(angle, torque, lags)
     unknowns, count = phi_uy.shape[1], functions.shape[1]
-    gram = np.zeros((unknowns**2, count**2))
-    for chunk in shared.time_chunks(len(functions), unknowns):
-        at = functions[chunk]
-        gram += phi_uu[chunk].reshape(len(at), -1).T @ (at[:, :, None] * at[:, None, :]).reshape(len(at), -1)
-    gram = gram.reshape(unknowns, unknowns, count, count).transpose(0, 2, 1, 3).reshape(unknowns * count, -1)
+    gram = expanded(phi_uu, functions)
     moments = phi_uu.sum(axis=0)
     power = float(np.trace(moments)) / (unknowns * len(functions))
     cross = (phi_uy.T @ functions).ravel() / np.sqrt(power)
     scale = np.full(unknowns * count, 1 / np.sqrt(power))
     return System(gram / power, cross, float(square.sum()), len(functions), scale), moments / len(functions)
+
+
+def expanded(moments: Array, functions: Array) -> Array:
+    """Gram matrix of coefficients of lags times functions of time, from the lags' moments at each time."""
+    unknowns, count = moments.shape[1], functions.shape[1]
+    gram = np.zeros((unknowns**2, count**2))
+    for chunk in shared.time_chunks(len(functions), unknowns):
+        at = functions[chunk]
+        gram += moments[chunk].reshape(len(at), -1).T @ (at[:, :, None] * at[:, None, :]).reshape(len(at), -1)
+    return gram.reshape(unknowns, unknowns, count, count).transpose(0, 2, 1, 3).reshape(unknowns * count, -1)
 
 
 def _diagnostics(posterior: shared.Posterior, agreement: float) -> Diagnostics:

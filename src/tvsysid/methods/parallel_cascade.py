@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from tvsysid.impedance import agreement, second_order_readout
-from tvsysid.methods import base
+from tvsysid.methods import base, shared
 from tvsysid.methods.shared import hammerstein
 from tvsysid.methods.shared.pathways import Drive, Stretch, TwoPathwayModel
 from tvsysid.models import Diagnostics
@@ -18,7 +18,6 @@ from tvsysid.signals import Ensemble
 
 DEGREE = 8  # of the polynomials
 FEWEST = 5  # samples for each lag of the reflex, below which a fit makes no sense
-NO_BAND = "the method's authors state none for two pathways that are identified in turn"
 
 
 @dataclass(frozen=True)
@@ -123,16 +122,11 @@ class ParallelCascade(base.Method):
             "turns": float(fit.turns),
         }
         times = ensemble.samples - 2 * base.missing_edge(len(cross[0]) // 2, ensemble)
-        return hammerstein.cascade_model(
-            repr(self),
-            ensemble,
-            np.tile(fit.intrinsic.weights, (times, 1)),
-            np.tile(readout[0] @ cross[0], (times, 1)),
-            np.tile(fit.reflex * slope, (ensemble.samples, 1)),
-            drive,
-            Diagnostics(fit.parameters, details=details),
-            NO_BAND,
-        )
+        weights, impedance = (np.tile(each, (times, 1)) for each in (fit.intrinsic.weights, readout[0] @ cross[0]))
+        diagnostics = Diagnostics(fit.parameters, details=details)
+        plain = shared.impulse_response_model(repr(self), ensemble, weights, impedance, diagnostics, {})
+        reflex = np.tile(fit.reflex * slope, (ensemble.samples, 1))
+        return hammerstein.cascade_model(plain, ensemble, reflex, drive)
 
     def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
         return 1 / (2 * self.max_lag), base.EXCITED_ABOVE

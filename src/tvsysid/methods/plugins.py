@@ -25,6 +25,7 @@ from pydantic import ConfigDict, PydanticUserError, TypeAdapter, ValidationError
 from tvsysid.errors import InputError, describe_error, one_line
 from tvsysid.methods.apply import Identifies
 from tvsysid.methods.base import Method, inputs_of
+from tvsysid.methods.basis_cascade import BasisCascade
 from tvsysid.methods.birf import BasisIRF
 from tvsysid.methods.cascade.cascade import JointCascade
 from tvsysid.methods.eirf import EnsembleIRF
@@ -45,6 +46,7 @@ METHODS: dict[str, type[Method]] = {
         KernelRegression,
         JointCascade,
         ParallelCascade,
+        BasisCascade,
     )
 }
 

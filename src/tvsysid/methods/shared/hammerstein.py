@@ -7,16 +7,16 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.estimates import UNITS, Estimate, StandardError, no_errors
-from tvsysid.methods.base import padded
-from tvsysid.methods.shared.correlations import impulse_response_model
+from tvsysid.estimates import UNITS, Estimate, StandardError
 from tvsysid.methods.shared.pathways import Drive, Stretch, TwoPathwayModel, history, velocity_of
-from tvsysid.models import Diagnostics
+from tvsysid.models import ImpulseResponseModel
 from tvsysid.numerics.bands import mean_known
 from tvsysid.numerics.bases import chebyshev_of
-from tvsysid.numerics.hammerstein import Rows
+from tvsysid.numerics.hammerstein import Rows, parallel_cascade
 from tvsysid.numerics.stretch import decimated
 from tvsysid.signals import Array, Ensemble
+
+NO_BAND = "the method's authors state none for two pathways that are identified in turn"
 
 
 @dataclass(frozen=True)
@@ -97,46 +97,41 @@ def rows_with_history(ensemble: Ensemble, drives: Array, lags: int, before: int)
     return found
 
 
+def direction_of_stretch(ensemble: Ensemble, lags: int, before: int) -> int:
+    """Direction, 1 or -1, whose rectified velocity explains more of the torque, were the joint constant."""
+    explained = [
+        parallel_cascade(rows_with_history(ensemble, each[None], lags, before), lags, np.ones(1), "rectifier").explained
+        for each in stretches(ensemble)
+    ]
+    return (1, -1)[int(np.argmax(explained))]
+
+
 def cascade_model(
-    method: str,
+    plain: ImpulseResponseModel,
     ensemble: Ensemble,
-    intrinsic: Array,
-    impedance: Array,
     reflex: Array,
     drive: Drive,
-    diagnostics: Diagnostics,
-    no_band: str,
+    first: int = 0,
+    unit: str = UNITS["reflex_gain"],
 ) -> TwoPathwayModel:
-    """Model from weights (time, lag) of both pathways, whose gain is the area under the reflex's response.
+    """Model of the intrinsic pathway with a reflex beside it, of weights (time, lag) on lags from the ``first`` on.
 
-    Those of the intrinsic pathway and the ``impedance`` (time, 3) are at the times whose lags lie within the context,
-    those of the reflex at all, or at as many about the middle. ``no_band`` says why there is none.
+    The gain is the area under the reflex's response. No estimate has a band. The diagnostics' details get the shares of
+    the torque in per cent that are explained: together, and by either pathway.
     """
-    rate = ensemble.sampling_rate
-    errors = no_errors(ensemble.samples, no_band)
-    plain = impulse_response_model(method, ensemble, intrinsic, impedance, diagnostics, errors)
-    weights = padded(reflex, (ensemble.samples - len(reflex)) // 2)
-    none = StandardError.none(ensemble.samples, no_band)
-    gain = Estimate(weights.sum(axis=1), UNITS["reflex_gain"], error=none)
-    given = {item.name: getattr(plain, item.name) for item in fields(plain)}
-    given["estimates"] = {**plain.estimates, "reflex_gain": gain}
-    lags = np.arange(reflex.shape[1]) / rate
-    return _with_shares(
-        TwoPathwayModel(**given, reflex_response=weights * rate, reflex_lags=lags, drive=drive), ensemble
+    rate, none = ensemble.sampling_rate, StandardError.none(ensemble.samples, NO_BAND)
+    known = {name: replace(each, error=none) for name, each in plain.estimates.items()}
+    model = TwoPathwayModel(
+        **{item.name: getattr(plain, item.name) for item in fields(plain)}
+        | {"estimates": {**known, "reflex_gain": Estimate(reflex.sum(axis=1), unit, error=none)}},
+        reflex_response=reflex * rate,
+        reflex_lags=(first + np.arange(reflex.shape[1])) / rate,
+        drive=drive,
     )
-
-
-def _with_shares(model: TwoPathwayModel, ensemble: Ensemble) -> TwoPathwayModel:
-    """Model whose diagnostics say how much of the torque in per cent it and its pathways explain."""
-    torque = ensemble.torque[:, ensemble.core]
-    parts = model.pathways(ensemble)
-    whole = np.asarray(sum(parts.values()))
-    known = np.isfinite(whole)
-    power = float(np.sum(torque[known] ** 2))
-
-    def share(part: Array) -> float:
-        return 100 * (1 - float(np.sum((torque - part)[known] ** 2)) / power)
-
-    shares = {"vaf": share(whole), "vaf_intrinsic": share(parts["intrinsic"]), "vaf_reflex": share(parts["reflex"])}
-    details = {**model.diagnostics.details, **shares}
-    return replace(model, diagnostics=replace(model.diagnostics, details=details))
+    torque, parts = ensemble.torque[:, ensemble.core], model.pathways(ensemble)
+    whole = parts["intrinsic"] + parts["reflex"]
+    seen = np.isfinite(whole)
+    power = float(np.sum(torque[seen] ** 2))
+    explained = {"vaf": whole} | {f"vaf_{name}": part for name, part in parts.items()}
+    shares = {name: 100 * (1 - float(np.sum((torque - part)[seen] ** 2)) / power) for name, part in explained.items()}
+    return replace(model, diagnostics=replace(model.diagnostics, details={**model.diagnostics.details, **shares}))

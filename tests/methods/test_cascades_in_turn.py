@@ -1,0 +1,150 @@
+"""Cascades that identify both pathways of a changing joint in turn, on simulated reflexes and real ankles."""
+
+import warnings
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.io import loadmat
+
+import tvsysid as tv
+
+
+@pytest.fixture(autouse=True)
+def _warnings_are_not_the_point():
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", tv.DataQualityWarning)
+        yield
+
+
+class Gain:
+    period = 2.0
+
+    def __call__(self, time):
+        return 8 + 4 * np.sin(np.pi * (np.asarray(time) + 0.5))
+
+
+@cache
+def changing(duration, seed, snr=10.0, direction=1):
+    """Stiffness and reflex gain that both change: ensemble, truth, and noiseless torque by pathway."""
+    joint = tv.simulate.ReflexJoint(
+        stiffness=tv.simulate.SineWave(),
+        reflex_gain=Gain(),
+        reflex=tv.simulate.StretchReflex(direction=direction),
+    )
+    simulation = joint.simulate(duration, perturbation=tv.simulate.FilteredNoise(), snr_db=snr, seed=seed)
+    recording = simulation.recording
+    recording = tv.Recording(
+        recording.angle, recording.torque, recording.sampling_rate, recording.start,
+        channels={**recording.channels, **simulation.pathways},
+    )  # fmt: skip
+    ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100.0), 2.0)
+    truth = {name: values[0] for name, values in simulation.truth_of(ensemble).items()}
+    ensemble = tv.preprocess.subtract_mean(ensemble, channels=tuple(simulation.pathways))
+    return ensemble, truth, {name: ensemble.channels[name][:, ensemble.core] for name in simulation.pathways}
+
+
+def errors_of(method, duration, seeds):
+    """Mean and total error of the stiffness, and VAF of the reflex, over seeds."""
+    found, shares = [], []
+    for seed in seeds:
+        ensemble, truth, torques = changing(duration, seed)
+        model = method.identify(ensemble)
+        found.append(model.stiffness - truth["stiffness"])
+        shares.append(tv.metrics.vaf(torques["reflex"], model.pathways(ensemble)["reflex"]).mean())
+    return np.mean(found), np.sqrt(np.mean(np.square(found))), np.mean(shares)
+
+
+@pytest.mark.parametrize(
+    ("method", "mean", "total", "share"),
+    [
+        # At least as good as an independent prototype of the same structure, over ten seeds.
+        (tv.BasisCascade(), 3.8, 5.6, 93),
+        (tv.BasisCascade(emg="emg", memory=0.3), 7.3, 9.2, 84),
+    ],
+    ids=["bpc", "bpc emg"],
+)
+def test_forty_seconds_are_enough_for_either_pathway(method, mean, total, share):
+    found = errors_of(method, 40.0, range(1000, 1003))
+    assert abs(found[0]) < mean
+    assert found[1] < total
+    assert found[2] > share
+
+
+POLYNOMIAL = tv.BasisCascade(nonlinearity="polynomial")
+
+
+@pytest.mark.parametrize(
+    ("method", "direction"),
+    [(tv.BasisCascade(), 1), (tv.BasisCascade(), -1), (POLYNOMIAL, -1)],
+    ids=["bpc +", "bpc -", "bpc polynomial -"],
+)
+def test_both_pathways_are_recovered_from_noiseless_data(method, direction):
+    ensemble, truth, torques = changing(80.0, 3, np.inf, direction)
+    model = method.identify(ensemble)
+    assert model.diagnostics.details["direction"] == direction
+    assert np.abs(model.stiffness - truth["stiffness"]).mean() < 3
+    # The area under the response at a time answers a gain that was there somewhat earlier.
+    gain = model.estimates["reflex_gain"].values
+    assert gain.mean() == pytest.approx(8, rel=0.05)
+    assert np.ptp(gain) == pytest.approx(8, rel=0.15)
+    predicted = model.pathways(ensemble)
+    for name, torque in torques.items():
+        assert tv.metrics.vaf(torque, predicted[name]).mean() > 97
+    assert model.diagnostics.details["vaf"] > 99
+
+
+def test_without_a_reflex_none_is_found():
+    joint = tv.simulate.ReflexJoint(stiffness=tv.simulate.SineWave(), reflex_gain=0.0)
+    recording = joint.simulate(40.0, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=4).recording
+    ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(tv.preprocess.decimate(recording, 100.0), 2.0))
+    model = tv.BasisCascade().identify(ensemble)
+    assert np.abs(model.estimates["reflex_gain"].values).max() < 0.5
+    assert np.sqrt(np.mean(np.square(model.stiffness - tv.simulate.SineWave()(model.time)))) < 4
+
+
+def test_emg_drives_the_reflex():
+    ensemble, _, _ = changing(40.0, 1000)
+    model = tv.BasisCascade(emg="emg", memory=0.3).identify(ensemble)
+    assert model.estimates["reflex_gain"].unit == "N m/V"
+    assert model.reflex_lags[0] == 0
+    with pytest.raises(tv.InputError, match="'muscle'"):
+        tv.BasisCascade(emg="muscle").identify(ensemble)
+
+
+@pytest.mark.parametrize(
+    ("record", "low", "high", "vaf"),
+    [("plantarflexor", 55, 70, 87), ("dorsiflexor", 70, 80, 91), ("dorsiflexor_2", 48, 54, 93)],
+)
+def test_a_joint_that_does_not_change_is_found_not_to(recordings_folder, record, low, high, vaf):
+    data = loadmat(recordings_folder / "tonic_ankle.mat")
+    recording = tv.Recording(data[f"{record}_angle"].ravel(), -data[f"{record}_torque"].ravel(), 1000.0)
+    ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100.0), 2.0)
+    model = tv.BasisCascade(basis=tv.CubicBSplines(4)).identify(tv.preprocess.subtract_mean(ensemble))
+    assert low < model.stiffness.mean() < high
+    assert model.diagnostics.details["vaf"] > vaf
+
+
+@pytest.mark.parametrize(
+    ("create", "message"),
+    [
+        (lambda: tv.BasisCascade(delay=0.6), "delay must be from 0 to below memory, 0.5 s; got 0.6"),
+        (lambda: tv.BasisCascade(memory=0), "memory must be positive"),
+        (lambda: tv.BasisCascade(nonlinearity="hk"), "must be one of 'rectifier', 'polynomial'"),
+        (lambda: tv.ParallelCascade(nonlinearity="cubic"), "must be one of 'rectifier', 'hk', 'sls'"),
+    ],
+)
+def test_wrong_settings_are_refused(create, message):
+    with pytest.raises(tv.InputError, match=message):
+        create()
+
+
+def test_realizations_without_their_past_are_left_out():
+    ensemble, truth, _ = changing(80.0, 3, np.inf)
+    method = tv.BasisCascade(memory=0.7)
+    mixed = ensemble.select(np.r_[0:30, 31, 33, 35])
+    model = method.identify(mixed)
+    assert np.abs(model.stiffness - truth["stiffness"]).mean() < 3
+    unknown = np.isnan(model.predict(mixed)).any(axis=1)
+    np.testing.assert_array_equal(np.flatnonzero(unknown), [0, 30, 31, 32])
+    assert method.skip(ensemble.select(range(0, 40, 2))).startswith("0 of 20 realizations have 0.7 s recorded")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import firwin
 
-from tvsysid.errors import InputError
+from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods import kbr, shared
 from tvsysid.methods.base import EXCITED_ABOVE, Method, check_positive, missing_edge, padded
 from tvsysid.methods.kbr.posterior import KernelErrors, KernelPosterior, common_phase, impedance_over, starts_of
@@ -26,6 +27,7 @@ PRESETS: dict[str, dict[str, float]] = {
     "experiment": {"length_periodic": math.exp(-1), "length_decay": 30.0, "gamma": 13.8},
 }  # The paper's settings for its simulated (section 3.2.5) and its experimental study (section 4.2).
 
+LOST = 5.0  # points of VAF that tuning may lose without saying so
 GUESS = 1e-2  # share of the torque's power that the noise is taken to have at least, until it is known
 
 
@@ -258,7 +260,22 @@ class KernelRegression(Method):
         scale = self._scale(kbr.Record.of(ensemble, self.band, kbr.HIGHEST))
         theta = np.array([math.log(self.length_periodic), *np.log(self._variances(scale)), math.log(noise)])
         given = kbr.Tried(self.order, self.lag, self.length_decay, theta, math.nan, "as given")
-        return kbr.Search(ensemble, self._period(ensemble), self.band, noise, share, scale).evidence(given, self)
+        search = kbr.Search(ensemble, self._period(ensemble), self.band, noise, share, scale)
+        evidence = search.evidence(given, self)
+        if evidence.chosen:
+            self._compare(replace(self, **evidence.settings), ensemble)
+        return evidence
+
+    def _compare(self, chosen: KernelRegression, ensemble: Ensemble) -> None:
+        """Warn if the settings chosen explain much less of the torque."""
+        before, after = (_vaf(ensemble, each._identify(ensemble).predict(ensemble)) for each in (self, chosen))
+        if after < before - LOST:
+            warnings.warn(
+                f"kbr: the settings chosen explain {after:.0f} % of the torque, those given {before:.0f} %; the "
+                f"likelihood is that of {self.band[0]:g} to {self.band[1]:g} Hz. Compare both before you rely on them",
+                DataQualityWarning,
+                stacklevel=4,
+            )
 
     def _noise(self, ensemble: Ensemble) -> tuple[float, float]:
         """Variance of what these settings leave, without decay, and what one of its samples is worth in white ones."""
@@ -309,6 +326,13 @@ class KernelModel(SecondOrderModel):
 
     def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
         return {"intrinsic": self.torque(kbr.lagged(ensemble, self.lag))}
+
+
+def _vaf(ensemble: Ensemble, predicted: Array) -> float:
+    """How much of the torque's variance a prediction (realization, time) explains where it is known, in per cent."""
+    known = np.isfinite(predicted).all(axis=0)
+    torque = ensemble.torque[:, ensemble.core][:, known]
+    return float(100 * (1 - np.var(torque - predicted[:, known]) / np.var(torque)))
 
 
 def _agreement(impedance: Array, ensemble: Ensemble, left: Array) -> float:

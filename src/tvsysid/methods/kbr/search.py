@@ -10,10 +10,10 @@ from operator import attrgetter
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from tvsysid.methods.kbr.kernel import VISIBLE, Kernel
+from tvsysid.methods.kbr.kernel import ENDLESS, VISIBLE, Kernel
 from tvsysid.methods.kbr.likelihood import LENGTHS, Likelihood, Tried
 from tvsysid.methods.kbr.record import Record, lagged
-from tvsysid.methods.tuning.evidence import Evidence
+from tvsysid.methods.tuning.evidence import Evidence, edge_of
 from tvsysid.signals import Array, Ensemble
 
 HIGHEST = 2  # order of an impedance: inertia, viscosity and stiffness
@@ -61,7 +61,17 @@ class Search:
             axis="length_periodic",
             positions=np.exp([each.theta[0] for each in tried]),
             lines=tuple(each.line for each in tried),
+            edges=self._edges(tried, chosen) if chosen else (),
         )
+
+    def _edges(self, tried: list[Tried], chosen: int) -> tuple[str, ...]:
+        """Which of the settings chosen are the last that were tried; none means no decay, and no lag."""
+        settings = [each.settings(self.scale) for each in tried]
+        length, decay, lag = (settings[chosen][name] for name in ("length_periodic", "length_decay", "lag"))
+        edges = edge_of("length_periodic", length, (float(f"{each:.4g}") for each in LENGTHS))
+        if decay < ENDLESS:
+            edges += edge_of("length_decay", decay, (each["length_decay"] for each in settings))
+        return edges + (edge_of("lag", lag, LAGS) if lag >= LAGS[-1] else ())
 
     def from_settings(self, given: Tried) -> tuple[list[Tried], int]:
         """All that was tried, those given first, and which is the best.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -41,6 +41,8 @@ class Evidence:
     name, the first being those that the method had before, and which were ``chosen``; the ``values`` of the criterion,
     and the ``standard_errors`` of their differences from the first, NaN where it has none. To be drawn against an
     ``axis`` at ``positions`` in ``lines``: trials of one name make one line. All of shape (trial,).
+    Which of the settings chosen lie at the edge of what was tried, so that others beyond may be better, is said by the
+    ``edges``, in words.
     """
 
     criterion: str
@@ -53,6 +55,7 @@ class Evidence:
     axis: str
     positions: Array
     lines: tuple[str, ...]
+    edges: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("values", "standard_errors", "positions"):
@@ -70,7 +73,7 @@ class Evidence:
         return difference if self.better == "higher" else 0.0 - difference
 
     def __str__(self) -> str:
-        tried = f"; {len(self.values)} tried"
+        tried = "; ".join(("", f"{len(self.values)} tried", *self.edges))
         if self.chosen == 0:
             return f"{_told(self.settings)} as given: nothing else has a clearly better {self.criterion}{tried}"
         return (
@@ -112,6 +115,15 @@ def _short(value: Any) -> str:
     return f"({', '.join(map(_short, value))})" if isinstance(value, tuple) else repr(value)
 
 
+def edge_of(name: str, value: float, tried: Iterable[float]) -> tuple[str, ...]:
+    """In words, that a value is the smallest or the largest of several that were tried; nothing if it is neither."""
+    several = set(tried) | {value}
+    ends = {min(several): "smallest", max(several): "largest"}
+    if len(several) == 1 or value not in ends:
+        return ()
+    return (f"{name}={_short(value)} is the {ends[value]} that was tried",)
+
+
 def evidence_of_bases(
     given: Basis, prior: str, samples: int, log_evidence: Callable[[Basis], float], per_function: int
 ) -> Evidence:
@@ -130,6 +142,13 @@ def evidence_of_bases(
     fitted = [per_function * functions if prior == "ard" else 1 for functions in positions]
     values = np.array([log_evidence(basis) for basis in tried]) - fitted
     best = int(np.argmax(values))
+    chosen = best if values[best] > values[0] + CLEARLY else 0
+    lines = tuple(_kind(basis) for basis in tried)
+    # One function is a constant: no basis has less.
+    most, alike = (
+        positions[chosen],
+        [many for many, kind in zip(positions, lines, strict=True) if kind == lines[chosen]],
+    )
     return Evidence(
         criterion="log evidence less precisions fitted",
         unit="nat",
@@ -137,10 +156,11 @@ def evidence_of_bases(
         tried=tuple({"basis": basis} for basis in tried),
         values=values,
         standard_errors=np.full(len(values), np.nan),
-        chosen=best if values[best] > values[0] + CLEARLY else 0,
+        chosen=chosen,
         axis="functions",
         positions=np.array(positions, dtype=np.float64),
-        lines=tuple(_kind(basis) for basis in tried),
+        lines=lines,
+        edges=edge_of("functions", most, alike) if chosen and most == max(alike) else (),
     )
 
 

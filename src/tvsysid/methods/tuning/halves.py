@@ -26,7 +26,7 @@ import numpy as np
 from tvsysid.errors import InputError
 from tvsysid.methods.base import Method, fitting_lags, missing_edge, padded
 from tvsysid.methods.shared.correlations import solve_windows
-from tvsysid.methods.tuning.evidence import Evidence
+from tvsysid.methods.tuning.evidence import Evidence, edge_of
 from tvsysid.signals import Array, Ensemble
 
 DEALS = 6  # how often the realizations are dealt into halves
@@ -122,6 +122,9 @@ def evidence_by_halves(
         axis=f"{axis} (s)",
         positions=np.array([settings[axis] for settings in tried]),
         lines=tuple(", ".join(f"{name} {settings[name]:g} s" for name in others) for settings in tried),
+        edges=tuple(
+            edge for name in grids for edge in edge_of(name, tried[chosen][name], (each[name] for each in tried))
+        ),
     )
 
 

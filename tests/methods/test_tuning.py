@@ -7,14 +7,17 @@ import warnings
 import numpy as np
 import pytest
 from benchmarks import plain
+from scipy.signal import butter, lfilter
 from tests.conftest import ensemble_of
 
 import tvsysid as tv
+from tvsysid.methods import sds
 from tvsysid.methods.kbr.likelihood import Likelihood
 from tvsysid.methods.kbr.record import Record, lagged
 from tvsysid.methods.kbr.search import CLEARLY
 from tvsysid.methods.shared.residuals import independent_share
 from tvsysid.methods.tuning import halves
+from tvsysid.methods.tuning.evidence import edge_of
 from tvsysid.numerics.differentiation import differentiate
 from tvsysid.numerics.lowpass import low_pass
 from tvsysid.numerics.noise import white_share
@@ -267,6 +270,53 @@ def test_an_order_or_a_lag_must_be_clearly_better(monkeypatch):
     assert gain > CLEARLY
     monkeypatch.setattr("tvsysid.methods.kbr.search.CLEARLY", gain + 0.1)
     assert tv.KernelRegression().tuned(ensemble).method.order == 2
+
+
+@slow
+def test_slow_noise_and_a_reflex_do_not_take_the_inertia_away():
+    """A share of the numbers, as slow noise leaves it, says too little of inertia, where that noise is quiet."""
+    reflex = tv.simulate.StretchReflex(0.045, 10.0, 0.8, 0.1)
+    joint = tv.simulate.ReflexJoint(tv.simulate.Constant(60.0), 1.0, reflex_gain=40.0, reflex=reflex)
+    recording = joint.simulate(60, perturbation=tv.simulate.Pulses(), snr_db=5, seed=0).recording
+    noise = lfilter(*butter(1, 1.0, fs=1000), np.random.default_rng(0).standard_normal(len(recording)))
+    recording = dataclasses.replace(recording, torque=recording.torque + recording.torque.std() * noise / noise.std())
+    ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0))
+    tuned = tv.KernelRegression().tuned(ensemble).method
+    assert (tuned.order, tuned.lag) == (2, 0.0)
+    assert tuned.identify(ensemble).inertia.mean() > 0.015
+
+
+def test_a_kernel_that_explains_much_less_than_the_one_given_is_warned_of():
+    ensemble = ensemble_of(40.0, "square", "noise")
+    with pytest.warns(tv.DataQualityWarning, match=r"chosen explain 44 % of the torque, those given 93 %"):
+        tv.KernelRegression()._compare(tv.KernelRegression(order=0, gamma=1e-12), ensemble)
+
+
+def test_what_lies_at_the_edge_of_what_was_tried_is_said_to():
+    assert edge_of("window", 0.02, (0.04, 0.02, 0.1)) == ("window=0.02 is the smallest that was tried",)
+    assert edge_of("window", 0.4, (0.04, 0.02, 0.1)) == ("window=0.4 is the largest that was tried",)
+    assert edge_of("window", 0.04, (0.04, 0.02, 0.1)) == edge_of("window", 0.04, (0.04,)) == ()
+
+
+@slow
+@pytest.mark.usefixtures("few_deals")
+def test_lags_that_reach_a_slow_answer_are_kept(monkeypatch):
+    """The advice on a slow answer is longer lags; tuning judges by the lags that are given."""
+    monkeypatch.setattr(sds, "LAGS", (0.03, 0.12))
+    monkeypatch.setattr(sds, "WINDOWS", (0.1, 0.4))
+    joint = tv.simulate.ReflexJoint(tv.simulate.Constant(100.0), reflex_gain=8.0)
+    recording = joint.simulate(60, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1).recording
+    released = tv.simulate.StretchReflex(direction=-1).torque(np.gradient(recording.angle, 1e-3), 8.0, 1000.0)
+    recording = dataclasses.replace(recording, torque=recording.torque + released)  # with the stretch's, linear
+    ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0))
+    (advice,) = tv.diagnose(ensemble).findings
+    assert advice.name == "slow-answer"
+    assert "sds:max_lag=0.4,window=0.4" in advice.fault.remedy
+    tuned, evidence = tv.ShortDataSegments(max_lag=0.4, window=0.4).tuned(ensemble)
+    assert tuned.max_lag == 0.4
+    assert "max_lag=0.4 is the largest that was tried" in str(evidence)
+    assert tuned.identify(ensemble).stiffness.mean() == pytest.approx(100, abs=5)
+    assert tv.ShortDataSegments().tuned(ensemble).method.identify(ensemble).stiffness.mean() > 140
 
 
 @slow

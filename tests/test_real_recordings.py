@@ -7,8 +7,10 @@ import tvsysid as tv
 
 reflexes_are_told = pytest.mark.filterwarnings("ignore:.*not of second order:tvsysid.errors.DataQualityWarning")
 MUSCLES = ("plantarflexor", "dorsiflexor", "dorsiflexor_2")
-# Time-averaged stiffness by independent fits.
-EXPECTED = {"plantarflexor": (107, 112), "dorsiflexor": (100, 105), "dorsiflexor_2": (55, 61)}
+# Time-averaged stiffness with one pathway, by independent fits: too high by 68, 29 and 16 %, since these fits take the
+# reflex's torque for the joint's own. That methods agree on it says that they do the same, not that it is right; the
+# intrinsic stiffness is below (INTRINSIC).
+ONE_PATHWAY = {"plantarflexor": (107, 112), "dorsiflexor": (100, 105), "dorsiflexor_2": (55, 61)}
 
 
 def read(file, angle, torque, period):
@@ -35,9 +37,9 @@ def walking(recordings_folder):
 
 @pytest.mark.parametrize("key", ["sds", "birf", "esm", "kbr"])
 @pytest.mark.parametrize("muscle", MUSCLES)
-def test_tonic_stiffness_is_flat_and_as_expected(recordings_folder, muscle, key):
+def test_tonic_stiffness_with_its_reflex_is_flat_and_as_expected(recordings_folder, muscle, key):
     model = identified(tv.methods.create(key), tonic(recordings_folder, muscle), muscle)
-    low, high = EXPECTED[muscle]
+    low, high = ONE_PATHWAY[muscle]
     # The range is that of methods, not of the joint: a tenth beyond it is still the same joint.
     assert 0.95 * low < model.stiffness.mean() < 1.05 * high
     # Strong reflexes make the plantarflexors' torque vary from realization to realization.
@@ -49,7 +51,7 @@ def test_tonic_stiffness_is_flat_and_as_expected(recordings_folder, muscle, key)
 def test_tonic_stiffness_from_enough_realizations_is_found_by_the_ensemble_alone(recordings_folder, muscle):
     # 28 realizations of 2 s are hardly more than the 25 lags; half a second gives four times as many.
     model = identified(tv.EnsembleIRF(), tonic(recordings_folder, muscle, 0.5), muscle)
-    low, high = EXPECTED[muscle]
+    low, high = ONE_PATHWAY[muscle]
     assert 0.95 * low < model.stiffness.mean() < 1.05 * high
     assert model.stiffness.std() / model.stiffness.mean() < (0.25 if muscle == "plantarflexor" else 0.1)
 
@@ -78,7 +80,8 @@ def test_methods_agree_on_the_tonic_dorsiflexors(recordings_folder, muscle):
 
 @reflexes_are_told
 @pytest.mark.parametrize("key", ["sds", "esm", "kbr"])
-def test_walking_stiffness_is_traced(walking, key):
+def test_walking_stiffness_with_its_reflex_is_traced(walking, key):
+    # With one pathway: the reflex's torque makes its mean 15 % higher.
     model = tv.methods.create(key).identify(walking)
     assert len(walking) == 58
     assert model.stiffness[0] == pytest.approx(19, abs=3)

@@ -138,3 +138,14 @@ def test_a_method_of_ones_own_cannot_be_tuned(tvsysid, tmp_path):
     code, _, err = tvsysid("identify", "joint.mat", *IDENTIFY, "--method", "untunable:Mine", "--tune")
     assert code == 2
     assert "leave out tune (--tune), and write key:tuned=true" in err
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_reflex_that_methods_take_for_stiffness_is_warned_of(tvsysid):
+    tvsysid("simulate", "reflex.mat", "--system", "reflex", "--stiffness", "constant", "--duration", 40)
+    _, _, err = tvsysid("identify", "reflex.mat", *IDENTIFY, "--method", "sds", "--method", "cascade")
+    assert err.startswith("warning: a reflex is taken for stiffness by sds: positive velocity predicts at least ")
+    assert "in these data; separate the pathways: tv.JointCascade() (tvsysid identify … --method cascade)" in err
+    assert err.count("warning") == 1
+    _, _, err = tvsysid("identify", "reflex.mat", *IDENTIFY, "--method", "cascade")
+    assert err == ""

@@ -17,8 +17,9 @@ from tvsysid.report import page
 SYMBOLS = {"found": "✗", "uncertain": "?", "in order": "✓", "not judged": "–"}
 HOW = (
     "A joint of second order, with stiffness and viscosity free in bins of 50 ms, is fitted to the deviations from the "
-    "mean over realizations. The fit reveals wrong units, signs and rates; its residual reveals reflexes, feedback "
-    "and lost signals; how both vary over realizations reveals drift and misalignment."
+    "mean over realizations. The fit reveals wrong units, signs and rates; its residual reveals feedback and lost "
+    "signals; how both vary over realizations reveals drift and misalignment. Models with and without one, judged by "
+    "what they predict, reveal reflexes."
 )
 FOUND = page.columns(
     {

@@ -34,8 +34,7 @@ def report(
     if results.attrs["title"] != EXPERIMENT:
         write_benchmark(results, folder, "")
         return
-    settings = {name: each for name, each in json.loads(results.attrs["experiment"]).items() if name != "methods"}
-    what = Experiment(**settings)
+    what = Experiment.without_methods(results.attrs["experiment"])
     with progress("preparing recordings") as advance:
         prepared = prepared_recordings(what, advance)
     if {item.recorded.label: item.digest for item in prepared} != json.loads(results.attrs["data"]):

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tvsysid.errors import InputError
+from tvsysid.errors import InputError, printable
 from tvsysid.recordings.limits import check_fits
 
 # Variables and attributes, in lower case, by which files state a sampling rate in Hz, and a unit.
@@ -116,7 +116,7 @@ def stated_unit(unit: Any) -> str:
     >>> stated_unit(" (rad) "), stated_unit(b"N m"), stated_unit("Default Units")
     ('rad', 'N m', '')
     """
-    text = (unit.decode("utf-8", "replace") if isinstance(unit, bytes) else str(unit)).strip()
+    text = printable(unit.decode("utf-8", "replace") if isinstance(unit, bytes) else str(unit)).strip()
     text = re.sub(r"^\((.*)\)$|^\[(.*)\]$", r"\1\2", text).strip()
     return "" if re.sub(r"\W", "", text.lower()) in NO_UNITS and text not in ("%", "°") else text
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
@@ -14,7 +14,8 @@ from pydantic import Field, field_validator, model_validator
 
 from tvsysid.estimates import IMPEDANCE
 from tvsysid.methods import label_of, parse
-from tvsysid.methods.base import said_by
+from tvsysid.methods.base import Input, inputs_of, said_by
+from tvsysid.signals import Ensemble
 from tvsysid.study.settings import AnyMethod, Listed, Settings, StudySettings, listed, spawn_key
 
 VIRTUAL = (1, 2, 3, 4, 5, 6)  # virtual participants that are studied if nobody else is named
@@ -115,6 +116,16 @@ class Analysis:
     def label(self) -> str:
         """Name in results."""
         return f"{self.name}-{self.realizations}"
+
+
+@dataclass(frozen=True)
+class _OfStore:
+    """What the methods of a stored experiment need of its recordings."""
+
+    inputs: tuple[Input, ...]
+
+    def identify(self, ensemble: Ensemble) -> None:
+        """Nothing."""
 
 
 class Experiment(StudySettings):
@@ -298,7 +309,15 @@ class Experiment(StudySettings):
         prepared = self.preparation.model_dump()
         settings["preparation"] = {name: False if value is None else value for name, value in prepared.items()}
         settings["perturbation"] = list(dict.fromkeys(recorded.perturbation for recorded in self.recordings))
-        return json.dumps(settings)
+        inputs = dict.fromkeys(item for method in self.named_methods.values() for item in inputs_of(method))
+        return json.dumps(settings | ({"inputs": [asdict(item) for item in inputs]} if inputs else {}))
+
+    @classmethod
+    def without_methods(cls, text: str) -> Experiment:
+        """Experiment of :meth:`to_json` by a method that needs the same channels: nobody's code is loaded."""
+        settings = json.loads(text)
+        inputs = tuple(Input(**item) for item in settings.pop("inputs", ()))
+        return cls(**settings | {"methods": _OfStore(inputs)})
 
 
 def _applied(value: Any) -> Any:

@@ -144,7 +144,7 @@ def _rising(stiffness: Array, torque: Array) -> Array:
     for recording, analysis in np.ndindex(*found.shape):
         pair = np.stack([mean[recording, analysis], torque[recording]])
         pair = pair[:, np.isfinite(pair).all(axis=0)]
-        if pair.size and np.ptp(pair[1]) > 0:
+        if pair.size and (np.ptp(pair, axis=1) > 0).all():
             found[recording, analysis] = np.asarray(np.corrcoef(pair))[0, 1]
     return found
 

@@ -24,6 +24,7 @@ from tvsysid.methods.plugins import (
     typed,
 )
 from tvsysid.methods.sds import ShortDataSegments
+from tvsysid.methods.subspace_cascade import SubspaceCascade
 from tvsysid.methods.tuning.evidence import Evidence, Tuned
 
 __all__ = [
@@ -50,4 +51,4 @@ __all__ += [
     "describe",
 ]
 __all__ += ["deviating_channels", "from_text", "key_of", "label_of", "load", "names", "parse", "reason_to_skip"]
-__all__ += ["typed"]
+__all__ += ["SubspaceCascade", "typed"]

@@ -33,6 +33,7 @@ from tvsysid.methods.esm import EnsembleSpectral
 from tvsysid.methods.kbr.kbr import KernelRegression
 from tvsysid.methods.parallel_cascade import ParallelCascade
 from tvsysid.methods.sds import ShortDataSegments
+from tvsysid.methods.subspace_cascade import SubspaceCascade
 from tvsysid.methods.tuning.evidence import Tuned
 from tvsysid.numerics.bases import BASES, Basis, basis_from_text
 
@@ -47,6 +48,7 @@ METHODS: dict[str, type[Method]] = {
         JointCascade,
         ParallelCascade,
         BasisCascade,
+        SubspaceCascade,
     )
 }
 

@@ -1,0 +1,258 @@
+"""Subspace identification of a joint with two pathways: a short linear one beside a Hammerstein system of low order.
+
+Arrays only. Data come in *pieces*, each a stretch of record without a gap; a whole record is one piece. What an earlier
+input of a piece still does is estimated as the free response of its initial state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import ArrayLike
+from scipy.linalg import qr
+from scipy.signal import lfilter
+
+from tvsysid.numerics import Array
+
+ROUNDING = 1e-9  # share of the largest singular value below which a direction of the inputs is rounding
+ROWS = 8192  # of a Hankel matrix that are made at once
+SLOWEST = 0.999  # size of a pole at most
+TINY = 1e-12  # relative change of the error at which the alternation ends
+ROUNDS = 1000  # of the alternation at most
+
+
+class Piece(NamedTuple):
+    """Stretch of record without a gap.
+
+    The ``output`` (time,), the signal that the short linear path takes, ``lagged`` (time + 2 lags,), from so many lags
+    before the first output to as many after the last, and the ``inputs`` (time, input) of the Hammerstein system.
+    """
+
+    output: Array
+    lagged: Array
+    inputs: Array
+
+    @property
+    def lags(self) -> int:
+        """Lags to either side."""
+        return (len(self.lagged) - len(self.output)) // 2
+
+    def regressors(self) -> Array:
+        """Lagged signal at lags from -lags to lags, (time, lag)."""
+        return sliding_window_view(self.lagged, 2 * self.lags + 1)[:, ::-1]
+
+
+class Dynamics(NamedTuple):
+    """Poles of a linear system as the ``denominator`` (order + 1,) of its transfer function in powers of 1/z.
+
+    ``singular`` values (horizon,) that the order was read from; whether poles were ``reflected`` into the unit circle.
+    """
+
+    denominator: Array
+    singular: Array
+    reflected: bool
+
+    @property
+    def order(self) -> int:
+        """Number of poles."""
+        return len(self.denominator) - 1
+
+    def impulse_response(self, samples: int) -> Array:
+        """Of 1 / denominator, (lag,) from 0."""
+        return _impulse_response([1.0], self.denominator, samples)
+
+
+class Rows(NamedTuple):
+    """Rows of a least-squares problem, of some pieces or some of their samples.
+
+    ``answers`` (row, (order + 1) input) of all systems with certain poles to all inputs, ``signals`` (row, lag) and
+    ``output`` (row,).
+    """
+
+    answers: Array
+    signals: Array
+    output: Array
+
+    @property
+    def response(self) -> Array:
+        """Least-squares response (lag,) of the output to the signals."""
+        return np.asarray(np.linalg.lstsq(self.signals, self.output, rcond=ROUNDING)[0])
+
+    def chosen(self, samples: slice) -> Rows:
+        """Some of the rows."""
+        return Rows(*(part[samples] for part in self))
+
+
+class Hammerstein(NamedTuple):
+    """Weighted sum of the inputs, ``weights`` (input,) of unit norm, through numerator / denominator in 1/z.
+
+    ``left`` is what it leaves of the output.
+    """
+
+    weights: Array
+    numerator: Array
+    denominator: Array
+    left: Array
+
+    @property
+    def static_gain(self) -> float:
+        """Area under the impulse response of the linear part."""
+        return float(self.numerator.sum() / self.denominator.sum())
+
+    @property
+    def order(self) -> int:
+        """Number of poles."""
+        return len(self.denominator) - 1
+
+    def impulse_response(self, samples: int) -> Array:
+        """Of the linear part, (lag,) from 0."""
+        return _impulse_response(self.numerator, self.denominator, samples)
+
+
+def dynamics(pieces: Sequence[Piece], horizon: int, order: int | None = None, lagged: bool = True) -> Dynamics:
+    r"""Poles of the system from inputs to output, by past-input MOESP.
+
+    With future inputs, past inputs and future outputs as block-Hankel matrices of ``horizon`` samples, the part of the
+    outputs that follows from past inputs and not from future ones spans the columns of the extended observability
+    matrix :math:`[C; CA; CA^2; \dots]`, whose shift invariance gives A. Lagged signals give Hankel matrices in which
+    rows come twice: directions of the inputs are counted as far as they are beyond rounding.
+
+    ``order`` is the number of poles; None takes that after which the singular values fall most. The ``lagged`` signals
+    are among the inputs where the short path is still in the output.
+    """
+    triangle, columns = _triangle(pieces, horizon, lagged)
+    parts = np.split(triangle, [columns, 2 * columns], axis=1)
+    known = _span(parts[0])
+    earlier = _span(parts[1] - known @ (known.T @ parts[1]))
+    left, singular, _ = np.linalg.svd(parts[2].T @ earlier, full_matrices=False)
+    if order is None:
+        candidates = singular[: horizon // 2 + 1]
+        order = 1 + int(np.argmax(candidates[:-1] / np.maximum(candidates[1:], ROUNDING * singular[0])))
+    observability = left[:, :order]
+    poles = np.linalg.eigvals(np.linalg.lstsq(observability[:-1], observability[1:], rcond=None)[0])
+    size = np.abs(poles)
+    within = np.where(size > 1, poles / np.where(size > 1, size**2, 1.0), poles)
+    within *= SLOWEST / np.maximum(np.abs(within), SLOWEST)
+    return Dynamics(np.real(np.poly(within)), singular, bool((size > 1).any()))
+
+
+def rows_of(piece: Piece, found: Dynamics, free: bool = True) -> Rows:
+    """Rows of a piece; if ``free``, without what an initial state could have made of them."""
+    once = lfilter([1.0], found.denominator, piece.inputs, axis=0)
+    delayed = [np.pad(once, ((k, 0), (0, 0)))[: len(once)] for k in range(found.order + 1)]
+    rows = Rows(np.concatenate(delayed, axis=1), piece.regressors(), piece.output)
+    if not free:
+        return rows
+    impulse = np.zeros((len(once), found.order))
+    impulse[np.arange(found.order), np.arange(found.order)] = 1.0
+    responses = np.linalg.qr(lfilter([1.0], found.denominator, impulse, axis=0))[0]
+    return Rows(*(each - responses @ (responses.T @ each) for each in rows))
+
+
+def joined(rows: Sequence[Rows]) -> Rows:
+    """Rows of several pieces, one after the other."""
+    return Rows(*(np.concatenate(parts) for parts in zip(*rows, strict=True)))
+
+
+def project(rows: Rows) -> Rows:
+    r"""What is left of lagged signals and output after all that a system with these poles could do is taken out.
+
+    .. math:: \hat h = (U^T M U)^{-1} U^T M\, y, \qquad M = 1 - \Phi \Phi^+
+
+    are the least squares of what is left, the response of the short path whatever numerator and weights the system has:
+    U are the lagged signals, :math:`\Phi` the answers.
+    """
+    answers = _span(rows.answers, scaled=True)
+    return rows._replace(
+        signals=rows.signals - answers @ (answers.T @ rows.signals),
+        output=rows.output - answers @ (answers.T @ rows.output),
+    )
+
+
+def weights_of(rows: Rows, found: Dynamics) -> Array:
+    """Weights (input,) of the Hammerstein system with these poles that fits the output of the rows, of unit norm.
+
+    Numerator and weights take turns, each by least squares, from the matrix of rank one that is nearest to the
+    coefficients of all inputs through all systems, until the error does not fall any more. The first weight that is not
+    zero is positive.
+    """
+    orthogonal, triangle = np.linalg.qr(rows.answers)
+    target = orthogonal.T @ rows.output
+    product = triangle.reshape(len(triangle), found.order + 1, -1)
+    start = np.linalg.lstsq(triangle, target, rcond=ROUNDING)[0].reshape(product.shape[1:])
+    weights = np.linalg.svd(start, full_matrices=False)[2][0]
+    total, error = float(target @ target), np.inf
+    for _ in range(ROUNDS):
+        numerator = np.linalg.lstsq(product @ weights, target, rcond=ROUNDING)[0]
+        turned = np.linalg.lstsq(np.einsum("tni,n->ti", product, numerator), target, rcond=ROUNDING)[0]
+        if not turned.any():
+            break
+        weights = turned / np.linalg.norm(turned) * np.sign(turned[np.argmax(turned != 0)])
+        left = target - np.einsum("tni,n,i->t", product, numerator, turned)
+        before, error = error, float(left @ left)
+        if before - error <= TINY * total:
+            break
+    return np.asarray(weights)
+
+
+def hammerstein(rows: Rows, found: Dynamics, weights: Array) -> Hammerstein:
+    """Fit the numerator to the output of the rows by least squares; the weights are known."""
+    columns = rows.answers.reshape(len(rows.answers), found.order + 1, -1) @ weights
+    numerator = np.asarray(np.linalg.lstsq(columns, rows.output, rcond=ROUNDING)[0])
+    return Hammerstein(weights, numerator, found.denominator, rows.output - columns @ numerator)
+
+
+def _triangle(pieces: Sequence[Piece], horizon: int, lagged: bool) -> tuple[Array, int]:
+    """Triangle R of [future inputs, past inputs, future outputs] = QR, and how many columns each of the inputs has."""
+    rows: list[Array] = []  # a triangle, and what is not folded into it yet
+    for block in _hankel(pieces, horizon, lagged):
+        rows.append(block)
+        if sum(map(len, rows)) >= ROWS:
+            rows = [_folded(rows)]
+    triangle = _folded(rows)
+    return triangle, (triangle.shape[1] - horizon) // 2
+
+
+def _folded(blocks: Sequence[Array]) -> Array:
+    """Triangle of rows; the rows may be a triangle of others, and further ones."""
+    rows = np.concatenate(blocks)
+    return np.asarray(qr(rows, mode="r", overwrite_a=True, check_finite=False)[0][: rows.shape[1]])
+
+
+def _hankel(pieces: Sequence[Piece], horizon: int, lagged: bool) -> Iterator[Array]:
+    """Rows of the Hankel matrices, some at a time."""
+    size = np.sqrt(np.mean([np.mean(piece.lagged**2) for piece in pieces])) or 1.0
+    for piece in pieces:
+        signals = [(piece.inputs, horizon)]
+        if lagged:
+            signals.append((piece.lagged[:, None] / size, horizon + 2 * piece.lags))
+        count = len(piece.output) - 2 * horizon + 1
+        for first in range(0, count, ROWS):
+            rows = slice(first, min(first + ROWS, count))
+            later = slice(rows.start + horizon, rows.stop + horizon)
+            inputs = [_windows(values, width, part) for part in (later, rows) for values, width in signals]
+            yield np.concatenate([*inputs, _windows(piece.output[:, None], horizon, later)], axis=1)
+
+
+def _windows(values: Array, width: int, rows: slice) -> Array:
+    """Samples from each row on, (row, width * column)."""
+    windows = sliding_window_view(values[rows.start : rows.stop + width - 1], width, axis=0)
+    return windows.reshape(len(windows), -1)
+
+
+def _impulse_response(numerator: ArrayLike, denominator: Array, samples: int) -> Array:
+    return np.asarray(lfilter(numerator, denominator, np.eye(1, samples)[0]))
+
+
+def _span(columns: Array, scaled: bool = False) -> Array:
+    """Orthonormal basis of what the columns span beyond rounding."""
+    if scaled:
+        size = np.sqrt(np.einsum("ij,ij->j", columns, columns))
+        columns = columns / np.where(size > 0, size, 1.0)
+    if not columns.size:
+        return columns[:, :0]
+    left, singular, _ = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(left[:, singular > ROUNDING * singular[0]])

@@ -64,8 +64,8 @@ def slope_of_stretch(drive: Array, rectified: Array) -> tuple[float, int]:
     Of the least-squares fit to the ``drive`` with an offset and a slope for either of the :func:`stretches`, (2, ...):
     a polynomial rounds the corner of a rectifier.
     """
-    columns = np.column_stack([*rectified.reshape(2, -1), np.ones(drive.size)])
-    slopes = np.linalg.lstsq(columns, drive.ravel(), rcond=None)[0][:2]
+    columns, target = rectified.reshape(2, -1).T, drive.ravel()
+    slopes = np.linalg.lstsq(columns - columns.mean(axis=0), target - target.mean(), rcond=None)[0]
     steeper = int(np.argmax(np.abs(slopes)))
     return float(slopes[steeper]), (1, -1)[steeper]
 

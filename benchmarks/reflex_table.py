@@ -1,7 +1,7 @@
 """How much of a stretch reflex methods take for the stiffness of a joint that does not change.
 
-Run ``python benchmarks/reflex_table.py`` from the repository root. Sixty seconds at 10 dB, five draws: stiffness as mean
-and standard deviation in N·m/rad.
+Run ``python benchmarks/reflex_table.py`` from the repository root. Sixty seconds at 10 dB, five draws: stiffness as
+mean and standard deviation in N·m/rad.
 """
 
 import warnings

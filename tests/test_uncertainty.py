@@ -109,6 +109,7 @@ class OnlyTheWhole(Mean):
         return super().identify(ensemble)
 
 
+@pytest.mark.slow
 def test_simultaneous_band_holds_all_times_together(random):
     truth, held, held_each = np.zeros(100), [], []
     for seed in range(60):

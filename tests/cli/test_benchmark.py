@@ -80,6 +80,7 @@ def test_an_own_method_that_fails_is_told_and_the_others_are_kept(tvsysid, tmp_p
     assert np.isfinite(table["sds", "bias_error"])
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_the_same_seed_gives_the_same_table(tvsysid, tmp_path):
     def values(folder, *words):

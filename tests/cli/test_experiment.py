@@ -79,7 +79,8 @@ def test_virtual_participants(tvsysid, tmp_path, request):
     assert "resuming: 2 of 2 analyses are done already" in err
 
 
-def test_files_of_which_some_cannot_be_used(tvsysid, tmp_path, request):
+@pytest.mark.usefixtures("undrawn")
+def test_files_of_which_some_cannot_be_used(tvsysid, tmp_path):
     write_trials(tmp_path)
     savemat(tmp_path / "trial3.mat", {"angle": np.zeros(3000)})
     (tmp_path / "study.toml").write_text(FILES)
@@ -94,7 +95,6 @@ def test_files_of_which_some_cannot_be_used(tvsysid, tmp_path, request):
     page = (tmp_path / "found" / "report.html").read_text()
     assert "trial3.mat is left out" in page
     # The recordings are gone; tables and page can be had from the results all the same.
-    request.getfixturevalue("undrawn")
     for number in range(3):
         (tmp_path / f"trial{number}.mat").unlink()
     kept = (tmp_path / "found" / "exclusions.csv").read_bytes()

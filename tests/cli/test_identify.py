@@ -105,7 +105,7 @@ def test_identify_takes_other_formats(tvsysid, tmp_path):
 
 
 @pytest.mark.slow
-def test_identify_with_settings_from_the_data(tvsysid, tmp_path):
+def test_identify_with_settings_from_the_data(tvsysid, tmp_path, request):
     tvsysid("simulate", "joint.mat", "--duration", 40)
     methods = ("--method", "birf", "--method", "kbr")
     code, out, err = tvsysid("identify", "joint.mat", *IDENTIFY, *methods, "--tune")
@@ -121,6 +121,7 @@ def test_identify_with_settings_from_the_data(tvsysid, tmp_path):
         assert tree["birf"].attrs["method"].startswith("BasisIRF(max_lag=0.12, basis=HaarWavelets(functions=4)")
     (again,) = (line for line in out.splitlines() if line.startswith("the same settings again: "))
     kept = pd.read_csv(folder / "stiffness.csv")
+    request.getfixturevalue("undrawn")
     code, out, err = tvsysid("identify", "joint.mat", *IDENTIFY, *shlex.split(again.partition(": ")[2]))
     assert (code, err) == (0, "")
     repeated = pd.read_csv(folder / "stiffness.csv")

@@ -32,6 +32,7 @@ def steering(text):
     return [sign for sign in text if not sign.isprintable() and sign != "\n"]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="names of files are bytes on POSIX only")
 def test_names_neither_steer_the_terminal_nor_stop_the_work(tvsysid, tmp_path):
     tvsysid("simulate", "joint.csv", "--duration", 40)

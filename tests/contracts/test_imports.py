@@ -86,6 +86,7 @@ def test_import_is_light():
     assert shown.strip() == "light", shown
 
 
+@pytest.mark.slow
 def test_identification_needs_no_pictures_tables_and_stores():
     program = (
         "import sys; import tvsysid as tv; tv.ShortDataSegments(); tv.simulate.Joint; tv.metrics.vaf;"

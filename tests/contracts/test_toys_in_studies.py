@@ -162,6 +162,7 @@ def test_takes_part_in_an_experiment(toy, tmp_path):
     assert np.isfinite(table[(table.method == toy.__name__) & (table.metric == "mean_stiffness")].value).all()
 
 
+@pytest.mark.slow
 def test_pathways_of_a_virtual_participant_are_compared_with_what_is_known(tmp_path):
     experiment = tv.study.Experiment(
         virtual=1, perturbation="prbs", methods=[Cascade(), "sds"], realizations=40, bootstraps=2

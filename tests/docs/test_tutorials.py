@@ -1,6 +1,6 @@
 """The tutorials, typed as they stand, but for the number of bootstraps.
 
-What runs a study has a Python of its own, as it is typed; the rest is run in this process.
+The script has a Python of its own, as it is typed; the commands are run in this process.
 """
 
 import os
@@ -84,7 +84,8 @@ def test_the_command_line_tutorial_runs(tvsysid, folder, request):
     assert code == 0
     assert "71680 x 10" in shown
     assert (folder / "tvsysid-inspect" / "P1-noise.mat.png").is_file()
-    told = run(folder, ["-m", "tvsysid.cli", *words_of(experiment)])
+    code, told, _ = tvsysid(*words_of(experiment))
+    assert code == 0
     assert "random" in told
     for name in ("report.html", "figures/participants.pdf", "figures/participant.pdf", "exclusions.csv"):
         assert (folder / "P1" / name).stat().st_size > 1000

@@ -43,6 +43,7 @@ def test_it_is_told_in_words(diagnosis):
     assert "nan" not in told.description
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "ensemble",
     [

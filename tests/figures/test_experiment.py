@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from tests.experimental import experiment_of, fail, summary_of
+from tests.experimental import experiment_of, fail, results_of, summary_of
 from tests.virtual import prepared
 
 from tvsysid.figures.saving import drawn
@@ -21,7 +21,9 @@ def shown(experiment):
 
 
 @pytest.mark.slow
-def test_all_figures_of_an_experiment(shown):
+def test_all_figures_of_an_experiment():
+    few = experiment_of(methods=("sds", "kbr"))
+    shown = experiment_figures(few.results, few.summary, few.excerpts, {"P1-prbs": prepared(1, "prbs")})
     assert list(shown) == ALL
     for each in shown.values():
         figure = each.draw()
@@ -62,6 +64,7 @@ def test_descriptions_hold_the_main_figures(experiment, shown):
     assert "at 1024 Hz, and the torque to be followed" in shown["recorded-signals"].description
 
 
+@pytest.mark.slow
 def test_a_single_record_of_walking():
     one = experiment_of(
         participants=("S1",), perturbations=("steps",), amounts=(30,), period=1.5, truth=False, target=False
@@ -77,8 +80,8 @@ def test_a_single_record_of_walking():
 
 
 @pytest.mark.slow
-def test_when_everything_failed(experiment):
-    failed = fail(experiment.results.copy(deep=True), "no")
+def test_when_everything_failed():
+    failed = fail(results_of(methods=("sds", "kbr")), "no")
     shown = experiment_figures(failed, summary_of(failed), {}, {})
     for each in shown.values():
         drawn(each.draw(), "png")
@@ -87,8 +90,8 @@ def test_when_everything_failed(experiment):
 
 
 @pytest.mark.slow
-def test_some_recordings_failed(experiment):
-    failed = fail(experiment.results.copy(deep=True), "no", recording="P1-prbs")
+def test_some_recordings_failed():
+    failed = fail(results_of(methods=("sds", "kbr")), "no", recording="P1-prbs")
     shown = experiment_figures(failed, summary_of(failed), {}, {})
     assert np.isfinite(failed.truth.sel(quantity="stiffness").values).any()
     for each in shown.values():

@@ -48,6 +48,7 @@ def test_target_and_limits_are_drawn_and_axes_have_units(figure):
     assert drawn(figure, "png").startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("settings", "titles", "legend"),
     [

@@ -6,8 +6,9 @@ from tvsysid.studies.van_de_ruit_2021 import study_figures
 
 
 @pytest.mark.slow
-def test_all_figures_of_a_study(results, summary):
-    shown = study_figures(results, summary, responses_of())
+def test_all_figures_of_a_study():
+    results = results_of(methods=("sds", "kbr"))
+    shown = study_figures(results, summary_of(results), responses_of())
     assert list(shown) == [
         "comparison-square-noise", "comparison-square-prbs", "amount-square", "coverage-square", "comparison-sine",
         "coverage-sine", "impulse-responses",

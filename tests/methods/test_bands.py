@@ -210,6 +210,7 @@ def test_bands_are_as_wide_as_estimates_scatter(name, perturbation):
     assert lowest < tv.metrics.coverage(bands[:, 0], bands[:, 1], truth) < 98
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("perturbation", ["noise", "prbs"])
 @pytest.mark.parametrize("subtracted", [False, True])
 def test_bands_of_few_realizations_hold_the_truth(perturbation, subtracted):

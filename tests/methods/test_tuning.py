@@ -179,6 +179,7 @@ def dense_log_evidence(ensemble, theta, near, order, lag):
     return density - 0.5 * (order + 1 + (lag > 0)) * math.log(count)
 
 
+@pytest.mark.slow
 def test_evidence_of_orders_and_lags_is_that_of_the_dense_kernel_with_a_proper_prior():
     ensemble = ensemble_of(20.0, "sine", "noise")
     theta = np.log([0.1, 1600.0, 0.3, 3e-5, 0.15])

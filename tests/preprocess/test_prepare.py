@@ -41,6 +41,7 @@ def test_survivors_are_as_many_as_in_the_paper():
     assert min(noise + prbs) > 215
 
 
+@pytest.mark.slow
 def test_exclusions_are_of_the_papers_kinds():
     late = {which: [prepared(n, which).account.counts.get("alignment", 0) for n in PEOPLE] for which in PERTURBATIONS}
     assert max(late["noise"]) <= 3
@@ -51,6 +52,7 @@ def test_exclusions_are_of_the_papers_kinds():
             assert low <= np.mean(counts) <= high, (which, step, counts)
 
 
+@pytest.mark.slow
 def test_variance_accounted_for_is_near_the_papers():
     def mean_vaf(which):
         values = []
@@ -75,6 +77,7 @@ def test_all_of_a_perfect_persons_stiffness_is_found_before_alignment_and_less_a
         assert -0.18 < aligned.mean() / truth.mean() < -0.12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("which", PERTURBATIONS)
 def test_prepared_ensembles_identify_with_stiffness_near_the_truth(which):
     biases, unmoved_biases = [], []

@@ -213,6 +213,7 @@ def test_states_of_a_check():
     assert Finding("drift", -16.1, True, "").strength == "-16.1 %, at most ±10 is in order"
 
 
+@pytest.mark.slow
 def test_it_takes_no_pictures():
     """Heavy libraries are loaded for tables and pictures alone."""
     import subprocess

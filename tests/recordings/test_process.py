@@ -44,6 +44,7 @@ def assert_sound(file):
         np.testing.assert_array_equal(described[name].read(name), values)
 
 
+@pytest.mark.slow
 def test_a_file_that_kills_its_library_is_an_error_and_the_next_is_read(sound):
     assert_sound(sound)
     first = process._reader.process.pid

@@ -82,6 +82,7 @@ def test_pictures_are_inside(elements):
         assert ElementTree.fromstring(base64.b64decode(image["src"].partition(",")[2])).tag.endswith("svg")
 
 
+@pytest.mark.slow
 def test_the_command_is_told_if_there_is_one(elements, diagnoses, tmp_path):
     assert [text for _, text in elements.of("pre")] == ["tvsysid inspect ankle.mat --diagnose && echo"]
     write_diagnosis(tmp_path / "page.html", {"clean": diagnoses["clean"]})

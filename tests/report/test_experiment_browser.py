@@ -24,6 +24,7 @@ def seen(browser, experiment_page, tmp_path_factory):
     return look(browser, experiment_page, CHECKS, tmp_path_factory.mktemp("framed"))
 
 
+@pytest.mark.slow
 def test_nothing_breaks_and_pictures_are_shown(seen):
     assert seen["broken"] == []
     assert seen["images"] == [True] * 5

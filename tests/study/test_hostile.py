@@ -141,6 +141,7 @@ class Numbered:
         return hostile.found(ensemble)
 
 
+@pytest.mark.slow
 def test_one_that_kills_the_server_is_followed_by_others():
     class KillsParent:
         def identify(self, ensemble):

@@ -71,6 +71,7 @@ def test_any_executor_serves_and_changes_no_number(results):
         same(run(Study(**SMALL), executor=executor), results)
 
 
+@pytest.mark.slow
 def test_more_methods_trials_and_scenarios_change_no_number(results):
     more = run(
         Study(duration_s=[60.0, 40.0], trials=4, methods=["esm", "kbr", "sds"], perturbation=["prbs", "noise"]),
@@ -194,6 +195,7 @@ def test_a_trial_gives_the_same_numbers_whenever_and_however_often_it_is_run():
     np.testing.assert_array_equal(first["estimate"], second["estimate"])
 
 
+@pytest.mark.slow
 def test_threads_keep_each_trial_s_doubts():
     study = Study(duration_s=[40, 80], trials=4, methods=["eirf", "sds"])
     with ThreadPoolExecutor(4) as executor:

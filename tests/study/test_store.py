@@ -19,6 +19,22 @@ from tvsysid.study.task import versions
 STUDY = Study(**SMALL)
 
 
+MADE = {}
+
+
+@pytest.fixture(autouse=True)
+def _made_once(monkeypatch):
+    """Files of a store without results follow from its layout alone, and take long."""
+
+    def made(layout, make=fixed.contents_of):
+        key = pickle.dumps(layout)
+        if key not in MADE:
+            MADE[key] = make(layout)
+        return dict(MADE[key])
+
+    monkeypatch.setattr(fixed, "contents_of", made)
+
+
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
     path = tmp_path_factory.mktemp("study") / "results.zarr"
@@ -42,6 +58,7 @@ def same(one, other):
     xr.testing.assert_identical(one.load().drop_vars(TIMES), other.drop_vars(TIMES))
 
 
+@pytest.mark.slow
 def test_reading_needs_only_xarray_and_gives_no_warning(finished, results):
     with warnings.catch_warnings():
         warnings.simplefilter("error")

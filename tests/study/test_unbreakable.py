@@ -20,7 +20,7 @@ from tvsysid.study import Study, read_results, run
 
 pytestmark = pytest.mark.slow
 
-TRIALS = 32
+TRIALS = 20
 TOTAL = 2 * TRIALS
 STUDY = {"duration_s": 40, "methods": ["sds", "birf"], "trials": TRIALS}
 WORDS = ["benchmark", "--duration", "40", "--method", "sds", "--method", "birf", "--trials", str(TRIALS)]
@@ -218,7 +218,8 @@ def test_a_dask_worker_killed_in_mid_run(tvsysid, tmp_path, uninterrupted):
     same_to_the_last_bit(tmp_path, uninterrupted)
 
 
-def test_no_cluster_there(tvsysid):
+def test_no_cluster_there(tvsysid, monkeypatch):
+    monkeypatch.setattr("tvsysid.cli.running.PATIENCE", "1s")
     code, _, errors = tvsysid(*WORDS, "--scheduler", "tcp://127.0.0.1:9")
     assert code == 2
     assert "--scheduler tcp://127.0.0.1:9: no Dask scheduler answers there" in errors

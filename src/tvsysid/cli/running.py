@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from tvsysid.report.sections import Problem
 
 STORE = "results.zarr"  # where a study keeps its results, in its folder
+PATIENCE = "10s"  # how long a Dask scheduler may take to answer
 
 
 def check_folder(out: Path) -> None:
@@ -83,7 +84,7 @@ def _executor(scheduler: str | None) -> Iterator[tuple[Any, int | None]]:
     except ImportError as error:
         raise InputError("--scheduler needs Dask: pip install 'tvsysid[dask]'") from error
     try:
-        client: Any = Client(scheduler, timeout="10s")  # type: ignore[no-untyped-call]
+        client: Any = Client(scheduler, timeout=PATIENCE)  # type: ignore[no-untyped-call]
     except (OSError, ValueError, TypeError) as error:
         raise InputError(
             f"--scheduler {scheduler}: no Dask scheduler answers there ({error}); check the address"

@@ -200,6 +200,7 @@ def test_killed_at_any_moment_it_goes_on_with_the_same_results(small, tmp_path, 
     assert seen[0] >= 3
 
 
+@pytest.mark.slow
 def test_the_recordings_are_prepared_if_they_are_not_given(small):
     experiment = Experiment(**SMALL | {"methods": "birf", "perturbation": "prbs"})
     results = run(experiment, workers=1)

@@ -51,8 +51,10 @@ REACH = {"eirf": (12, 12), "sds": (12, 12), "birf": (12, 12), "esm": (15, 14), "
 
 
 def parametrize(*names):
-    chosen = names or METHODS
-    return pytest.mark.parametrize("method", [pytest.param(METHODS[name], id=name) for name in chosen])
+    chosen = {name: pytest.mark.slow if name == "kbr experiment" else () for name in names or METHODS}
+    return pytest.mark.parametrize(
+        "method", [pytest.param(METHODS[name], id=name, marks=marks) for name, marks in chosen.items()]
+    )
 
 
 @pytest.fixture(autouse=True)

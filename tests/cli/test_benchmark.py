@@ -121,6 +121,7 @@ def test_a_system_a_profile_and_a_perturbation_of_one_s_own(tvsysid, tmp_path, m
     assert "unknown system 'ankle'; expected one of joint, reflex, reflex-sine, reflex-square, compliant, sch" in err
 
 
+@pytest.mark.slow
 def test_the_titles_of_tables_tell_systems_apart(tvsysid):
     code, out, _ = tvsysid(
         *("benchmark", "--system", "joint", "--system", "reflex", "--trials", "1", "--duration", "20"),

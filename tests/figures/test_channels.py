@@ -1,6 +1,7 @@
 from xml.etree import ElementTree
 
 import numpy as np
+import pytest
 
 from tvsysid.figures import drawn, recorded_channels, style
 from tvsysid.recordings import Channel, outline
@@ -22,6 +23,7 @@ def test_axes_have_units_and_time_where_they_are_stated():
     np.testing.assert_array_equal(second.lines[1].get_ydata(), -values)
 
 
+@pytest.mark.slow
 def test_names_are_drawn_letter_by_letter():
     values = [outline(np.arange(100.0))]
     names = ["x_{$", "$\\frac{$", "\x1b[31mred\r\x07", "caf\udce9\u202e", "角度"]

@@ -76,6 +76,7 @@ def mean_over_realizations(values):
     return values.reshape(-1, 200).mean(axis=0)
 
 
+@pytest.mark.slow
 @perturbations
 @pytest.mark.parametrize(
     ("method", "l2"),

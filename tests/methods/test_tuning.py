@@ -53,6 +53,7 @@ def tuned_to_a_square_wave(method):
     return method.tuned(ensemble_of(40.0, "square", "noise"))
 
 
+@pytest.mark.slow
 @each_method
 def test_a_tuned_method_is_the_method_with_other_settings_and_the_evidence_for_them(method):
     ensemble = ensemble_of(40.0, "square", "noise")
@@ -145,6 +146,7 @@ def dense_log_density(ensemble, theta, decay, near):
     return -0.5 * determinants - output @ projected @ output
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("decay", [math.inf, 15.0])
 def test_marginal_likelihood_is_that_of_the_dense_kernel(decay):
     ensemble = ensemble_of(20.0, "sine", "noise")
@@ -405,6 +407,7 @@ def test_halves_tell_the_mean_square_error(random, monkeypatch):
     assert errors[:, 1].mean() == pytest.approx(0.25 * np.mean(truth**2) + 0.25 * variance, rel=0.05)
 
 
+@pytest.mark.slow
 def test_evidence_is_shown_in_words_and_as_a_table():
     evidence = tv.ShortDataSegments().tuned(ensemble_of(40.0)).evidence
     shown = evidence._repr_html_()

@@ -96,6 +96,7 @@ def test_feedback_lowers_all_three():
     assert all(low < 0.92 * high for low, high in zip(soft, stiff, strict=True))
 
 
+@pytest.mark.slow
 def test_a_reflex_lowers_viscosity_and_raises_stiffness():
     without, there = impedance(faults.reflexive(0.0)), impedance(faults.reflexive(8.0))
     assert there[0] > 1.1 * without[0]

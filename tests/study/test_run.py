@@ -89,6 +89,7 @@ def test_progress_is_reported():
     assert seen == [(0, 3), (1, 3), (2, 3), (3, 3)]
 
 
+@pytest.mark.slow
 def test_few_trials_are_under_way_at_a_time():
     class Counting(Executor):
         most, under_way = 0, 0

@@ -129,6 +129,7 @@ def test_other_settings_are_refused_and_other_data_identified_again(tmp_path):
     xr.testing.assert_allclose(changed.estimate, run(Experiment(**settings), workers=1).estimate)
 
 
+@pytest.mark.slow
 def test_stores_of_another_kind_are_refused(small, tmp_path):
     path = tmp_path / "results.zarr"
     run(small.experiment, prepared=small.prepared, store=path, workers=1)

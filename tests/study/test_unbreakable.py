@@ -131,8 +131,9 @@ def test_killed_at_six_random_moments_and_gone_on_with(tmp_path, start_study, un
 
 
 def test_interrupted_with_a_key_and_gone_on_with(tmp_path, uninterrupted):
-    for number in (signal.SIGINT, signal.SIGTERM):
-        process = start(tmp_path)
+    # A key interrupts workers too where a method hangs, below.
+    for number, workers in ((signal.SIGINT, "1"), (signal.SIGTERM, "2")):
+        process = start(tmp_path, "--workers", workers)
         already = trials_in(tmp_path)
         wait_for(lambda: trials_in(tmp_path) > already + 10)  # noqa: B023
         os.killpg(process.pid, number) if number == signal.SIGINT else process.send_signal(number)

@@ -105,7 +105,10 @@ def test_an_experiment_is_gone_on_with(small, tmp_path):
     for name in ("checksums", "vaf"):
         shutil.rmtree(path / name / "c" / "1")
     seen = []
-    results = run(small.experiment, store=path, workers=1, progress=lambda done, total: seen.append(done))
+    results = run(
+        small.experiment, prepared=small.prepared, store=path, workers=1,
+        progress=lambda done, total: seen.append(done),
+    )  # fmt: skip
     assert seen == list(range(6, 13))
     same(results, small.results)
 

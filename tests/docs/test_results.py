@@ -40,7 +40,7 @@ def test_every_variable_of_the_store_is_named():
     }
     text = SECTIONS["results.zarr"]
     readers = {'tv.study.read_results("results.zarr")', "xarray.open_zarr"}
-    assert names | {"checksums", "manifest"} == set(quoted(text)) - readers
+    assert names | {"asked", "checksums", "manifest"} == set(quoted(text)) - readers
     assert all(stage in text for stage in STAGES)
 
 
@@ -48,4 +48,5 @@ def test_every_variable_of_the_store_is_named():
 def test_every_kind_of_figure_is_named():
     results = results_of()
     kinds = {stem.partition("-")[0] for stem in study_figures(results, summary_of(results), responses_of())}
+    kinds |= {"pathways", "bias"}  # of tests.studies.test_reflex
     assert {name.partition("-")[0] for name in quoted(SECTIONS["figures/"])} == kinds

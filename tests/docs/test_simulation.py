@@ -25,6 +25,7 @@ def test_the_example_runs():
 
 def test_the_table_says_what_each_system_gives():
     rows = [[cell.strip() for cell in row.strip("|").split("|")] for row in re.findall(r"^\| `\w+` \|.*$", TEXT, re.M)]
+    rows = [[kind, name, *others] for kind, names, *others in rows for name in names.split(", ")]
     assert {name for _, name, *_ in rows if name} == set(tv.simulate.SYSTEMS)
     for kind, name, _, truth, pathways, channel in rows:
         system = tv.simulate.SYSTEMS[name] if name else tv.simulate.Participant(1)

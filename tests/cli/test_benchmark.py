@@ -82,6 +82,20 @@ def test_an_own_method_that_fails_is_told_and_the_others_are_kept(tvsysid, tmp_p
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
+def test_methods_of_one_and_of_two_pathways_side_by_side(tvsysid, tmp_path):
+    words = ("--system", "reflex-sine", "--stiffness", "sine", "--perturbation", "noise", "--duration", 20)
+    words += ("--trials", 1, "--method", "birf", "--method", "cascade", "--workers", 1)
+    code, out, _ = tvsysid("benchmark", *words)
+    assert code == 0
+    (birf,), (cascade,) = (
+        [line for line in out.splitlines() if f" {name} " in line][:1] for name in ("birf", "cascade")
+    )
+    assert birf.count(" - ") == cascade.count(" - ") + 2  # neither gain nor torque of a reflex
+    table = pd.read_csv(tmp_path / "tvsysid-benchmark" / "claims.csv")
+    assert table.claim.str.contains("take a reflex for stiffness").any()
+
+
+@pytest.mark.usefixtures("undrawn")
 def test_the_same_seed_gives_the_same_table(tvsysid, tmp_path):
     def values(folder, *words):
         options = ("--trials", 2, "--duration", 40, "--method", "birf", "--perturbation", "prbs", "--workers", 1)

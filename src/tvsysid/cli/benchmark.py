@@ -219,7 +219,7 @@ def _show_scores(summary: pd.DataFrame) -> None:
     most: Any = summary.iloc[int(summary.trials.argmax())]
     rows = []
     for method, group in summary.groupby("method", sort=False):
-        values = dict(zip(group.metric, group.value, strict=True))
+        values = dict.fromkeys(present, float("nan")) | dict(zip(group.metric, group.value, strict=True))
         values["seconds"] *= 1000
         if most.trials == 1:
             values["random_error"] = float("nan")  # one trial has no spread

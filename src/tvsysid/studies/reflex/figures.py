@@ -35,7 +35,8 @@ def reflex_figures(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illu
     shown: dict[str, Illustration] = {}
     for (kind, profile), rows in compared.groupby(["kind", "profile"], sort=False):
         widest = rows[rows.methods == rows.methods.max()]
-        shown[f"pathways-{kind}-{profile}"] = _pathways(results, summary, widest, f"{kind}, {profile_name(profile)}")
+        own = widest.system.iloc[0] if widest.system.nunique() == 1 else kind
+        shown[f"pathways-{kind}-{profile}"] = _pathways(results, summary, widest, f"{own}, {profile_name(profile)}")
         gains = results.truth.sel(scenario=list(rows.index), quantity="reflex_gain").mean("time").to_series()
         if gains.nunique() > 2:
             shown[f"bias-{kind}-{profile}"] = _bias(summary, gains, f"{kind}, {profile_name(profile)}")

@@ -17,7 +17,7 @@ from tvsysid.methods.apart import checked_limit
 from tvsysid.study.contents import EXPERIMENT
 from tvsysid.study.prepared import Prepared
 from tvsysid.study.recorded import Experiment
-from tvsysid.study.simulated import Study
+from tvsysid.study.simulated import Scenario, Study
 from tvsysid.study.source import Simulations, recordings_in, source_of, with_recordings
 from tvsysid.study.store import open_store, stored
 from tvsysid.study.task import carry_out
@@ -151,24 +151,29 @@ class Plan:
 def plan(study: Study) -> Plan:
     """Estimate from timing a trial of the shortest and one of the longest duration, but 600 s at most.
 
-    Time is taken to grow in proportion to the duration, beside a fixed part.
+    Time is taken to grow in proportion to the duration, beside a fixed part. Scenarios with methods of their own are
+    timed by themselves.
     """
-    source = Simulations(study)
-    by_duration = sorted(study.scenarios, key=lambda scenario: scenario.duration_s)
-    ends = [end._replace(duration_s=min(end.duration_s, LONGEST_S)) for end in (by_duration[0], by_duration[-1])]
-    carry_out(source.trial(ends[0], 0))  # the first loads what is loaded lazily
-    taken: list[float] = []
+    source, work = Simulations(study), 0.0
+    alike: dict[frozenset[str], list[Scenario]] = {}
+    for scenario, methods in study.methods_of.items():
+        alike.setdefault(methods, []).append(scenario)
     failures: dict[str, str] = {}
-    for scenario in ends:
-        started = time.perf_counter()
-        outcome = carry_out(source.trial(scenario, 0))
-        taken.append(time.perf_counter() - started)
-        failures |= {
-            label: str(text) for label, text in zip(study.named_methods, outcome["failure"], strict=True) if text
-        }
-    span = ends[1].duration_s - ends[0].duration_s
-    slope = max(0.0, (taken[1] - taken[0]) / span) if span else taken[0] / ends[0].duration_s
-    work = sum(taken[0] + slope * (scenario.duration_s - ends[0].duration_s) for scenario in study.scenarios)
+    carry_out(source.trial(min(study.scenarios, key=lambda scenario: scenario.duration_s), 0))  # loads what is lazy
+    for scenarios in alike.values():
+        scenarios.sort(key=lambda scenario: scenario.duration_s)
+        ends = [end._replace(duration_s=min(end.duration_s, LONGEST_S)) for end in (scenarios[0], scenarios[-1])]
+        taken: list[float] = []
+        for scenario, own in zip(ends, (scenarios[0], scenarios[-1]), strict=True):
+            started = time.perf_counter()
+            outcome = carry_out(source.trial(scenario, 0, study.methods_of[own]))
+            taken.append(time.perf_counter() - started)
+            failures |= {
+                label: str(text) for label, text in zip(study.named_methods, outcome["failure"], strict=True) if text
+            }
+        span = ends[1].duration_s - ends[0].duration_s
+        slope = max(0.0, (taken[1] - taken[0]) / span) if span else taken[0] / ends[0].duration_s
+        work += sum(taken[0] + slope * (scenario.duration_s - ends[0].duration_s) for scenario in scenarios)
     simulated = sum(scenario.duration_s for scenario in study.scenarios) * study.trials
     return Plan(
         len(study.scenarios) * study.trials, simulated, work * study.trials, source.layout.bytes_of_numbers, failures

@@ -52,10 +52,11 @@ class Simulations(Source):
 
     def task_at(self, place: Place) -> Trial:
         """A trial of a scenario."""
-        return self.trial(self._study.scenarios[place[0]], place[1])
+        scenario = self._study.scenarios[place[0]]
+        return self.trial(scenario, place[1], self._study.methods_of[scenario])
 
-    def trial(self, scenario: Scenario, number: int) -> Trial:
-        """A trial of a scenario, which may be none of the study's own."""
+    def trial(self, scenario: Scenario, number: int, methods: frozenset[str] = frozenset()) -> Trial:
+        """A trial of a scenario, which may be none of the study's own, by some methods, or all."""
         label = scenario.label
         if scenario not in self._simulated:
             system, perturbation = self._study.simulated(scenario)
@@ -69,7 +70,7 @@ class Simulations(Source):
             seed=self._study.seed_of(scenario, number),
             methods=self._methods,
             shapes=self.layout.shapes("method_key"),
-            asked=self._study.methods_of.get(scenario, frozenset(self._methods)),
+            asked=methods or frozenset(self._methods),
         )
 
 

@@ -68,11 +68,11 @@ def _pathways(results: xr.Dataset, summary: pd.DataFrame, rows: pd.DataFrame, wh
 def _bias(summary: pd.DataFrame, gains: pd.Series, what: str) -> Illustration:
     rows = summary[(summary.metric == "mean_bias") & summary.scenario.isin(gains.index)]
     rows = rows.assign(gain=rows.scenario.map(gains)).dropna(subset=["value"]).sort_values("gain", kind="stable")
+    rows = rows[rows.groupby("method").gain.transform("nunique") > 1]
     title = f"What a reflex does to the stiffness: {what}"
     said = [
         f"{method}: {', '.join(f'{each.value:.1f} at {each.gain:g}' for each in line.itertuples())}."
         for method, line in rows.groupby("method", sort=False)
-        if len(line) > 1
     ]
     text = "Mean bias of the stiffness in N·m/rad against the gain of the reflex in N·m·s/rad. " + " ".join(said)
     return Illustration(partial(bias_against_gain, rows, title), title, text)

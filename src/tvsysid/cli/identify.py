@@ -130,16 +130,15 @@ def identify(
 
 def _aligned(recording: Recording, period: float, context: float) -> Recording:
     """Recording less a delay between the channels, if one is found; prints what was done."""
-    from tvsysid import preprocess
-    from tvsysid.quality import diagnose
+    from tvsysid.preprocess import align_channels
+    from tvsysid.quality import find_delay
 
-    ensemble = preprocess.subtract_mean(preprocess.segment(recording, period, context))
-    (delay,) = (check for check in diagnose(ensemble).checks if check.name == "delay")
+    delay = find_delay(recording, period, context)
     if not delay.found:
         say(f"--align-channels: nothing is corrected; the delay is {delay.state}: {delay.what}")
         return recording
     say(f"--align-channels: {_taken(delay.value / 1000)}; {delay.what}")
-    return preprocess.align_channels(recording, delay.value / 1000)
+    return align_channels(recording, delay.value / 1000)
 
 
 def _taken(seconds: float) -> str:

@@ -13,12 +13,13 @@ import numpy as np
 from tvsysid.errors import InputError
 from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.numerics.moments import window_moments
+from tvsysid.preprocess import segment, subtract_mean
 from tvsysid.quality import delays, losses, realizations, scales, structure, timing
 from tvsysid.quality.catalogue import FAULTS, Fault
 from tvsysid.quality.curves import Curves, curves
 from tvsysid.quality.fitted import FittedEnsemble, NotJudged, Seen
 from tvsysid.quality.resampling import SHORTEST, known_samples
-from tvsysid.signals import Ensemble
+from tvsysid.signals import Ensemble, Recording
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -247,6 +248,12 @@ def diagnose(ensemble: Ensemble) -> Diagnosis:
 def find_reflex(ensemble: Ensemble) -> Finding:
     """Look for a stretch reflex alone, in the ensemble as it is: no delay or drifting offset is taken out before."""
     return _finding("reflex", structure.reflex, FittedEnsemble.of(ensemble))
+
+
+def find_delay(recording: Recording, period: float, context: float = 0.5) -> Finding:
+    """Look for a delay of a recording's torque, cut as for :func:`diagnose`; the value is in ms."""
+    checks = diagnose(subtract_mean(segment(recording, period, context))).checks
+    return next(check for check in checks if check.name == "delay")
 
 
 def _finding(name: str, check: Callable[..., Seen], *arguments: object) -> Finding:

@@ -18,6 +18,7 @@ from .estimates import Estimate as Estimate
 from .estimates import StandardError as StandardError
 from .methods import BasisCascade as BasisCascade
 from .methods import BasisIRF as BasisIRF
+from .methods import EnsembleCascade as EnsembleCascade
 from .methods import EnsembleIRF as EnsembleIRF
 from .methods import EnsembleSpectral as EnsembleSpectral
 from .methods import Input as Input

@@ -37,12 +37,13 @@ METHODS = {
     "kbr experiment": tv.KernelRegression.preset("experiment"),
     "pc": tv.ParallelCascade(),
     "cascade": tv.JointCascade(),
+    "tvpc": tv.EnsembleCascade(),
     "bpc": tv.BasisCascade(),
     "sdss": tv.SubspaceCascade(terms=3),
 }
 FOLLOWING = [name for name, method in METHODS.items() if not method.time_invariant]
 # Pathways that are identified in turn have no bands: their authors state none.
-BANDED = [name for name in METHODS if name.partition(" ")[0] not in {"pc", "bpc"}]
+BANDED = [name for name in METHODS if name.partition(" ")[0] not in {"pc", "tvpc", "bpc"}]
 # Samples at either end that cannot be estimated without context.
 REACH = {"eirf": (12, 12), "sds": (12, 12), "birf": (12, 12), "esm": (15, 14), "kbr": (12, 12), "pc": (4, 4)} | {
     "cascade": (45, 4),

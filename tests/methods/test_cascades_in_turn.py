@@ -61,8 +61,9 @@ def errors_of(method, duration, seeds):
         # At least as good as an independent prototype of the same structure, over ten seeds.
         (tv.BasisCascade(), 3.8, 5.6, 93),
         (tv.BasisCascade(emg="emg", memory=0.3), 7.3, 9.2, 84),
+        (tv.EnsembleCascade(), 7.3, 10.4, 86),
     ],
-    ids=["bpc", "bpc emg"],
+    ids=["bpc", "bpc emg", "tvpc"],
 )
 def test_forty_seconds_are_enough_for_either_pathway(method, mean, total, share):
     found = errors_of(method, 40.0, range(1000, 1003))
@@ -76,8 +77,8 @@ POLYNOMIAL = tv.BasisCascade(nonlinearity="polynomial")
 
 @pytest.mark.parametrize(
     ("method", "direction"),
-    [(tv.BasisCascade(), 1), (tv.BasisCascade(), -1), (POLYNOMIAL, -1)],
-    ids=["bpc +", "bpc -", "bpc polynomial -"],
+    [(tv.BasisCascade(), 1), (tv.BasisCascade(), -1), (POLYNOMIAL, -1), (tv.EnsembleCascade(), 1)],
+    ids=["bpc +", "bpc -", "bpc polynomial -", "tvpc +"],
 )
 def test_both_pathways_are_recovered_from_noiseless_data(method, direction):
     ensemble, truth, torques = changing(80.0, 3, np.inf, direction)
@@ -128,7 +129,8 @@ def test_a_joint_that_does_not_change_is_found_not_to(recordings_folder, record,
 @pytest.mark.parametrize(
     ("create", "message"),
     [
-        (lambda: tv.BasisCascade(delay=0.6), "delay must be from 0 to below memory, 0.5 s; got 0.6"),
+        (lambda: tv.BasisCascade(delay=0.6), "delay must be from 0 to below 0.5 s, got 0.6"),
+        (lambda: tv.EnsembleCascade(window=-1), "window must be from 0"),
         (lambda: tv.BasisCascade(memory=0), "memory must be positive"),
         (lambda: tv.BasisCascade(nonlinearity="hk"), "must be one of 'rectifier', 'polynomial'"),
         (lambda: tv.ParallelCascade(nonlinearity="cubic"), "must be one of 'rectifier', 'hk', 'sls'"),
@@ -137,6 +139,19 @@ def test_a_joint_that_does_not_change_is_found_not_to(recordings_folder, record,
 def test_wrong_settings_are_refused(create, message):
     with pytest.raises(tv.InputError, match=message):
         create()
+
+
+def test_what_is_beyond_a_realization_does_not_enter_its_first_window():
+    # There, the reflex's torque is not known.
+    ensemble, truth, _ = changing(80.0, 3, np.inf)
+    error = tv.EnsembleCascade().identify(ensemble).stiffness - truth["stiffness"]
+    assert np.abs(error[[0, -1]]).max() < 12
+
+
+def test_few_realizations_are_warned_of_where_a_window_is_short():
+    ensemble, _, _ = changing(80.0, 3, np.inf)
+    with pytest.warns(tv.DataQualityWarning, match="40 samples of all realizations, where the literature asks for 500"):
+        tv.EnsembleCascade(window=0).identify(ensemble)
 
 
 def test_realizations_without_their_past_are_left_out():

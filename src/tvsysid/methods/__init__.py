@@ -6,6 +6,7 @@ from tvsysid.methods.basis_cascade import BasisCascade
 from tvsysid.methods.birf import BasisIRF
 from tvsysid.methods.cascade.cascade import JointCascade
 from tvsysid.methods.eirf import EnsembleIRF
+from tvsysid.methods.ensemble_cascade import EnsembleCascade
 from tvsysid.methods.esm import EnsembleSpectral
 from tvsysid.methods.kbr.kbr import KernelRegression
 from tvsysid.methods.parallel_cascade import ParallelCascade
@@ -33,6 +34,7 @@ __all__ = [
     "BasisCascade",
     "BasisIRF",
     "Choice",
+    "EnsembleCascade",
     "EnsembleIRF",
     "EnsembleSpectral",
     "Evidence",

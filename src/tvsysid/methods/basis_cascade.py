@@ -7,7 +7,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from tvsysid.errors import InputError
 from tvsysid.methods import base, birf, shared
 from tvsysid.methods.shared import in_turn
 from tvsysid.methods.shared.pathways import TwoPathwayModel
@@ -85,10 +84,8 @@ class BasisCascade(base.Method):
 
     def __post_init__(self) -> None:
         base.check_positive(self, max_lag=self.max_lag, memory=self.memory)
-        if self.delay is not None and not 0 <= self.delay < self.memory:
-            raise InputError(
-                f"BasisCascade: delay must be from 0 to below memory, {self.memory:g} s; got {self.delay!r}"
-            )
+        if self.delay is not None:
+            in_turn.check_from_zero(self, self.memory, delay=self.delay)
         base.check_choice(self, "prior", birf.Prior)
         base.check_choice(self, "nonlinearity", in_turn.Nonlinearity)
         check_basis(self, self.basis)

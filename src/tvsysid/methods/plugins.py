@@ -29,6 +29,7 @@ from tvsysid.methods.basis_cascade import BasisCascade
 from tvsysid.methods.birf import BasisIRF
 from tvsysid.methods.cascade.cascade import JointCascade
 from tvsysid.methods.eirf import EnsembleIRF
+from tvsysid.methods.ensemble_cascade import EnsembleCascade
 from tvsysid.methods.esm import EnsembleSpectral
 from tvsysid.methods.kbr.kbr import KernelRegression
 from tvsysid.methods.parallel_cascade import ParallelCascade
@@ -47,6 +48,7 @@ METHODS: dict[str, type[Method]] = {
         KernelRegression,
         JointCascade,
         ParallelCascade,
+        EnsembleCascade,
         BasisCascade,
         SubspaceCascade,
     )

@@ -175,7 +175,7 @@ def _agreement_error(windows: Windows, chance: Array, noise: Array) -> float:
     known = np.isfinite(windows.fitted) & np.isfinite(windows.beyond) & (chance > 0)
     if not known.any():
         return float("nan")
-    directions = (windows.chance / windows.noise * windows.samples)[known]
+    directions = chance[known] / windows.noise[known] * windows.samples[known]  # noiseless times are not among them
     variance = np.sum(2 * chance[known] ** 2 * (1 / directions + 1 / windows.freedom[known]))
     span = 2 * (windows.lags + windows.half) + 1
     window = np.bartlett(4 * windows.half + 3)[1:-1]

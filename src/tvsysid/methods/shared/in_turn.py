@@ -9,6 +9,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tvsysid.errors import InputError
 from tvsysid.estimates import UNITS
 from tvsysid.methods.base import Method, whole_samples
 from tvsysid.methods.shared import hammerstein
@@ -54,6 +55,13 @@ class _Turn(NamedTuple):
     weights: Array
 
 
+def check_from_zero(method: object, below: float, **settings: float) -> None:
+    """Raise for a setting that is not a number from 0 to below another."""
+    for name, value in settings.items():
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 <= value < below:
+            raise InputError(f"{type(method).__name__}: {name} must be from 0 to below {below:g} s, got {value!r}")
+
+
 def complete(ensemble: Ensemble, seconds: float) -> NDArray[np.bool_]:
     """Which realizations have so many seconds recorded before them."""
     past = hammerstein.past_of(ensemble, ensemble.angle[None], whole_samples(seconds, ensemble))
@@ -80,11 +88,11 @@ def identify_in_turn(
     polynomial's coefficients are those of least squares on the answers to its terms, after each response.
     Realizations whose past is not recorded are left out.
     """
-    first, before = (whole_samples(each, ensemble) for each in (reflex.delay, reflex.memory))
-    drives, start, direction = _drives(ensemble, reflex, whole_samples(max_lag, ensemble), before)
+    lags, first, before = (whole_samples(each, ensemble) for each in (max_lag, reflex.delay, reflex.memory))
+    drives, start, direction = _drives(ensemble, reflex, lags, before)
     past = hammerstein.past_of(ensemble, drives, before)[:, :, : before - first + ensemble.samples]
     known = complete(ensemble, reflex.memory)
-    past, part = past[:, known], ensemble.select(known)
+    past, part = past[:, known], _with_context(ensemble.select(known), lags)
     torque = part.torque[:, part.core]
     power, answer, coefficients = float(np.sum(torque**2)), np.zeros_like(torque), start
     best: _Turn | None = None
@@ -112,6 +120,13 @@ def identify_in_turn(
     plain = replace(best.intrinsic, method=method, diagnostics=replace(diagnostics, details=details))
     unit = "N m/V" if reflex.emg else UNITS["reflex_gain"]
     return hammerstein.cascade_model(plain, ensemble, best.weights * slope, drive, first, unit)
+
+
+def _with_context(ensemble: Ensemble, samples: int) -> Ensemble:
+    """Ensemble with no more context: the reflex's torque there is not known, and must not enter a window."""
+    spare = ensemble.context - samples
+    angle, torque = (each[:, spare : each.shape[1] - spare] for each in (ensemble.angle, ensemble.torque))
+    return replace(ensemble, angle=angle, torque=torque, channels={}, recorded_angle=None, context=samples)
 
 
 def _drives(ensemble: Ensemble, reflex: Reflex, lags: int, before: int) -> tuple[Array, Array, int]:

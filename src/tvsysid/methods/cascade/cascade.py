@@ -47,7 +47,8 @@ class JointCascade(base.Method):
     harmonics
         Of stiffness, viscosity and reflex gain over a period.
     constant
-        Whether none of them changes. None decides by what predicts realizations better that were not fitted to.
+        Whether none of them changes. None takes changes up where they predict realizations better that were not fitted
+        to (p < 0.05).
     delay
         d in s; ``"fit"`` estimates it between 35 and 75 ms: below the lags of the intrinsic response the reflex would
         take over its inertia. None is 40 ms, or 10 ms from EMG to torque.
@@ -73,6 +74,9 @@ class JointCascade(base.Method):
     Whether there is a reflex, and in which direction of stretch s, decides a test on realizations that were not fitted
     to (:func:`tvsysid.quality.reflexes.reflex_test`); of fewer than eight, the evidence. Where none is shown, the model
     is one without, and ``reflex_gain`` says with its band what the data leave room for.
+
+    A threshold that is hardly better than none (by two standard errors) is taken as 0; the bands count that it is not
+    known.
 
     The bands count the noise's colour, the priors' pull and the uncertain shape. At jumps, which a Fourier series
     rounds off, the truth lies outside.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -17,6 +18,7 @@ from tvsysid.methods.shared.pathways import history
 from tvsysid.numerics import Array
 from tvsysid.numerics.bases import FourierSeries
 from tvsysid.numerics.noise import white_share
+from tvsysid.quality.statistics import LEAST_REALIZATIONS
 from tvsysid.signals import Ensemble
 
 SETTLED = 0.45  # seconds of what drives a reflex that must be known before a sample that is fitted
@@ -24,6 +26,8 @@ HISTORY = 0.75  # seconds of it that are used where they were recorded
 FOLDS = 3  # of realizations, taken in turn, each predicted from the others
 USUAL = (16.0, 0.8, 0.0)  # frequency in rad/s, damping and threshold of a reflex that is not shown
 CERTAIN = 10.0  # log evidence by which a reflex must be better than the rest to be shown
+HARDLY = 2.0  # log evidence by which a threshold must be better than none: two standard errors
+LIKELY = 0.05  # probability below which what changes is taken to do so
 ENOUGH = 1e-3  # probability below which a better prediction is not taken for chance
 
 Drives = Mapping[str, Callable[[float], Array]]  # by threshold, (realization, context + time + context)
@@ -88,25 +92,34 @@ class Search(NamedTuple):
         for name in self.drives:
             shapes[name] = self.problem(name, still).started(first_shapes(self.delay, self.free[name])).shape
         varying = self.data.varies and not constant
-        share = self._share(shapes, self.data if varying else still)
-        found = {name: self.candidate(name, still.counting(share), shape) for name, shape in shapes.items()}
+        known = self._noise(shapes, self.data if varying else still)
+        found = {name: self.candidate(name, still.counting(*known), shape) for name, shape in shapes.items()}
         if not varying:
             return found
-        data = self.data.counting(share)
+        data = self.data.counting(*known)
         changing = {name: self.candidate(name, data, shape) for name, shape in shapes.items()}
         return changing if constant is False or _better(changing, found) else found
 
-    def _share(self, shapes: Mapping[str, Shape], data: Data) -> float:
-        """How much a sample is worth: what the best solution leaves is not white."""
+    def _noise(self, shapes: Mapping[str, Shape], data: Data) -> tuple[float, float | None]:
+        """What a sample is worth, as what the best solution leaves is not white, and the size of the differences.
+
+        The latter is that for which all samples count: what the differences stand for (unlike filters, aliases) is no
+        noise.
+        """
         problems = {name: self.problem(name, data) for name in shapes}
         found = {name: problem.at(shapes[name]) for name, problem in problems.items()}
         best = max(found, key=lambda name: found[name].objective)
         left = data.torque - np.sum(problems[best].torques(found[best]), axis=0)
         seen = data.fitted.all(axis=0)
         if not seen.any():
-            return 1.0
+            return 1.0, None
         rate = self.ensemble.sampling_rate
-        return white_share(left[:, seen], data.signals[0][:, seen], rate, (0.0, rate / 2))
+        share = white_share(left[:, seen], data.signals[0][:, seen], rate, (0.0, rate / 2))
+        if len(data.bases) == 3:
+            return share, None
+        # Where samples count less, a prior must be as much wider to hold as little.
+        size = found[best].spread[sum(functions.shape[1] for functions in data.bases[:3])]
+        return share, math.log(size) - math.log(share) / 2
 
     def candidate(self, name: str, data: Data, shape: Shape) -> Candidate:
         """Solution for a shape."""
@@ -120,9 +133,18 @@ class Search(NamedTuple):
         return Candidate(problem, found, held_out(problem, found, folds) if len(folds) > 1 else one)
 
     def refined(self, name: str, fits: Mapping[str, Candidate]) -> Candidate:
-        """Best solution with a reflex."""
-        problem, found = fits[name].problem, fits[name].found
-        return self.judged(problem, problem.refined(found.shape))
+        """Best solution with a reflex; without a threshold where that is hardly worse.
+
+        The threshold stays among the free numbers: bands count that it is not known.
+        """
+        problem = fits[name].problem
+        found = problem.refined(fits[name].found.shape)
+        if "threshold" in problem.free and found.shape.threshold > 0:
+            others = tuple(each for each in problem.free if each != "threshold")
+            without = replace(problem, free=others).refined(found.shape._replace(threshold=0.0))
+            if found.objective - without.objective < HARDLY:
+                found = without
+        return self.judged(problem, found)
 
     def unshown(self, name: str, fits: Mapping[str, Candidate]) -> Candidate:
         """Solution with a reflex that nothing shows: it has the usual shape, and no threshold."""
@@ -139,8 +161,8 @@ def by_evidence(fits: Mapping[str, Candidate]) -> tuple[str, bool]:
 
 
 def _better(one: Mapping[str, Candidate], other: Mapping[str, Candidate]) -> bool:
-    """Whether the best of some candidates predicts better than the best of others; if unknown, has more evidence."""
-    best, rest = (min(each.left.sum() for each in candidates.values()) for candidates in (one, other))
-    if math.isnan(best):
-        best, rest = (-max(each.found.objective for each in candidates.values()) for candidates in (one, other))
-    return bool(best < rest)
+    """Whether the best of some candidates predicts better than the best of others; of few, if it has more evidence."""
+    best, rest = (max(each.values(), key=lambda fit: fit.found.objective) for each in (one, other))
+    if len(best.left) < LEAST_REALIZATIONS:
+        return best.found.objective > rest.found.objective
+    return best.better_than(rest) < LIKELY

@@ -47,12 +47,13 @@ class Moments(NamedTuple):
 class Family(NamedTuple):
     """Columns of one coefficient: a constant and the harmonics of its change; ``free`` if the constant's prior is flat.
 
-    ``several`` are columns of one size without harmonics.
+    ``several`` are columns of one size without harmonics, whose logarithm is ``size`` where it is known.
     """
 
     harmonics: int = 0
     free: bool = True
     several: int = 0
+    size: float | None = None
 
     @property
     def columns(self) -> int:
@@ -84,8 +85,9 @@ class Prior(NamedTuple):
 
         for family in families:
             flat = family.free and not family.several
-            offset.append(np.where(np.arange(family.columns) == 0, FLAT if flat else 0.0, 0.0))
-            if not flat:
+            known = np.full(family.columns, family.size or 0.0)
+            offset.append(np.where(flat & (np.arange(family.columns) == 0), FLAT, known))
+            if not flat and family.size is None:
                 parameter(np.ones(family.several or 1), start)
             if family.harmonics:
                 parameter(np.ones(2 * family.harmonics), start + 1)

@@ -64,7 +64,8 @@ class Data:
 
     ``bases`` are the functions of time (time, function) by which each signal's coefficient changes; samples that are
     not ``fitted`` are 0. ``own`` are the moments of the signals' products with their functions. Of ``number``
-    independent samples each counts as a ``share`` of one, because noise is not white.
+    independent samples each counts as a ``share`` of one, because noise is not white; ``remainder`` is the log size of
+    the prior of the differences, where it is known.
     """
 
     torque: Array
@@ -74,31 +75,15 @@ class Data:
     number: float
     own: Moments
     share: float = 1.0
+    remainder: float | None = None
 
     @classmethod
     def of(cls, torque: Array, signals: Array, bases: tuple[Array, ...], fitted: NDArray[np.bool_]) -> Self:
         """Of torque and signals (signal, realization, time) as they are."""
         taken = int(fitted.any(axis=0).sum()) if len(fitted) > 1 else 1
         number = float(fitted.sum() - taken)
-        return cls._of(deviations(torque, fitted), deviations(signals, fitted), bases, fitted, number, 1.0)
-
-    @classmethod
-    def _of(
-        cls,
-        torque: Array,
-        signals: Array,
-        bases: tuple[Array, ...],
-        fitted: NDArray[np.bool_],
-        number: float,
-        share: float,
-    ) -> Self:
-        products = np.einsum("irt,jrt->tij", signals, np.concatenate([signals, torque[None]]), optimize=True)
-        gram = np.block(
-            [[(a * products[:, i, j, None]).T @ b for j, b in enumerate(bases)] for i, a in enumerate(bases)]
-        )
-        cross = np.concatenate([a.T @ products[:, i, -1] for i, a in enumerate(bases)])
-        square = float(np.vdot(torque, torque))
-        return cls(torque, signals, bases, fitted, number, Moments(gram, cross, square, number).times(share), share)
+        torque, signals = deviations(torque, fitted), deviations(signals, fitted)
+        return cls(torque, signals, bases, fitted, number, _own(torque, signals, bases, number))
 
     @property
     def varies(self) -> bool:
@@ -107,19 +92,20 @@ class Data:
 
     def constant(self) -> Self:
         """Data of coefficients that do not change."""
-        return self._of(
-            self.torque, self.signals, tuple(a[:, :1] for a in self.bases), self.fitted, self.number, self.share
-        )
+        bases = tuple(a[:, :1] for a in self.bases)
+        own = _own(self.torque, self.signals, bases, self.number).times(self.share)
+        return replace(self, bases=bases, own=own)
 
-    def counting(self, share: float) -> Self:
+    def counting(self, share: float, remainder: float | None = None) -> Self:
         """Data of which each sample counts as this share of an independent one."""
-        return replace(self, own=self.own.times(share / self.share), share=share)
+        return replace(self, own=self.own.times(share / self.share), share=share, remainder=remainder)
 
     def part(self, rows: NDArray[np.int64]) -> Self:
         """Data of some realizations, the means subtracted being those of all."""
         number = self.number * float(self.fitted[rows].sum() / self.fitted.sum())
         torque, signals, fitted = self.torque[rows], self.signals[:, rows], self.fitted[rows]
-        return self._of(torque, signals, self.bases, fitted, number, self.share)
+        own = _own(torque, signals, self.bases, number).times(self.share)
+        return replace(self, torque=torque, signals=signals, fitted=fitted, number=number, own=own)
 
     def moments(self, columns: Array) -> Moments:
         """Moments of the intrinsic columns and of others (column, realization, time), which are deviations."""
@@ -144,6 +130,14 @@ class Data:
             out += (functions @ coefficients[at : at + functions.shape[1]]) * signal
             at += functions.shape[1]
         return out
+
+
+def _own(torque: Array, signals: Array, bases: tuple[Array, ...], number: float) -> Moments:
+    """Moments of signals times functions of time, from those of the signals at each time."""
+    products = np.einsum("irt,jrt->tij", signals, np.concatenate([signals, torque[None]]), optimize=True)
+    gram = np.block([[(a * products[:, i, j, None]).T @ b for j, b in enumerate(bases)] for i, a in enumerate(bases)])
+    cross = np.concatenate([a.T @ products[:, i, -1] for i, a in enumerate(bases)])
+    return Moments(gram, cross, float(np.vdot(torque, torque)), number)
 
 
 class Shape(NamedTuple):

@@ -35,7 +35,7 @@ class Term(NamedTuple):
 TERMS = {
     "frequency": Term(math.log(16), 0.6, math.log(3), math.log(60), 1e-3),
     "damping": Term(math.log(0.8), 0.5, math.log(0.2), math.log(3), 1e-3),
-    "threshold": Term(0.0, 0.3, 0.0, 2.0, 1e-3),
+    "threshold": Term(0.0, 0.3, 0.0, 2.0, 0.02),
     "delay": Term(0.045, 0.010, 0.035, 0.075, 1e-4),
 }
 LOGARITHMIC = ("frequency", "damping")
@@ -94,7 +94,7 @@ class Problem:
         """Of data and a reflex; each signal is a family, but those beyond the acceleration are one together."""
         families = [Family(basis.shape[1] // 2) for basis in data.bases[:3]]
         if len(data.bases) > 3:
-            families.append(Family(several=len(data.bases) - 3))
+            families.append(Family(several=len(data.bases) - 3, size=data.remainder))
         if reflex is not None:
             families.append(Family(reflex.basis.harmonics, free=False))
         return cls(data, tuple(families), Prior.of(tuple(families)), reflex, free)

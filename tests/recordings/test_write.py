@@ -35,6 +35,7 @@ def test_an_unknown_ending_is_refused(tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore:cascade. no reflex is shown:tvsysid.errors.DataQualityWarning")
+@pytest.mark.filterwarnings("ignore:no band:tvsysid.errors.DataQualityWarning")
 def test_models_are_read_back(tmp_path, ensemble_of):
     ensemble = ensemble_of(150.0)
     models = {key: tv.methods.create(key).identify(ensemble) for key in tv.methods.METHODS}

@@ -32,6 +32,7 @@ LARGEST_HORIZON = 60  # samples beyond which the Hankel matrices have thousands 
 STEPS = 4  # fits in the time of one window
 MEMORY = 0.6  # s that a reflex response lasts at most
 FORGOTTEN = 0.01  # share of a reflex response's area that is cut off its end
+NO_BAND = "numerator and nonlinearity take turns; a bootstrap gives their spread"
 COLOUR = 0.6  # s up to which the noise's autocorrelation counts
 
 
@@ -247,7 +248,7 @@ class SubspaceCascade(Method):
             time=ensemble.time,
             estimates={
                 **impedance_estimates(stiffness, viscosity, inertia, bands),
-                "reflex_gain": Estimate(gain, UNITS["reflex_gain"]),
+                "reflex_gain": Estimate(gain, UNITS["reflex_gain"], error=StandardError.none(len(gain), NO_BAND)),
             },
             impulse_response=over_time([fit.response for fit in known], edge),
             lags=np.arange(-lags, lags + 1) / rate,

@@ -59,5 +59,6 @@ def test_realizations_too_short_for_sds_are_not_judged():
         torque=preparation.recorded.torque[:, 120:140],
         context=0,
         channels={},
+        recorded_angle=None,
     )
     assert effect_of_alignment(dataclasses.replace(preparation, recorded=recorded)) is UNKNOWN

@@ -6,21 +6,18 @@ user's own are found in the same way.
 
 from __future__ import annotations
 
-import ast
 import importlib
 import inspect
-import json
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from dataclasses import fields, is_dataclass
+from dataclasses import fields
 from importlib.metadata import EntryPoint, distributions
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NamedTuple, get_type_hints
+from typing import Any, NamedTuple
 
 import numpy as np
-from pydantic import ConfigDict, PydanticUserError, TypeAdapter, ValidationError
 
 from tvsysid.errors import InputError, describe_error, one_line
 from tvsysid.methods.apply import Identifies
@@ -34,9 +31,9 @@ from tvsysid.methods.esm import EnsembleSpectral
 from tvsysid.methods.kbr.kbr import KernelRegression
 from tvsysid.methods.parallel_cascade import ParallelCascade
 from tvsysid.methods.sds import ShortDataSegments
+from tvsysid.methods.settings import converted, further_settings, parts
 from tvsysid.methods.subspace_cascade import SubspaceCascade
 from tvsysid.methods.tuning.evidence import Tuned
-from tvsysid.numerics.bases import BASES, Basis, basis_from_text
 
 METHODS: dict[str, type[Method]] = {
     method.key: method
@@ -172,13 +169,13 @@ def from_text(text: str, what: str, usual: Any = None) -> Any:
         raise InputError(f"{what} {text!r}: expected a name and settings without control characters")
     key, rest = _split(text)
     target, settings = _target(key, what) if usual is None else type(usual), {}
-    for part in filter(None, _parts(rest)):
+    for part in filter(None, parts(rest)):
         name, equals, value = (piece.strip() for piece in part.partition("="))
         if not equals:
             raise InputError(f"{what} {text!r}: expected setting=value, got {part!r}")
         settings[name] = value
     try:
-        values = {name: _converted(target, name, value) for name, value in settings.items()}
+        values = {name: converted(target, name, value) for name, value in settings.items()}
     except InputError as error:
         raise InputError(f"{what} {text!r}: {error}") from error
     if usual is not None:
@@ -313,7 +310,7 @@ def _made(key: str, target: Any, settings: Mapping[str, Any], what: str) -> Any:
             )
         return target
     fields_of, takes_any = _settings_of(target)
-    known = [*fields_of, *_further_settings(target)]
+    known = [*fields_of, *further_settings(target)]
     unknown = [name for name in settings if name not in known and not takes_any]
     if unknown:
         has = f"its settings are {', '.join(known)}" if known else "it has no settings"
@@ -340,13 +337,6 @@ def _own(kind: Any, tuned: bool = False, preset: str | None = None, **settings: 
     return Tuned(made) if tuned else made
 
 
-def _further_settings(target: type) -> dict[str, type]:
-    """Settings of the package's own methods that are no fields."""
-    if not issubclass(target, Method):
-        return {}
-    return ({"preset": str} if hasattr(target, "preset") else {}) | {"tuned": bool}
-
-
 def _settings_of(target: type) -> tuple[dict[str, inspect.Parameter], bool]:
     """Settings that a class takes by name, and whether it takes any others."""
     found: dict[str, inspect.Parameter] = {}
@@ -354,53 +344,6 @@ def _settings_of(target: type) -> tuple[dict[str, inspect.Parameter], bool]:
         found = dict(inspect.signature(target).parameters)
     named = {name: item for name, item in found.items() if item.kind not in (item.VAR_POSITIONAL, item.VAR_KEYWORD)}
     return named, any(item.kind is item.VAR_KEYWORD for item in found.values())
-
-
-def _converted(target: Any, name: str, text: str) -> Any:
-    """Setting from how it is typed, or shows itself: what the text reads as, or else the text, as the field's type."""
-    own, hints = isinstance(target, type) and issubclass(target, Method), {}
-    with suppress(Exception):  # names that are there for the type checker only
-        hints = get_type_hints(target, include_extras=True) if is_dataclass(target) else {}
-    kind = (hints | (_further_settings(target) if own else {})).get(name, Any)
-    read, errors = _read(text, kind), []
-    for value in (read, text):
-        try:
-            made = _adapter(kind).validate_python(value)
-        except ValidationError as error:
-            errors.append(error.errors()[0])
-        else:
-            if isinstance(made, bool) or not isinstance(value, bool):  # true is no number
-                return made
-    if own and errors[0]["type"] not in _EXPECTED:
-        return read  # it checks its settings itself, and says more about them
-    expected = _EXPECTED.get(errors[0]["type"], errors[0]["msg"].removeprefix("Input should be "))
-    raise InputError(f"{name} must be {expected}, got {text!r}")
-
-
-_EXPECTED = {
-    "float_parsing": "a number",
-    "int_parsing": "a whole number",
-    "int_from_float": "a whole number",
-    "bool_parsing": "true or false",
-}
-"""In the place of pydantic's own words."""
-
-
-def _read(text: str, kind: Any) -> Any:
-    """Basis, JSON or Python literal; the text itself, if it is none of them."""
-    if kind == Basis or text.partition("(")[0] in {basis.__name__ for basis in BASES}:
-        return basis_from_text(text)
-    for reader in (json.loads, ast.literal_eval):
-        with suppress(ValueError, SyntaxError, TypeError):
-            return reader(text)
-    return text
-
-
-def _adapter(kind: Any) -> TypeAdapter[Any]:
-    for config in (ConfigDict(arbitrary_types_allowed=True), None):
-        with suppress(PydanticUserError):  # a class with a configuration of its own, or no type at all
-            return TypeAdapter(kind, config=config)
-    return TypeAdapter(Any)
 
 
 def _contents(module: ModuleType, what: str) -> str:
@@ -421,16 +364,3 @@ def _split(text: str) -> tuple[str, str]:
     if head not in METHODS and first and "=" not in first:
         return f"{head}:{first}", after
     return head, rest
-
-
-def _parts(text: str) -> Iterator[str]:
-    """Pieces between commas that stand outside of brackets."""
-    depth, piece = 0, ""
-    for sign in text:
-        depth += (sign in "([{") - (sign in ")]}")
-        if sign == "," and depth == 0:
-            yield piece
-            piece = ""
-        else:
-            piece += sign
-    yield piece

@@ -125,6 +125,9 @@ def _more_robust(scores: Scores) -> Iterator[Replicated]:
 N_M, SHARE, RATE_GAIN = "N·m/rad", "share of the mean", "N·m·s/rad"
 PRESET = "the preset reflex"
 ERROR = "total error {value:.2f} N·m·s/rad by {method} without a reflex"
+WINDOW = (
+    "Its window pools 11 samples about each time: those of 75 realizations are as many as those of 800 at one time."
+)
 CLAIMS: tuple[Claim, ...] = (
     Claim("Methods of one pathway take a reflex for stiffness", "Kearney et al. 1997", _takes_reflex_for_stiffness,
           N_M, f"methods of one pathway ({PRESET})"),
@@ -135,7 +138,7 @@ CLAIMS: tuple[Claim, ...] = (
     Claim(f"Without a reflex cascade finds none (of more than {INVENTED:g} N·m·s/rad)", "this package",
           _below(GAIN, INVENTED, ERROR, {"cascade": CONSTANT[0.0]}), RATE_GAIN, f"cascade ({PRESET})"),
     Claim(f"tvpc needs 500 to 800 realizations (for a reflex gain to within {100 * SMALL:g} %)", "Ludvig et al. 2011",
-          _needs_many, SHARE, f"tvpc with {FEW[0]}, {FEW[1]} and {MANY} realizations ({PRESET})"),
+          _needs_many, SHARE, f"tvpc with {FEW[0]}, {FEW[1]} and {MANY} realizations ({PRESET})", WINDOW),
     Claim(f"Forty cycles suffice for bpc: reflex gain to within {100 * SMALL:g} %", "Guarin and Kearney 2017",
           _below(GAIN, SMALL * MEAN_GAIN, "total error of {method} {value:.2f} N·m·s/rad", {"bpc": SINE}),
           RATE_GAIN, f"bpc ({PRESET})"),

@@ -31,7 +31,7 @@ def reflex_figures(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illu
     """
     traits = results[list(TRAITS)].to_dataframe()[list(TRAITS)]
     traits = traits.assign(kind=traits.system.str.partition(":")[0], methods=asked(results).sum(axis=1))
-    compared = traits[traits.methods >= 2]
+    compared = traits[traits.methods >= min(2, traits.methods.max())]
     shown: dict[str, Illustration] = {}
     for (kind, profile), rows in compared.groupby(["kind", "profile"], sort=False):
         widest = rows[rows.methods == rows.methods.max()]

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from tvsysid.methods import METHODS
-
 ONE_PATH = ("eirf", "sds", "birf", "kbr")
-TWO_PATHS = tuple(key for key in ("cascade", "bpc", "tvpc", "pc", "sdss") if key in METHODS)
+TWO_PATHS = ("cascade", "bpc", "tvpc", "pc", "sdss")
 GAINS = (4.0, 8.0, 16.0)  # of the reflex in N·m·s/rad, beside 0
 FEW, MANY = (100, 300), 600  # realizations; the ensemble cascade is said to need 500 to 800
 PERIOD = 2.0  # s
@@ -29,11 +27,7 @@ PRESETS: dict[str, dict[str, Any]] = {
             {"stiffness": ("square",), "system": ("reflex-square",)},
             {"stiffness": ("constant",), "system": ("reflex",), "snr_db": (10.0, 0.0)},
             {"system": tuple(NAMES[gain] for gain in GAINS), "methods": (*ONE_PATH, *TWO_PATHS[:1])},
-            *(
-                [{"duration_s": tuple(PERIOD * count for count in (*FEW, MANY)), "methods": ("tvpc",)}]
-                if "tvpc" in TWO_PATHS
-                else []
-            ),
+            {"duration_s": tuple(PERIOD * count for count in (*FEW, MANY)), "methods": ("tvpc",)},
         ),
     }
 }

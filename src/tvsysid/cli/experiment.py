@@ -162,7 +162,7 @@ def _show_summary(summary: pd.DataFrame, perturbation: str) -> None:
             deviation = f"±{values.std():.1f}" if len(values) > 1 else ""
             texts.append(f"{values.mean():.1f}{deviation}" if len(values) else "-")
         rows.append((str(method), str(count), *texts))
-    title = f"{perturbation}: {people} participant{'s' if people > 1 else ''}{spread}"
+    title = f"{perturbation}: {people} participant{'' if people == 1 else 's'}{spread}"
     show_table(title, ["method", "drawn", *(shown[name] for name in present)], rows)
 
 

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from tvsysid.cli.console import say
-from tvsysid.cli.options import TIME_LIMIT, option
+from tvsysid.cli.options import option
 from tvsysid.errors import InputError
+from tvsysid.limits import TIME_LIMIT
 
 if TYPE_CHECKING:
     from tvsysid.check import Check

@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -178,11 +180,12 @@ def test_what_cannot_be_written_or_loaded_is_refused(tmp_path, random, monkeypat
     before = (tmp_path / f"ankle{ending}").read_bytes()
 
     def lose_power(file, *_, **__):
-        file.write_bytes(b"half of it")
+        with open(file, "wb") as half:
+            half.write(b"half of it")
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("tvsysid.recordings.write.savemat", lose_power)
-    monkeypatch.setattr(xr.Dataset, "to_netcdf", lambda _, file, **__: lose_power(file))
+    monkeypatch.setattr(Path, "write_bytes", lose_power)
     with pytest.raises(OSError, match="No space left"):
         write_recording(tmp_path / f"ankle{ending}", tv.Recording(torque, angle, 100.0))
     assert (tmp_path / f"ankle{ending}").read_bytes() == before

@@ -36,7 +36,7 @@ class BasisCascade(base.Method):
         Basis functions of normalised time; see :class:`BasisIRF`.
     prior
         On the coefficients of either pathway: ``"ridge"``, one precision for all, chosen by evidence, as the authors
-        have it; ``"ard"``, one for each, which takes minutes; ``"none"``.
+        have it; ``"ard"``, one for each, which takes some seconds; ``"none"``.
     nonlinearity
         f: ``"rectifier"``, the velocity of stretch, rectified; ``"polynomial"``, of degree 5 and the same at all times,
         as the authors have it, which costs accuracy with little data.

@@ -107,7 +107,7 @@ def test_both_pathways_are_drawn_with_their_truth(results):
     truth = rows["reflex gain"].lines[0].get_ydata()
     np.testing.assert_allclose(truth, results.truth.sel(quantity="reflex_gain")[0], atol=1e-9)
     labels = [label.get_text() for label in rows["VAF reflex"].get_xticklabels()]
-    assert "noise_bandwidth=1" in labels[1]
+    assert "noise bandwidth=1" in labels[1]
     bias = shown["bias-reflex-sine"].draw().axes[0]
     assert [float(tick.get_text()) for tick in bias.get_xticklabels()] == [0, 4, 16]
     assert "birf: " in shown["bias-reflex-sine"].description

@@ -43,7 +43,10 @@ def differing(scenarios: Sequence[Mapping[str, Any]]) -> list[str]:
     names = [name for name in TRAITS if len({scenario[name] for scenario in scenarios}) > 1] or ["duration_s"]
     if len({str(scenario["system"]).partition(":")[0] for scenario in scenarios}) == 1:
         # Settings alone tell variants of one system apart; and one that has none from all others.
-        scenarios = [{**scenario, "system": str(scenario["system"]).partition(":")[2]} for scenario in scenarios]
+        scenarios = [
+            {**scenario, "system": str(scenario["system"]).partition(":")[2].replace("_", " ")}
+            for scenario in scenarios
+        ]
     return [", ".join(filter(None, (trait(name, each[name]) for name in names))) for each in scenarios]
 
 

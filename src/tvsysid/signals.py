@@ -68,6 +68,11 @@ class _Signals(Frozen):
     def __len__(self) -> int:
         return len(self.angle)
 
+    @property
+    def angle_as_recorded(self) -> Array:
+        """``recorded_angle``; where no rate was lowered, the angle itself, each of its samples alone on a last axis."""
+        return self.angle[..., None] if self.recorded_angle is None else self.recorded_angle
+
     def signal(self, name: str) -> Array:
         """``"angle"``, ``"torque"`` or a channel by its name, of the angle's shape: of an ensemble, with its context.
 

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 
 DEFAULT_METHODS = ["eirf", "sds", "birf", "esm", "kbr"]  # those of tvsysid.methods.names(), which takes long to import
 SLOW_RATE = 250.0  # Hz from which on identifying without decimation takes minutes
+REFLEX = {"delay": "s", "frequency": "rad/s", "damping": "", "threshold": "rad/s"}  # units of what shapes a reflex
+EXPLAINED = {"vaf": "torque explained", "vaf_intrinsic": "by the intrinsic pathway", "vaf_reflex": "by the reflex"}
+EXPLAINED |= {"vaf_held_out": "of realizations held out"}
 
 
 def identify(
@@ -193,11 +196,6 @@ def _show_further(found: Comparison) -> None:
     for label, model in found.models.items():
         if shape := _shape(model.diagnostics.details):
             say(f"{label}: {shape}")
-
-
-REFLEX = {"delay": "s", "frequency": "rad/s", "damping": "", "threshold": "rad/s"}  # units of what shapes a reflex
-EXPLAINED = {"vaf": "torque explained", "vaf_intrinsic": "by the intrinsic pathway", "vaf_reflex": "by the reflex"}
-EXPLAINED |= {"vaf_held_out": "of realizations held out"}
 
 
 def _shape(details: Mapping[str, float]) -> str:

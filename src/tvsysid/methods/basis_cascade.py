@@ -11,7 +11,6 @@ from tvsysid.methods import base, birf, shared
 from tvsysid.methods.shared import in_turn
 from tvsysid.methods.shared.pathways import TwoPathwayModel
 from tvsysid.numerics.bases import Basis, CubicBSplines, check_basis, evaluate
-from tvsysid.numerics.moments import diagonal_moments, window_moments
 from tvsysid.signals import Array, Ensemble
 
 
@@ -113,10 +112,8 @@ class BasisCascade(base.Method):
 
 def _response(drive: Array, output: Array, functions: Array, prior: birf.Prior) -> Array:
     """Weights (time, lag) of a drive (realization, lag + time) that are sums of functions (time, function)."""
-    reach = drive.shape[1] - output.shape[1]
-    phi = window_moments(drive, drive, reach, 0)[:, ::-1, ::-1] * len(drive)
-    cross = diagonal_moments(output, drive, reach)[:, ::-1] * len(drive)
+    phi, cross = (len(drive) * each for each in in_turn.response_moments(drive, output))
     gram = birf.expanded(phi, functions)
     right = (cross.T @ functions).ravel()
     found = shared.PRIORS[prior](gram, right, float(np.sum(output**2)), output.size)
-    return functions @ found.mean.reshape(reach + 1, -1).T
+    return functions @ found.mean.reshape(cross.shape[1], -1).T

@@ -14,7 +14,7 @@ from tvsysid.methods.eirf import EnsembleIRF
 from tvsysid.methods.sds import ShortDataSegments
 from tvsysid.methods.shared import in_turn
 from tvsysid.methods.shared.pathways import TwoPathwayModel
-from tvsysid.numerics.moments import diagonal_moments, sliding_sum, time_chunks, window_moments
+from tvsysid.numerics.moments import sliding_sum, time_chunks
 from tvsysid.numerics.pseudoinverse import truncated
 from tvsysid.signals import Array, Ensemble
 
@@ -112,15 +112,13 @@ class EnsembleCascade(base.Method):
 
 def _response(drive: Array, output: Array, half: int) -> Array:
     """Weights (time, lag) of a drive (realization, lag + time), by truncated pseudo-inverse in windows of time."""
-    reach = drive.shape[1] - output.shape[1]
-    phi = window_moments(drive, drive, reach, 0)[:, ::-1, ::-1]
-    cross = diagonal_moments(output, drive, reach)[:, ::-1]
-    times = len(cross)
+    phi, cross = in_turn.response_moments(drive, output)
+    times, lags = cross.shape
     count = sliding_sum(np.ones(times), half, half)
     power = sliding_sum(np.mean(output * output, axis=0), half, half) / count
     cross = sliding_sum(cross, half, half) / count[:, None]
     weights = np.empty_like(cross)
-    for chunk in time_chunks(times, reach + 1):
+    for chunk in time_chunks(times, lags):
         begin, end = max(0, chunk.start - half), min(times, chunk.stop + half)
         summed = sliding_sum(phi[begin:end], half, half)[chunk.start - begin : chunk.stop - begin]
         mean = summed / count[chunk, None, None]

@@ -35,7 +35,7 @@ from tvsysid.methods.travel import plain
 LARGEST = 2**31  # bytes of what a method's process sends back
 LONGEST_S = 1e7  # of what a socket waits for
 KEPT = 32  # processes that wait for their method's next call; the one that was not called for longest is ended
-MOST_WARNINGS = 20  # texts of warnings that are told of one identification
+MOST_WARNINGS = 20  # warnings of one identification that are kept
 FORKS = hasattr(os, "fork")
 Answer = tuple[str, Any, list[str]]  # "result", "skipped" or "failed"; the result or the reason; warnings
 

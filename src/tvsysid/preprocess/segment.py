@@ -93,7 +93,7 @@ def decimate(recording: Recording, rate: float) -> Recording:
 
 def _recorded(recording: Recording, trial: slice, factor: int) -> Array:
     """What was recorded of a trial's angle, by samples of the lower rate; its last sample fills the last of them."""
-    angle = recording.angle[:, None] if recording.recorded_angle is None else recording.recorded_angle
+    angle = recording.angle_as_recorded
     missing = -(trial.stop - trial.start) % factor
     size = angle.shape[1]
     return np.pad(angle[trial].ravel(), (0, missing * size), "edge").reshape(-1, factor * size)
@@ -286,6 +286,5 @@ def subtract_mean(ensemble: Ensemble, channels: Iterable[str] = ()) -> Ensemble:
                 "the perturbation must differ from realization to realization"
             )
     pair = {name: deviations.pop(name) for name in ("angle", "torque")}
-    recorded = ensemble.angle[..., None] if ensemble.recorded_angle is None else ensemble.recorded_angle
-    channels_left = {**ensemble.channels, **deviations}
-    return replace(ensemble, **pair, channels=channels_left, recorded_angle=recorded, mean_subtracted=True)
+    changes = pair | {"recorded_angle": ensemble.angle_as_recorded}
+    return replace(ensemble, **changes, channels={**ensemble.channels, **deviations}, mean_subtracted=True)

@@ -14,8 +14,7 @@ from scipy.ndimage import convolve1d, gaussian_filter1d
 from tvsysid.impedance import second_order_fit
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.interpolation import between
-from tvsysid.numerics.stretch import recorded_velocity, stretch
-from tvsysid.quality.reflexes import ReflexTest, reflex_test
+from tvsysid.quality.reflexes import ReflexTest, reflex_test_of
 from tvsysid.quality.resampling import known_region, lowered
 from tvsysid.quality.statistics import innovations, prediction_error
 from tvsysid.signals import Array, Ensemble
@@ -342,11 +341,7 @@ class FittedEnsemble:
 
         Raises InputError where realizations are too short for it.
         """
-        data, order = self.ensemble, self.order
-        recorded = data.angle[..., None] if data.recorded_angle is None else data.recorded_angle
-        velocity, ratio = recorded_velocity(recorded[order], self.rate), recorded.shape[-1]
-        stretches = stretch(velocity, ratio), stretch(velocity, ratio, direction=-1)
-        return reflex_test(self.angle[order], self.torque[order], stretches, data.core, self.rate)
+        return reflex_test_of(self.ensemble)
 
     @property
     def order(self) -> NDArray[np.int64]:

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from scipy.special import stdtr, stdtrit
 
 from tvsysid.errors import InputError
+from tvsysid.numerics.stretch import recorded_velocity, stretch
 from tvsysid.quality.statistics import LEAST_REALIZATIONS, solved
-from tvsysid.signals import Array
+from tvsysid.signals import Array, Ensemble
 
 ENOUGH = 1e-3  # probability below which it is not taken for chance
 SURE = 0.95  # probability with which the share that a reflex predicts is larger than the one given
@@ -83,6 +84,18 @@ class _Moments(NamedTuple):
         return np.asarray(np.maximum(left, ROUNDING * self.squares) + np.finfo(float).tiny)
 
 
+def reflex_test_of(ensemble: Ensemble) -> ReflexTest:
+    """Test an ensemble for a stretch reflex, with the velocity rectified at the rate at which the angle was recorded.
+
+    As :func:`reflex_test`, of the deviations from the mean over realizations.
+    """
+    order, recorded = np.concatenate(ensemble.runs), ensemble.angle_as_recorded
+    velocity, ratio = recorded_velocity(recorded[order], ensemble.sampling_rate), recorded.shape[-1]
+    stretches = stretch(velocity, ratio), stretch(velocity, ratio, direction=-1)
+    angle, torque = ((each - each.mean(axis=0))[order] for each in (ensemble.angle, ensemble.torque))
+    return reflex_test(angle, torque, stretches, ensemble.core, ensemble.sampling_rate)
+
+
 def reflex_test(angle: Array, torque: Array, stretches: tuple[Array, Array], core: slice, rate: float) -> ReflexTest:
     """Test for a stretch reflex by nested models, each fitted to all but a block of realizations, which it predicts.
 
@@ -110,8 +123,8 @@ def reflex_test(angle: Array, torque: Array, stretches: tuple[Array, Array], cor
     errors = {direction: sums.errors(direction) for direction in (0, 1, -1)}
     best = 1 if np.sum(np.log(errors[-1] / errors[1])) >= 0 else -1
     without, other, error = errors[0], errors[-best], errors[best]
-    over_none, least_over_none = _better(without, error)
-    over_other, least_over_other = _better(other, error)
+    over_none, least_over_none = predicts_better(error, without)
+    over_other, least_over_other = predicts_better(error, other)
     stiffness = [float(sums.mean @ sums.weights(direction)[: len(sums.mean)]) for direction in (0, best)]
     return ReflexTest(
         direction=best,
@@ -122,12 +135,12 @@ def reflex_test(angle: Array, torque: Array, stretches: tuple[Array, Array], cor
     )
 
 
-def _better(worse: Array, better: Array) -> tuple[float, float]:
-    """Probability that errors are so much smaller by chance, and by how much they are at least, in logarithms.
+def predicts_better(errors: Array, others: Array) -> tuple[float, float]:
+    """Probability that squared errors are so much smaller than others by chance, and how much they are so at least.
 
-    By logarithms, as some realizations are louder than others.
+    Of the same realizations, which neither was fitted to; in logarithms, as some realizations are louder than others.
     """
-    scores, count = np.log(worse / better), len(better)
+    scores, count = np.log(others / errors), len(errors)
     spread = float(scores.std(ddof=1)) / math.sqrt(count) if count >= LEAST_REALIZATIONS else 0.0
     if spread == 0:
         return 1.0, 0.0

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from tvsysid.errors import InputError
 from tvsysid.methods import base
 from tvsysid.methods.cascade import result
-from tvsysid.methods.cascade.choice import ENOUGH, SETTLED, Candidate, Drives, Search, by_evidence
+from tvsysid.methods.cascade.choice import SETTLED, Candidate, Drives, Search, by_evidence
 from tvsysid.methods.cascade.regressors import Data, lagged_signals
-from tvsysid.methods.shared.pathways import Stretch, TwoPathwayModel, history, velocity_of
+from tvsysid.methods.shared.pathways import TwoPathwayModel, history, velocity_of
 from tvsysid.numerics.bases import FourierSeries
 from tvsysid.numerics.stretch import decimated, stretch
-from tvsysid.quality.reflexes import reflex_test
+from tvsysid.quality.reflexes import ENOUGH, reflex_test_of
 from tvsysid.quality.statistics import LEAST_REALIZATIONS
 from tvsysid.signals import Array, Ensemble
 
@@ -190,17 +190,8 @@ class JointCascade(base.Method):
             return by_evidence(fits)
         if self.emg is not None:
             return "emg", fits["emg"].better_than(fits["none"]) < ENOUGH
-        angle, torque = (x - x.mean(axis=0) for x in (ensemble.angle, ensemble.torque))
-        stretches = (Stretch(0.0, 1)(ensemble), Stretch(0.0, -1)(ensemble))
-        order = np.concatenate(ensemble.runs)
         try:
-            test = reflex_test(
-                angle[order],
-                torque[order],
-                (stretches[0][order], stretches[1][order]),
-                ensemble.core,
-                ensemble.sampling_rate,
-            )
+            test = reflex_test_of(ensemble)
         except InputError:  # realizations are too short for it
             return by_evidence(fits)
         return {1: "positive", -1: "negative"}[test.direction], test.shown
@@ -209,8 +200,7 @@ class JointCascade(base.Method):
         return EXCITED_BELOW, base.EXCITED_ABOVE
 
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
-        recorded = ensemble.recorded_angle
-        rate = ensemble.sampling_rate * (1 if recorded is None else recorded.shape[-1])
+        rate = ensemble.sampling_rate * ensemble.angle_as_recorded.shape[-1]
         if self.emg is None and rate < FINE:
             yield (
                 f"the angle is there at {rate:g} Hz only, where the velocity of fast movements cannot be rectified: "

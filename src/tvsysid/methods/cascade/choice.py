@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtr
 
 from tvsysid.methods.cascade.regressors import Data, Reflex, Shape
 from tvsysid.methods.cascade.shape import Found, Problem, first_shapes, held_out
@@ -18,6 +17,7 @@ from tvsysid.methods.shared.pathways import history
 from tvsysid.numerics import Array
 from tvsysid.numerics.bases import FourierSeries
 from tvsysid.numerics.noise import white_share
+from tvsysid.quality.reflexes import predicts_better
 from tvsysid.quality.statistics import LEAST_REALIZATIONS
 from tvsysid.signals import Ensemble
 
@@ -28,7 +28,6 @@ USUAL = (16.0, 0.8, 0.0)  # frequency in rad/s, damping and threshold of a refle
 CERTAIN = 10.0  # log evidence by which a reflex must be better than the rest to be shown
 HARDLY = 2.0  # log evidence by which a threshold must be better than none: two standard errors
 LIKELY = 0.05  # probability below which what changes is taken to do so
-ENOUGH = 1e-3  # probability below which a better prediction is not taken for chance
 
 Drives = Mapping[str, Callable[[float], Array]]  # by threshold, (realization, context + time + context)
 
@@ -46,9 +45,7 @@ class Candidate(NamedTuple):
 
     def better_than(self, other: Candidate) -> float:
         """Probability that this one predicts so much better by chance."""
-        scores = np.log(other.left / self.left)
-        spread = float(scores.std(ddof=1)) / math.sqrt(len(scores)) if len(scores) > 2 else 0.0
-        return float(stdtr(len(scores) - 1, -scores.mean() / spread)) if spread > 0 else 1.0
+        return predicts_better(self.left, other.left)[0]
 
 
 class Search(NamedTuple):
@@ -154,7 +151,7 @@ class Search(NamedTuple):
 
 
 def by_evidence(fits: Mapping[str, Candidate]) -> tuple[str, bool]:
-    """Reflex of most evidence, and whether that is beyond doubt: by what stands against it, linear late answers too."""
+    """Reflex of most evidence, and whether it has clearly more than no reflex, a linear late answer, or another one."""
     evidence = {name: fit.found.objective for name, fit in fits.items()}
     best = max(evidence.keys() - {"none", "linear"}, key=lambda name: evidence[name])
     return best, all(evidence[best] - other > CERTAIN for name, other in evidence.items() if name != best)

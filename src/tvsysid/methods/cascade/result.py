@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -14,9 +13,9 @@ from tvsysid.methods.cascade.bands import Covariance, covariance_of
 from tvsysid.methods.cascade.choice import SETTLED, Candidate, Search
 from tvsysid.methods.cascade.regressors import intrinsic_filters
 from tvsysid.methods.cascade.shape import LOGARITHMIC, TERMS, Found, Problem, place_of
-from tvsysid.methods.shared.pathways import Drive, Stretch, TwoPathwayModel
+from tvsysid.methods.shared.pathways import Drive, Measured, Stretch, TwoPathwayModel
 from tvsysid.models import Diagnostics
-from tvsysid.signals import Array, Ensemble
+from tvsysid.signals import Array
 
 FITTED = (0.5, 15.0)  # Hz, over which viscosity and inertia are those of the intrinsic response
 APART = 0.1  # share by which the stiffness of that fit may differ from the response's sum
@@ -31,17 +30,6 @@ class Chosen(NamedTuple):
     shown: bool
     fit: Candidate
     emg: str | None
-
-
-@dataclass(frozen=True)
-class Measured:
-    """A channel that drives the reflex."""
-
-    name: str
-
-    def __call__(self, ensemble: Ensemble) -> Array:
-        """Return it as it is."""
-        return ensemble.signal(self.name)
 
 
 def second_order_fit(lags: Array) -> Array:

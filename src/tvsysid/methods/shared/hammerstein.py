@@ -45,10 +45,15 @@ def degrees_of(velocity: Array, limits: tuple[float, float], degree: int) -> Arr
     return np.asarray((chebyshev_of(velocity, limits, degree + 1) - still)[..., 1:])
 
 
+def limits_of(velocity: Array) -> tuple[float, float]:
+    """Lowest and highest velocity in rad/s."""
+    return float(velocity.min()), float(velocity.max())
+
+
 def polynomial_drives(ensemble: Ensemble, degree: int) -> tuple[Array, tuple[float, float]]:
     """Polynomials (degree, realization, context + time + context) of the velocity, decimated, and its limits."""
     velocity, ratio = velocity_of(ensemble)
-    limits = float(velocity.min()), float(velocity.max())
+    limits = limits_of(velocity)
     values = np.stack([decimated(each, ratio) for each in np.moveaxis(degrees_of(velocity, limits, degree), -1, 0)])
     return values, limits
 

@@ -13,9 +13,9 @@ from tvsysid.errors import InputError
 from tvsysid.estimates import UNITS
 from tvsysid.methods.base import Method, whole_samples
 from tvsysid.methods.shared import hammerstein
-from tvsysid.methods.shared.pathways import Drive, Stretch, TwoPathwayModel
+from tvsysid.methods.shared.pathways import Drive, Measured, Stretch, TwoPathwayModel, velocity_of
 from tvsysid.models import ImpulseResponseModel
-from tvsysid.numerics.moments import convolve_lags
+from tvsysid.numerics.moments import convolve_lags, diagonal_moments, window_moments
 from tvsysid.signals import Array, Ensemble
 
 Nonlinearity = Literal["rectifier", "polynomial"]
@@ -25,17 +25,6 @@ DEGREE = 5  # of the polynomial
 TURNS = 30  # of either pathway, at most
 GAIN = 1e-5  # share of the torque's power by which a turn must improve the fit
 FEWEST = 3  # realizations with their past, below which there is nothing to average over
-
-
-@dataclass(frozen=True)
-class Measured:
-    """A channel that drives the reflex."""
-
-    name: str
-
-    def __call__(self, ensemble: Ensemble) -> Array:
-        """Return it as it is."""
-        return ensemble.signal(self.name)
 
 
 @dataclass(frozen=True)
@@ -122,6 +111,15 @@ def identify_in_turn(
     return hammerstein.cascade_model(plain, ensemble, best.weights * slope, drive, first, unit)
 
 
+def response_moments(drive: Array, output: Array) -> tuple[Array, Array]:
+    """Means over realizations of products of lagged drives (time, lag, lag), and of these with the output (time, lag).
+
+    Of a drive (realization, lag + time) and an output (realization, time), from lag 0 on.
+    """
+    reach = drive.shape[1] - output.shape[1]
+    return window_moments(drive, drive, reach, 0)[:, ::-1, ::-1], diagonal_moments(output, drive, reach)[:, ::-1]
+
+
 def _with_context(ensemble: Ensemble, samples: int) -> Ensemble:
     """Ensemble with no more context: the reflex's torque there is not known, and must not enter a window."""
     spare = ensemble.context - samples
@@ -153,5 +151,5 @@ def _drive(
     slope, direction = hammerstein.slope_of_stretch(
         np.tensordot(coefficients, drives, 1), hammerstein.stretches(ensemble)
     )
-    _, limits = hammerstein.polynomial_drives(ensemble, DEGREE)
+    limits = hammerstein.limits_of(velocity_of(ensemble)[0])
     return hammerstein.VelocityPolynomial(tuple((coefficients / slope).tolist()), limits), slope, direction

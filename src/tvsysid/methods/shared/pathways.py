@@ -37,9 +37,20 @@ class Stretch:
         return stretch(velocity, ratio, self.threshold, self.direction)
 
 
+@dataclass(frozen=True)
+class Measured:
+    """A channel that drives the reflex."""
+
+    name: str
+
+    def __call__(self, ensemble: Ensemble) -> Array:
+        """Return it as it is."""
+        return ensemble.signal(self.name)
+
+
 def velocity_of(ensemble: Ensemble) -> tuple[Array, int]:
     """Velocity of the total angle in rad/s at the recorded rate (realization, time * ratio), and ratio of the rates."""
-    recorded = ensemble.angle[..., None] if ensemble.recorded_angle is None else ensemble.recorded_angle
+    recorded = ensemble.angle_as_recorded
     return recorded_velocity(recorded, ensemble.sampling_rate), recorded.shape[-1]
 
 

@@ -29,8 +29,8 @@ LOUD = SINE._replace(stiffness="constant", system="reflex", snr_db=0.0)
 TIME_VARYING = ("cascade", "bpc", "tvpc")
 MEAN_GAIN, MEAN_STIFFNESS = 8.0, 100.0  # of the joint that varies, in N·m·s/rad and N·m/rad
 PART = 0.25  # of the bias of methods of one pathway that those of two may have
-SMALL = 0.25  # total error of the reflex gain relative to its mean up to which it is told well
-TELLS = 0.10  # the same of the stiffness
+SMALL = 0.25  # total error of the reflex gain, relative to its mean, below which the gain counts as identified
+TELLS = 0.10  # likewise for the stiffness
 INVENTED = 0.4  # N·m·s/rad of reflex gain up to which nothing is said to be found: a twentieth of the usual gain
 
 

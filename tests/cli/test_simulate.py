@@ -102,7 +102,7 @@ def test_ones_own_profile_perturbation_and_system(tvsysid):
             "unknown system 'arm'; expected one of joint, reflex, reflex-sine,",
         ),
         (("--stiffness", "step"), "unknown profile 'step'; expected one of square, sine, constant, or"),
-        (("--perturbation", "pink"), "unknown perturbation 'pink'; expected one of noise, prbs, pulses, or"),
+        (("--perturbation", "pink"), "unknown perturbation 'pink'; expected one of noise, prbs, pulses, multisine, or"),
         (("--system", "own_systems:Hum"), "class Hum has no simulate"),
         (("--perturbation", "own_systems:Short"), "each sample, shape (11000,); got shape (3,)"),
         (("--system", "own_systems:Empty"), "simulate must return a tvsysid.simulate.Simulation, got int"),

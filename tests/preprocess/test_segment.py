@@ -103,6 +103,29 @@ def test_realizations_that_are_all_alike_are_refused(random):
         tv.preprocess.subtract_mean(ensemble)
 
 
+@pytest.mark.parametrize("channels", [(), ("disturbance",)])
+def test_a_multisine_that_repeats_with_the_behaviour_is_refused(channels):
+    # A stiff actuator, which the noise of the torque moves by 0.1 %; of a soft one the reference says it.
+    loop = tv.simulate.CompliantActuator(actuator_stiffness=100.0 if channels else 1e5)
+    lines = {"beside": tv.simulate.Multisine(), "on": tv.simulate.Multisine((2.0, 7.0, 12.0, 17.0))}
+    cut = {
+        name: tv.preprocess.segment(
+            tv.preprocess.decimate(loop.simulate(20, perturbation=each, snr_db=10, seed=1).recording, 100), 2.0
+        )
+        for name, each in lines.items()
+    }
+    assert tv.preprocess.subtract_mean(cut["beside"], channels).mean_subtracted
+    with pytest.raises(tv.InputError, match=r"is the same in all 10 .*a multisine needs lines that are no multiples"):
+        tv.preprocess.subtract_mean(cut["on"], channels)
+
+
+def test_a_small_perturbation_beside_a_large_movement_is_legal():
+    time = np.arange(2000) / 100
+    angle = 0.5 * np.sin(np.pi * time) + 9e-4 * tv.simulate.PRBS().generate(2000, 100.0, np.random.default_rng(1))
+    ensemble = tv.preprocess.segment(tv.Recording(angle, angle, 100.0), 2.0, context=0)
+    assert np.std(tv.preprocess.subtract_mean(ensemble).angle) < 1e-3
+
+
 def test_trials_without_context_are_told_what_to_do():
     with pytest.raises(tv.InputError, match="give less context \\(--context 0 keeps every realization\\)"):
         tv.preprocess.segment(recording_of(400, trial_starts=(0, 200)), 2.0)

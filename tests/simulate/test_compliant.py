@@ -54,8 +54,41 @@ def test_the_loop_obeys_both_equations(perturbation):
     velocity = np.gradient(angle, 1 / 8000)
     moved = 0.04 * np.gradient(velocity, 1 / 8000) + 1.4 * math.sqrt(150 * 0.04) * velocity + 150 * (angle - reference)
     # The acceleration that a PRBS imposes jumps, which differences smear.
-    limit = {"noise": 2e-3, "prbs": 5e-3, "pulses": 5e-3}[perturbation]
+    limit = {"noise": 2e-3, "prbs": 5e-3, "pulses": 5e-3, "multisine": 2e-3}[perturbation]
     assert np.std((moved + torque)[10:-10]) < limit * np.std(torque)
+
+
+LOADS = {"elastic": (30.0, None, 0.05), "viscous": (0.0, 3.0, 0.0), "inertial": (0.0, 0.0, 0.2)}
+
+
+@pytest.mark.parametrize("load", LOADS)
+def test_a_torque_on_a_load_equals_the_differential_equation(load):
+    # Torque and noise as recorded, linear between samples; two switches of the stiffness within the 2 s.
+    stiffness, viscosity, inertia = LOADS[load]
+    system = CompliantActuator(
+        actuator_stiffness=stiffness, actuator_viscosity=viscosity, actuator_inertia=inertia, disturbance="torque",
+        noise_bandwidth=5.0,
+    )  # fmt: skip
+    simulation = simulate(system, 2.0, perturbation=FilteredNoise(20.0), snr_db=5.0)
+    recording, time = simulation.recording, simulation.recording.time
+    noise = recording.torque - simulation.noiseless.torque
+    viscosity = 1.4 * math.sqrt(stiffness * inertia) if viscosity is None else viscosity
+    force = recording.channels["disturbance"] - noise
+
+    def slope(t, state):
+        whole, part = divmod(1000 * t, 1)
+        now, then = force[1000 + int(whole) : 1002 + int(whole)]
+        own = stiffness + (150 if 0.5 <= t < 1.5 else 50)
+        return [
+            state[1],
+            (now + part * (then - now) - (2.2 + viscosity) * state[1] - own * state[0]) / (0.02 + inertia),
+        ]
+
+    inside, angle = slice(1000, 3001), recording.angle
+    velocity = (angle[998] - 8 * angle[999] + 8 * angle[1001] - angle[1002]) / 12e-3
+    # As it steps from sample to sample, it needs no finer tolerance.
+    found = solve_ivp(slope, (0, 2), [angle[1000], velocity], t_eval=time[inside], rtol=1e-6, max_step=1e-3).y[0]
+    assert np.std(found - angle[inside]) < 1e-3 * np.std(angle)
 
 
 def test_the_reference_alone_moves_the_angle_by_half_a_degree():
@@ -102,6 +135,8 @@ def test_a_stiff_actuator_imposes_the_angle(perturbation):
         ({"actuator_stiffness": 0.0}, "actuator_stiffness must be a positive number"),
         ({"actuator_inertia": -1.0}, "actuator_inertia must be a positive number"),
         ({"actuator_viscosity": 0.0}, "actuator_viscosity must be a positive number"),
+        ({"actuator_inertia": -1.0, "disturbance": "torque"}, "actuator_inertia must be a number of zero or more"),
+        ({"disturbance": "force"}, "disturbance must be 'angle' or 'torque', got 'force'"),
         ({"noise_bandwidth": math.inf}, "noise_bandwidth must be a positive number"),
         ({"noise_bandwidth": 600.0}, "noise_bandwidth must be below half the sampling rate of 1000 Hz, got 600 Hz"),
         ({"stiffness": Constant(-150.0)}, r"joint \(lowest: -150 N·m/rad\) and actuator \(100 N·m/rad\) together"),

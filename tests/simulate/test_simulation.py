@@ -83,7 +83,7 @@ def test_the_intrinsic_torque_answers_the_recorded_angle(name, perturbation):
         truth["stiffness"] * angle,
     )
     parts, torque = np.stack(parts)[:, 10:-10], simulation.pathways["intrinsic"][10:-10]
-    limit = {"noise": 2e-3, "prbs": 2.5e-2, "pulses": 2.5e-2}[perturbation]
+    limit = {"noise": 2e-3, "prbs": 2.5e-2, "pulses": 2.5e-2, "multisine": 2e-3}[perturbation]
     assert np.std(torque - parts.sum(axis=0)) < limit * np.std(torque)
     np.testing.assert_allclose(np.linalg.lstsq(parts.T, torque, rcond=None)[0], 1.0, rtol=0.02)
 

@@ -73,8 +73,8 @@ def benchmark(
         list[str] | None,
         option(
             "NAME",
-            "Perturbation of the angle: `noise`, `prbs`, `pulses`, or your own as `module:Object`; repeatable. "
-            "[noise and prbs]",
+            "Perturbation of the angle: `noise`, `prbs`, `pulses`, `multisine`, or your own as `module:Object`; "
+            "repeatable. [noise and prbs]",
         ),
     ] = None,
     duration: Annotated[

@@ -42,7 +42,8 @@ def simulate(
         option(
             "NAME",
             "Perturbation of the angle: `noise` (low-pass filtered), `prbs` (pseudo-random binary sequence), "
-            "`pulses` (to either side, with rests), or your own as `module:Object`.",
+            "`pulses` (to either side, with rests), `multisine` (sines at a few frequencies), or your own as "
+            "`module:Object`.",
         ),
     ] = "noise",
     duration: Annotated[float, option("S", "Seconds of data.")] = 150.0,

@@ -99,10 +99,10 @@ class Joint:
         found = answer(setup, truth, setup.streams())
         return setup.simulation(found.angle, found.noise, {"intrinsic": found.torque}, truth)
 
-    def _impedance(self, setup: Setup, index: NDArray[np.int64]) -> dict[str, Array]:
-        """Stiffness, viscosity and inertia over time."""
-        values = {"stiffness": self.stiffness, "viscosity": self.viscosity, "inertia": self.inertia}
-        return {name: over_time(f"{setup.system}: {name}", value, index, setup.rate) for name, value in values.items()}
+    def _impedance(self, setup: Setup, index: NDArray[np.int64], finer: int = 1) -> dict[str, Array]:
+        """Stiffness, viscosity and inertia over time, at samples of so many times the rate."""
+        values, rate = {name: getattr(self, name) for name in ("stiffness", "viscosity", "inertia")}, finer * setup.rate
+        return {name: over_time(f"{setup.system}: {name}", value, index, rate) for name, value in values.items()}
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,17 @@ from tvsysid.numerics import Array
 BLOCK = 512
 
 
-def driven_motion(stiffness: Array, damping: Array, forces: Array, rate: float) -> Array:
+def driven_motion(
+    stiffness: Array, damping: Array, forces: Array, rate: float, held: tuple[Array, Array] | None = None
+) -> Array:
     r"""Motion of :math:`\ddot x + d(t)\,\dot x + w(t)\,x = f(t)` from rest.
 
-    Exact for a stiffness w in 1/s² and damping d in 1/s (time,) held over each step at their mean, and ``forces`` f in
-    rad/s² (force, time) that are linear between samples. Position, velocity and acceleration are (3, force, time).
+    Exact for a stiffness w in 1/s² and damping d in 1/s (time,) ``held`` over each step, at the mean of its ends if not
+    given, and ``forces`` f in rad/s² (force, time) that are linear between samples. Position, velocity and acceleration
+    are (3, force, time).
     """
-    transition, early, late = _steps((stiffness[1:] + stiffness[:-1]) / 2, (damping[1:] + damping[:-1]) / 2, rate)
+    held = held or ((stiffness[1:] + stiffness[:-1]) / 2, (damping[1:] + damping[:-1]) / 2)
+    transition, early, late = _steps(*held, rate)
     forced, samples = forces.shape
     count = -(-(samples - 1) // BLOCK)
 

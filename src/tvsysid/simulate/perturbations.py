@@ -113,5 +113,40 @@ class Pulses:
         return np.repeat(levels.ravel(), shown)
 
 
-PERTURBATIONS: dict[str, Perturbation] = {"noise": FilteredNoise(), "prbs": PRBS(), "pulses": Pulses()}
+@dataclass(frozen=True)
+class Multisine:
+    """Sum of sines of equal amplitude at these ``frequencies`` in Hz, each at a random phase.
+
+    A line that is a multiple of 1/period moves the joint alike in every realization. Where all are, nothing is left
+    when the mean over realizations is subtracted, which :func:`tvsysid.preprocess.subtract_mean` refuses; the default
+    lines have no common multiple below 10 s with a period of 2 s. So a line needs some tenths of 1/period between it
+    and the next multiple.
+    """
+
+    frequencies: tuple[float, ...] = (1.2, 5.2, 9.2, 13.2, 17.2)
+
+    def __post_init__(self) -> None:
+        if not self.frequencies:
+            raise InputError("Multisine: frequencies must be numbers of hertz, got none")
+        for frequency in self.frequencies:
+            positive("Multisine", frequencies=frequency)
+        if len(set(self.frequencies)) < len(self.frequencies):
+            raise InputError(f"Multisine: frequencies must differ, got {self.frequencies}")
+
+    def generate(self, samples: int, rate: float, random: np.random.Generator) -> Array:
+        """Samples at the rate in Hz, shape (samples,)."""
+        if max(self.frequencies) >= rate / 2:
+            raise InputError(
+                f"Multisine: frequencies must be below half the sampling rate of {rate:g} Hz, got {self.frequencies}"
+            )
+        turns = np.outer(self.frequencies, np.arange(samples) / rate) + random.random((len(self.frequencies), 1))
+        return np.asarray(np.sin(2 * np.pi * turns).sum(axis=0))
+
+
+PERTURBATIONS: dict[str, Perturbation] = {
+    "noise": FilteredNoise(),
+    "prbs": PRBS(),
+    "pulses": Pulses(),
+    "multisine": Multisine(),
+}
 """Perturbations by name."""

@@ -47,7 +47,8 @@ class Setup:
             raise InputError(f"{name}: snr_db must be a number of decibels above -300, got {self.snr_db!r}")
         if not callable(getattr(self.perturbation, "generate", None)):
             raise InputError(
-                f"{name}: perturbation must be FilteredNoise, PRBS, Pulses or have generate, got {self.perturbation!r}"
+                f"{name}: perturbation must be FilteredNoise, PRBS, Pulses, Multisine or have generate, "
+                f"got {self.perturbation!r}"
             )
 
     @property

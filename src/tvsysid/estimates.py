@@ -83,6 +83,15 @@ class StandardError:
         # Arrays that come out of a pickle can be written to; those of an object that is made anew cannot.
         return type(self), (self.values, np.array(self.freedom), self.arc, self.absent)
 
+    def limits(self, values: Array, level: float, simultaneous: bool = False) -> tuple[Array, Array]:
+        """Lower and upper limits about ``values``; see :meth:`Estimate.band`."""
+        known = np.isfinite(self.values)
+        freedom = self.freedom[known]
+        multiple = simultaneous_value(level, freedom, self.arc) if simultaneous else critical_value(level, freedom)
+        width = np.full(self.values.shape, np.nan)
+        width[known] = multiple * self.values[known]
+        return values - width, values + width
+
     @classmethod
     def none(cls, times: int, why: str) -> StandardError:
         """Nothing is known of the random error."""
@@ -211,14 +220,9 @@ class Estimate:
         error = self.standard_error
         if error is None:
             error = StandardError(np.full(self.values.shape, np.nan), np.array(np.inf), absent=NO_ERROR)
-        known = np.isfinite(error.values)
-        if error.absent and not known.any():
+        if error.absent and not np.isfinite(error.values).any():
             warnings.warn(f"no band: {error.absent}", DataQualityWarning, stacklevel=2)
-        freedom = error.freedom[known]
-        multiple = simultaneous_value(level, freedom, error.arc) if simultaneous else critical_value(level, freedom)
-        width = np.full(self.values.shape, np.nan)
-        width[known] = multiple * error.values[known]
-        return self.values - width, self.values + width
+        return error.limits(self.values, level, simultaneous)
 
 
 NO_ERROR = "the method states no standard error"

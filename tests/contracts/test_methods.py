@@ -36,6 +36,7 @@ METHODS = {
     "kbr": tv.KernelRegression(),
     "kbr experiment": tv.KernelRegression.preset("experiment"),
     "pc": tv.ParallelCascade(),
+    "adaptive": tv.AdaptiveRegression(),
     "cascade": tv.JointCascade(),
     "tvpc": tv.EnsembleCascade(),
     "bpc": tv.BasisCascade(),
@@ -45,7 +46,15 @@ FOLLOWING = [name for name, method in METHODS.items() if not method.time_invaria
 # Pathways that are identified in turn have no bands: their authors state none.
 BANDED = [name for name in METHODS if name.partition(" ")[0] not in {"pc", "tvpc", "bpc"}]
 # Samples at either end that cannot be estimated without context.
-REACH = {"eirf": (12, 12), "sds": (12, 12), "birf": (12, 12), "esm": (15, 14), "kbr": (12, 12), "pc": (4, 4)} | {
+REACH = {
+    "eirf": (12, 12),
+    "sds": (12, 12),
+    "birf": (12, 12),
+    "esm": (15, 14),
+    "kbr": (12, 12),
+    "adaptive": (12, 12),
+    "pc": (4, 4),
+} | {
     "cascade": (45, 4),
     "sdss": (4, 4),
 }

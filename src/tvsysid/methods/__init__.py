@@ -1,5 +1,6 @@
 """The methods: one file each, behind one verb, ``identify(ensemble) -> model``; and plugins."""
 
+from tvsysid.methods.adaptive.adaptive import AdaptiveRegression
 from tvsysid.methods.apply import Identifies, apply, deviating_channels
 from tvsysid.methods.base import Choice, Input, Method, reason_to_skip
 from tvsysid.methods.basis_cascade import BasisCascade
@@ -31,6 +32,7 @@ from tvsysid.methods.tuning.evidence import Evidence, Tuned
 __all__ = [
     "DEFAULT_METHODS",
     "METHODS",
+    "AdaptiveRegression",
     "BasisCascade",
     "BasisIRF",
     "Choice",

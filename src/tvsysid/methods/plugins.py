@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tvsysid.errors import InputError, describe_error, one_line
+from tvsysid.methods.adaptive.adaptive import AdaptiveRegression
 from tvsysid.methods.apply import Identifies
 from tvsysid.methods.base import Method, inputs_of
 from tvsysid.methods.basis_cascade import BasisCascade
@@ -43,6 +44,7 @@ METHODS: dict[str, type[Method]] = {
         BasisIRF,
         EnsembleSpectral,
         KernelRegression,
+        AdaptiveRegression,
         JointCascade,
         ParallelCascade,
         EnsembleCascade,

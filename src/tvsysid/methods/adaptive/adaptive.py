@@ -1,0 +1,231 @@
+"""Adaptive smoothing with switches: how smooth a joint's impedance is, and where it switches, by evidence."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from tvsysid.estimates import StandardError
+from tvsysid.methods import base, shared
+from tvsysid.methods.adaptive import tables
+from tvsysid.methods.adaptive.averaging import Averaged, averaged
+from tvsysid.methods.adaptive.evidence import Line
+from tvsysid.methods.adaptive.mixture import Candidate
+from tvsysid.methods.adaptive.model import AdaptiveModel, MixtureError
+from tvsysid.methods.adaptive.moments import (
+    A,
+    Constants,
+    Signals,
+    U,
+    V,
+    constants,
+    floored,
+    with_torque_less,
+)
+from tvsysid.methods.adaptive.noise import Misfit, Scatter, alike, misfit, scatter, scores
+from tvsysid.methods.adaptive.prior import Axis
+from tvsysid.models import Diagnostics
+from tvsysid.signals import Array, Ensemble
+
+LEAST, LONGEST = 4, 3000  # realizations at least, samples of one at most
+SHORTEST = 16  # samples of a realization that have derivatives, at least
+ROUNDS = 2  # of stiffness beside a viscosity that changes
+EXCITED_BELOW = 5.0  # Hz
+
+
+@dataclass(frozen=True)
+class AdaptiveRegression(base.Method):
+    r"""Stiffness that changes smoothly, suddenly, or not at all, as the data say: there is nothing to set.
+
+    .. math:: y(t) = k(t)\,\theta + b(t)\,\dot\theta + I\,\ddot\theta + e(t), \qquad
+              k(t) = c + f(t) + \sum_j \Delta_j\, h_{s_j}(t)
+
+    with c a constant, f none or a Gaussian process (squared-exponential, or Matérn 3/2 for corners) of some standard
+    deviation and length, and a few switches :math:`\Delta_j` at times :math:`s_j`, also between samples. Everything is
+    averaged by its evidence: whether there is a smooth part, how rough, how many switches, how large and where.
+    """
+
+    key: ClassVar[str] = "adaptive"
+    title: ClassVar[str] = "Adaptive smoothing with switches"
+    assumptions: ClassVar[tuple[str, ...]] = (
+        "Behaviour is the same in all realizations, of which there are at least four.",
+        "The joint is of second order (inertia, viscosity, stiffness); its inertia is constant.",
+        "Stiffness and viscosity are smooth but for a few switches; how smooth is found from the data.",
+    )
+
+    def skip(self, ensemble: Ensemble) -> str | None:
+        """Too few realizations, or samples of one."""
+        known = Signals.of(ensemble).known
+        if len(ensemble) < LEAST:
+            return f"it needs at least {LEAST} realizations, got {len(ensemble)}; kbr does with one"
+        if known < SHORTEST:
+            return (
+                f"it needs realizations of at least {SHORTEST} samples with derivatives, got {max(known, 0)} "
+                f"of {ensemble.samples} with {ensemble.context} of context; give longer ones, cut with more context"
+            )
+        if ensemble.samples > LONGEST:
+            return f"it needs realizations of at most {LONGEST} samples, got {ensemble.samples}; decimate them"
+        return None
+
+    def _identify(self, ensemble: Ensemble) -> AdaptiveModel:
+        return Identification(ensemble).model(repr(self))
+
+    def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
+        return EXCITED_BELOW, base.EXCITED_ABOVE
+
+
+class Stiffness(NamedTuple):
+    """Stiffness (time,), what is known of it, and the constants beside it; in units of the scaled signals."""
+
+    averaged: Averaged
+    values: Array
+    variance: Array
+    constants: Constants
+    misfit: Misfit
+    scatter: tuple[Scatter, Scatter]
+
+
+class Identification:
+    """An ensemble, reduced to its moments at each time."""
+
+    def __init__(self, ensemble: Ensemble) -> None:
+        self.ensemble, self.signals = ensemble, Signals.of(ensemble)
+        self.gram = self.signals.gram()
+        enough = ensemble.samples - 2 * self.signals.missing(low=True) >= SHORTEST
+        self.low = self.signals.gram(low=True) if enough else self.gram
+        self.independent = shared.independent_realizations(ensemble)
+        followed = 1 - len(ensemble.runs) / len(ensemble)
+        periodic = followed >= 0.5 and not self.signals.missing()
+        self.axis = Axis(len(self.gram), periodic)
+        self.power = floored(self.gram[:, U, U])
+
+    def stiffness(self, viscosity: Array | None, variance: Array | None) -> Stiffness:
+        """Stiffness beside a constant viscosity, or beside one (time,) that is known with a variance."""
+        times, gram = self.axis.times, self.gram
+        if viscosity is not None:
+            cut = (times - len(self.low)) // 2
+            found = constants(self.low, self.independent, viscosity[cut : times - cut])
+            beside = np.concatenate([[0.0], found.values])
+            covariance = np.pad(found.covariance, ((1, 0), (1, 0)))
+            steady = np.stack([viscosity, *(np.full(times, value) for value in found.values)])
+            found = Constants(beside, covariance)
+        else:
+            found = constants(self.low, self.independent)
+            steady = np.repeat(found.values[:, None], times, axis=1)
+        mixed = gram[:, U, 1:-1] / self.power[:, None]
+        seen = gram[:, U, -1] / self.power - np.einsum("tk,kt->t", mixed, steady)
+        coefficients = np.concatenate([seen[None], steady])
+        known = scores(self.signals, coefficients)
+        counts = len(self.ensemble), self.independent
+        rate, periodic = self.ensemble.sampling_rate, self.axis.periodic
+        scatters = (
+            scatter(gram, known[0], counts, rate, periodic),
+            scatter(gram, known[1], counts, rate, periodic),
+        )
+        beyond = misfit(gram, coefficients, self.independent)
+        error = scatters[0].covariance + mixed @ found.covariance @ mixed.T
+        if beyond.viscosity or beyond.inertia:
+            both = beyond.viscosity * np.outer(mixed[:, 0], mixed[:, 0])
+            error += alike(times, rate) * (both + beyond.inertia * np.outer(mixed[:, 1], mixed[:, 1]))
+        if variance is not None:
+            error += np.diag(mixed[:, 0] ** 2 * variance)
+        total = float(np.sum(seen * self.power) / np.sum(self.power))
+        size = max(abs(total), 1e-6 * float(np.sqrt(np.mean(gram[:, -1, -1]) / np.mean(self.power))))
+        result = averaged(Line.of(self.axis, seen, error, size))
+        return Stiffness(result, result.mixture.mean(), result.mixture.variance(), found, beyond, scatters)
+
+    def viscosity(self, beside: Stiffness) -> Averaged:
+        """Viscosity beside a stiffness."""
+        gram, steady = self.gram, beside.constants
+        power = floored(gram[:, V, V])
+        left = with_torque_less(gram, U, beside.values)
+        for place, value in enumerate(steady.values[1:], start=A):
+            left = with_torque_less(left, place, np.full(len(gram), value))
+        seen = left[:, V, -1] / power
+        mixed = gram[:, V] / power[:, None]
+        error = beside.scatter[1].covariance + np.diag(mixed[:, U] ** 2 * beside.variance)
+        others = mixed[:, A:-1]
+        error += others @ steady.covariance[1:, 1:] @ others.T
+        if beside.misfit.inertia:
+            error += alike(len(gram), self.ensemble.sampling_rate) * (
+                beside.misfit.inertia * np.outer(mixed[:, A], mixed[:, A])
+            )
+        total = float(np.sum(seen * power) / np.sum(power))
+        size = max(abs(total), 1e-6 * float(np.sqrt(np.mean(gram[:, -1, -1]) / np.mean(power))))
+        return averaged(Line.of(self.axis, seen, error, size), mostly_constant=True)
+
+    def model(self, name: str) -> AdaptiveModel:
+        """Everything that was found."""
+        stiffness = self.stiffness(None, None)
+        viscosity = self.viscosity(stiffness)
+        for _ in range(ROUNDS):
+            if viscosity.probability(is_constant) > 0.5:
+                break
+            stiffness = self.stiffness(viscosity.mixture.mean(), viscosity.mixture.variance())
+            viscosity = self.viscosity(stiffness)
+        return self._model(name, stiffness, viscosity)
+
+    def _model(self, name: str, stiffness: Stiffness, viscosity: Averaged) -> AdaptiveModel:
+        ensemble, missing = self.ensemble, self.signals.missing()
+        unit = self.signals.scale[1] / self.signals.scale[0]
+        freedom = [each.freedom for each in stiffness.scatter]
+        known = np.ones(self.axis.times)
+        inertia = stiffness.constants.values[1]
+        sure = math.sqrt(max(stiffness.constants.covariance[1, 1], 0.0))
+        many = max(1.0, (self.independent - 1) * len(self.low) - 2)
+        errors = {
+            "stiffness": _mixture_error(stiffness.averaged, missing, unit, freedom[0]),
+            "viscosity": _mixture_error(viscosity, missing, unit, freedom[1]),
+            "inertia": StandardError(base.padded(known * sure * unit, missing), np.array(many), 0.0),
+        }
+        impedance = unit * np.stack([stiffness.values, viscosity.mixture.mean(), known * inertia], axis=1)
+        over_time = base.padded(impedance, missing).T
+        details = {
+            "second_order_agreement": self._agreement(impedance),
+            "constant_stiffness": stiffness.averaged.probability(is_constant),
+            "constant_viscosity": viscosity.probability(is_constant),
+            "periodic": float(self.axis.periodic),
+        }
+        both = {"stiffness": stiffness.averaged, "viscosity": viscosity}
+        rate = ensemble.sampling_rate
+        return AdaptiveModel(
+            method=name,
+            sampling_rate=rate,
+            time=ensemble.time,
+            estimates=shared.impedance_estimates(over_time[0], over_time[1], over_time[2], errors),
+            switches=tuple(row for each in both.items() for row in tables.switches(*each, unit, missing, rate)),
+            smoothness=tuple(row for each in both.items() for row in tables.smoothness(*each, unit, rate)),
+            diagnostics=Diagnostics(
+                tables.parameters(stiffness.averaged) + tables.parameters(viscosity) + 1,
+                warnings=tuple(self._warnings(stiffness)),
+                details=details,
+            ),
+        )
+
+    def _agreement(self, impedance: Array) -> float:
+        """Share of the torque that answers to the angle which the model explains, in per cent."""
+        ensemble = self.ensemble
+        first = max(0, ensemble.context - shared.HALF_WIDTH)
+        angle, torque = (x[:, first : x.shape[1] - first] for x in (ensemble.angle, ensemble.torque))
+        products = shared.colour_products(ensemble)
+        moments = shared.derivative_moments(products, angle, torque, ensemble.sampling_rate)
+        return moments.second_order_agreement(impedance, len(ensemble))
+
+    def _warnings(self, stiffness: Stiffness) -> Iterator[str]:
+        yield from ()
+
+
+def is_constant(candidate: Candidate) -> bool:
+    """Whether nothing changes."""
+    return candidate.sizes is None and candidate.smooth.roughness.kind == "none"
+
+
+def _mixture_error(found: Averaged, missing: int, unit: float, freedom: float) -> MixtureError:
+    mixture = found.mixture
+    scaled = mixture._replace(means=mixture.means * unit, variances=mixture.variances * unit**2)
+    spread = base.padded(np.sqrt(scaled.variance()), missing)
+    return MixtureError(spread, np.array(freedom), found.arc(), mixture=scaled)

@@ -1,0 +1,124 @@
+"""Posterior of what changes over time: everything that is likely, weighted by its evidence."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from tvsysid.methods.adaptive.evidence import Line, Sizes, Smooth, directions, every_sizes
+from tvsysid.methods.adaptive.mixture import LIGHTEST, Candidate, Mixture, mixture_of, path
+from tvsysid.methods.adaptive.placing import Placed, Windows, add, joined, refined, simplified
+from tvsysid.methods.adaptive.prior import roughnesses
+from tvsysid.methods.adaptive.search import Found, Grid, first_states, found_sets
+from tvsysid.numerics import Array
+from tvsysid.numerics.bands import arc_length
+
+LIKELY, MOST_MODELS = 5.0, 16  # log evidence below the best down to which models count, and how many at most
+MOST_SETS = 8  # of switches that are refined
+
+
+def candidates(smooths: tuple[Smooth, ...], sets: list[Placed]) -> list[Candidate]:
+    """Every smooth part with every set of switches and prior of sizes."""
+    line = smooths[0].line
+    out = [
+        Candidate(smooth, smooth.score, placed, None)
+        for placed in sets
+        if not len(placed.positions)
+        for smooth in smooths
+    ]
+    filled = [placed for placed in sets if len(placed.positions)]
+    if not filled:
+        return out
+    ends = np.cumsum([0] + [len(placed.positions) for placed in filled])
+    columns = joined([placed.columns for placed in filled])
+    products = [smooth.products(columns) for smooth in smooths]
+    grams = np.stack([each.between(each) for each in products])
+    crosses = np.stack([each.cross for each in products])
+    every = every_sizes(line.axis.periodic)
+    scores = np.array([smooth.score for smooth in smooths])
+    for placed, first, stop in zip(filled, ends[:-1], ends[1:], strict=True):
+        gram, cross = grams[:, first:stop, first:stop], crosses[:, first:stop]
+        prior = placed.log_volume - (stop - first) * math.log(line.axis.times) - math.log(len(every))
+        for sizes in every:
+            values = scores + prior + _log_factors(gram, cross, sizes)
+            out.extend(Candidate(*each, placed, sizes) for each in zip(smooths, map(float, values), strict=True))
+    return out
+
+
+def _log_factors(gram: Array, cross: Array, sizes: Sizes) -> Array:
+    """Log evidence for switches beside many smooth parts, from their products (smooth part, switch, switch)."""
+    turn = directions(cross.shape[1], sizes.balanced)
+    if not turn.shape[1]:
+        return np.full(len(cross), -np.inf)
+    variance = sizes.spread**2
+    system = variance * (turn.T @ gram @ turn) + np.eye(turn.shape[1])
+    turned = cross @ turn
+    quadratic = np.einsum("sk,sk->s", turned, np.linalg.solve(system, turned[..., None])[..., 0])
+    return np.asarray(0.5 * variance * quadratic - 0.5 * np.linalg.slogdet(system)[1])
+
+
+class Averaged(NamedTuple):
+    """Candidates that count, with their weights; what all together say of the line, and of where its best one moves."""
+
+    candidates: list[Candidate]
+    weights: Array
+    mixture: Mixture
+    every: list[Candidate]
+
+    def probability(self, wanted: Callable[[Candidate], bool]) -> float:
+        """Of all candidates of a kind together."""
+        evidence = np.array([each.evidence for each in self.every])
+        share = np.exp(evidence - evidence.max())
+        return float(share[[wanted(each) for each in self.every]].sum() / share.sum())
+
+    def arc(self) -> float:
+        """Length of the path of the estimate apart from its size, for simultaneous bands."""
+        paths = [path(each) for each in self.candidates]
+        mean = sum(weight * each.mean for weight, each in zip(self.weights, paths, strict=True))
+        apart = [math.sqrt(weight) * (each.mean - mean) for weight, each in zip(self.weights, paths, strict=True)]
+        features = np.column_stack([paths[0].factor, *apart])
+        return arc_length(features, np.eye(features.shape[1]))
+
+
+def averaged(line: Line, mostly_constant: bool = False) -> Averaged:
+    """Everything that is likely of a line, weighted by its evidence.
+
+    Of one that is ``mostly_constant``, no switches are searched for where none seems to be there at first.
+    """
+    smooths = tuple(Smooth(line, each) for each in roughnesses(line.axis))
+    windows, sets = Windows(line), list[Placed]()
+    grid = Grid(line)
+    states = first_states(smooths, grid)
+    if mostly_constant and max(state.score for state in states[1:]) < states[0].score - 1 and not states[0].places:
+        none = Placed(np.zeros(0), line.columns(np.zeros(0)), (), (), 0.0)
+        return _weighed(line, candidates(smooths, [none]))
+    found_ones = found_sets(grid, smooths, states)
+    for found in [*found_ones[:-1][:MOST_SETS], found_ones[-1]]:
+        add(sets, simplified(refined(found, windows), found.smooth, windows), line)
+    every = candidates(smooths, sets)
+    again: list[Placed] = []
+    for placed in sets:
+        best = max((each for each in every if each.placed is placed), key=lambda each: each.evidence)
+        add(again, refined(Found(placed.positions, best.smooth), windows), line)
+    every = candidates(smooths, again)
+    return _weighed(line, every)
+
+
+def _weighed(line: Line, every: list[Candidate]) -> Averaged:
+    every = sorted(every, key=lambda each: -each.evidence)
+    kept = [each for each in every if each.evidence > every[0].evidence - LIKELY][:MOST_MODELS]
+    weights = np.exp([each.evidence - every[0].evidence for each in kept])
+    weights /= weights.sum()
+    heavy = weights >= LIGHTEST
+    kept, weights = [each for each, is_heavy in zip(kept, heavy, strict=True) if is_heavy], weights[heavy]
+    weights /= weights.sum()
+    parts = [mixture_of(each, share) for each, share in zip(kept, weights, strict=True)]
+    shares = [part.weights * weight for part, weight in zip(parts, weights, strict=True)]
+    means, variances = ([getattr(part, name) for part in parts] for name in ("means", "variances"))
+    mixture = Mixture(*(np.concatenate(each, axis=1) for each in (shares, means, variances)))
+    size = line.size
+    scaled = Mixture(mixture.weights, mixture.means * size, mixture.variances * size**2)
+    return Averaged(kept, weights, scaled, every)

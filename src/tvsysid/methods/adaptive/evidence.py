@@ -1,0 +1,226 @@
+"""What the data say of a smooth part and of switches, by small matrices: nothing here knows of realizations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
+
+from tvsysid.methods.adaptive.prior import SIZES, Axis, Roughness
+from tvsysid.numerics import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """Something ``seen`` at each time of an axis, with the ``precision`` (time, time) of its error and a mean ``size``.
+
+    ``width`` is that of the low-pass through which steps are seen, in units of the usual one.
+    """
+
+    axis: Axis
+    seen: Array
+    precision: Array
+    size: float
+    width: float = 1.0
+
+    @classmethod
+    def of(cls, axis: Axis, seen: Array, covariance: Array, size: float) -> Line:
+        """Of what is seen, and the covariance of its error."""
+        scale = np.sqrt(np.diag(covariance))
+        factor = cho_factor(covariance / np.outer(scale, scale), lower=True)
+        precision = cho_solve(factor, np.eye(len(seen))) / np.outer(scale, scale)
+        return cls(axis, seen / size, precision * size**2, size)
+
+    @cached_property
+    def weighted(self) -> Array:
+        """Precision times what is seen, (time,)."""
+        return self.precision @ self.seen
+
+    @cached_property
+    def features(self) -> Array:
+        """Of the smooth part, (time, feature)."""
+        return self.axis.features()
+
+    @cached_property
+    def by_features(self) -> Array:
+        """Features times the precision, (feature, time)."""
+        return self.features.T @ self.precision
+
+    @cached_property
+    def gram(self) -> Array:
+        """Features times the precision times features."""
+        return self.by_features @ self.features
+
+    @cached_property
+    def cross(self) -> Array:
+        """Features times what is seen, weighted."""
+        return self.features.T @ self.weighted
+
+    def columns(self, positions: Array) -> Columns:
+        """Steps at positions in samples as they are seen, with their products."""
+        steps = self.axis.seen(positions, self.width)
+        return Columns(positions, steps, self.precision @ steps, self.by_features @ steps, steps.T @ self.weighted)
+
+
+class Columns(NamedTuple):
+    """Steps at ``positions`` as they are ``seen`` (time, step), and their products.
+
+    They are ``weighted`` with the precision, multiplied by the ``features`` (feature, step) and by what is seen, as
+    ``cross`` (step,).
+    """
+
+    positions: Array
+    seen: Array
+    weighted: Array
+    features: Array
+    cross: Array
+
+    def take(self, index: NDArray[np.intp]) -> Columns:
+        """Some of them."""
+        seen, weighted, features = (each[:, index] for each in (self.seen, self.weighted, self.features))
+        return Columns(self.positions[index], seen, weighted, features, self.cross[index])
+
+
+class Smooth:
+    """A line explained by one smooth part; ``evidence`` is its log, more than that of nothing at all."""
+
+    def __init__(self, line: Line, roughness: Roughness) -> None:
+        self.line, self.roughness = line, roughness
+        self.kept = np.flatnonzero(roughness.weights)
+        self.root = np.sqrt(roughness.weights[self.kept])
+        whole = len(self.kept) == len(roughness.weights)
+        gram = line.gram if whole else line.gram[np.ix_(self.kept, self.kept)]
+        system = gram * self.root[:, None] * self.root
+        system.flat[:: len(system) + 1] += 1.0
+        self.factor = cholesky(system, lower=True, overwrite_a=True, check_finite=False)
+        self.answer = self.solved(self.root * line.cross[self.kept])
+        self.evidence = 0.5 * float(self.answer @ self.answer) - float(np.log(np.diag(self.factor)).sum())
+
+    @property
+    def score(self) -> float:
+        """Log evidence and prior."""
+        return self.evidence + self.roughness.log_prior
+
+    def solved(self, right: Array) -> Array:
+        """Inverse of the Cholesky factor times something."""
+        return np.asarray(solve_triangular(self.factor, right, lower=True, check_finite=False))
+
+    def reduced(self, features: Array) -> Array:
+        """What the smooth part takes of columns with these products with the features, (coefficient, column)."""
+        return self.solved(self.root[:, None] * features[self.kept])
+
+    def products(self, columns: Columns) -> Products:
+        """Of columns, less what the smooth part takes."""
+        taken = self.reduced(columns.features)
+        return Products(columns, taken, columns.cross - self.answer @ taken)
+
+    @cached_property
+    def spread(self) -> Array:
+        """Factor (coefficient, time) of the smooth part's posterior covariance."""
+        return self.solved(self.root[:, None] * self.line.features[:, self.kept].T)
+
+
+class Products(NamedTuple):
+    """Columns beside a smooth part: what it takes of them (coefficient, column), and the ``cross`` that it leaves."""
+
+    columns: Columns
+    taken: Array
+    cross: Array
+
+    def diagonal(self) -> Array:
+        """Squares of the columns (column,)."""
+        seen, weighted = self.columns.seen, self.columns.weighted
+        return np.asarray(np.einsum("tc,tc->c", seen, weighted) - np.einsum("kc,kc->c", self.taken, self.taken))
+
+    def between(self, other: Products) -> Array:
+        """Products with other columns (column, other)."""
+        return np.asarray(self.columns.seen.T @ other.columns.weighted - self.taken.T @ other.taken)
+
+    def take(self, index: NDArray[np.intp]) -> Products:
+        """Of some columns."""
+        return Products(self.columns.take(index), self.taken[:, index], self.cross[index])
+
+
+class Sizes(NamedTuple):
+    """How large switches may be: standard deviation in mean sizes, and whether those over a period add up to zero."""
+
+    spread: float
+    balanced: bool
+
+
+@lru_cache(maxsize=4)
+def every_sizes(periodic: bool) -> tuple[Sizes, ...]:
+    """Priors of sizes, equally likely; where the end goes on at the beginning, ramps between switches may cancel."""
+    return tuple(Sizes(spread, balanced) for balanced in ((False, True) if periodic else (False,)) for spread in SIZES)
+
+
+@lru_cache(maxsize=64)
+def directions(count: int, balanced: bool) -> Array:
+    """Orthonormal directions (switch, direction) of the sizes of so many switches."""
+    if not balanced:
+        return np.eye(count)
+    out = np.zeros((count, max(count - 1, 0)))
+    for place in range(1, count):
+        out[:place, place - 1], out[place, place - 1] = 1 / place, -1
+        out[:, place - 1] /= np.sqrt(1 + 1 / place)
+    return out
+
+
+class Jumps(NamedTuple):
+    """Log evidence for some switches, and posterior of their sizes."""
+
+    evidence: float
+    mean: Array
+    covariance: Array
+
+
+def jumps(gram: Array, cross: Array, sizes: Sizes) -> Jumps:
+    """Of the products of switches with each other (switch, switch) and with what is seen."""
+    if sizes.balanced and len(cross) == 1:
+        return Jumps(-np.inf, np.zeros(1), np.zeros((1, 1)))
+    turn = directions(len(cross), sizes.balanced)
+    system = turn.T @ gram @ turn
+    system.flat[:: len(system) + 1] += sizes.spread**-2
+    factor = cholesky(system, lower=True, check_finite=False)
+    half = solve_triangular(factor, turn.T, lower=True, check_finite=False)
+    answer = half @ cross
+    log_determinant = 2 * float(np.log(np.diag(factor)).sum()) + 2 * len(system) * float(np.log(sizes.spread))
+    return Jumps(0.5 * float(answer @ answer) - 0.5 * log_determinant, answer @ half, half.T @ half)
+
+
+def one_more(own: Products, gram: Array, cross: Array, mixed: Array, power: Array, sizes: Sizes) -> Array:
+    """Log evidence for some switches and each of many others (column,) in turn, by rank-one updates.
+
+    The others' ``own`` products with what is seen, their squares ``power`` (column,), and those ``mixed`` with the
+    switches (column, switch), whose own products are ``gram`` and ``cross``.
+    """
+    count, wanted = len(cross), own.cross
+    if sizes.balanced and not count:
+        return np.full(len(wanted), -np.inf)
+    turn = directions(count, sizes.balanced)
+    turned = mixed @ turn
+    if sizes.balanced:  # one switch more, and as much less of all others
+        scale, mean = (1 + 1 / count) ** -0.5, np.full(count, 1 / count)
+        power = (power - 2 * mixed @ mean + mean @ gram @ mean) * scale**2
+        turned = ((mean @ gram - mixed) @ turn) * scale
+        wanted = (mean @ cross - wanted) * scale
+    variance = sizes.spread**2
+    system = turn.T @ gram @ turn
+    system.flat[:: len(system) + 1] += 1 / variance
+    factor = cholesky(system, lower=True, check_finite=False) if len(system) else system
+    half = (
+        solve_triangular(factor, np.column_stack([turn.T @ cross, turned.T]), lower=True) if len(system) else turned.T
+    )
+    if len(system):
+        answer, half = half[:, 0], half[:, 1:]
+        wanted, power = wanted - answer @ half, power - np.einsum("kc,kc->c", half, half)
+        before = 0.5 * float(answer @ answer) - float(np.log(np.diag(factor)).sum())
+        before -= len(system) * float(np.log(sizes.spread))
+    else:
+        before = 0.0
+    left = 1 + variance * np.maximum(power, 0.0)
+    return np.asarray(before + 0.5 * variance * wanted**2 / left - 0.5 * np.log(left))

@@ -1,0 +1,127 @@
+"""What a candidate, or all together, say at each time: mixtures of normal distributions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tvsysid.methods.adaptive.evidence import Columns, Jumps, Sizes, Smooth, directions, jumps
+from tvsysid.methods.adaptive.placing import Placed, distance
+from tvsysid.numerics import Array
+
+LIGHTEST = 0.005  # weight of a model, and share of a position's, that count
+MOST_POSITIONS = 24  # of a switch, in a model that has all the weight
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A smooth part, switches and the prior of their sizes; ``evidence`` is the log of it all with the prior."""
+
+    smooth: Smooth
+    evidence: float
+    placed: Placed
+    sizes: Sizes | None
+
+
+class Mixture(NamedTuple):
+    """Weights, means and variances of normal distributions at each time, (time, component)."""
+
+    weights: Array
+    means: Array
+    variances: Array
+
+    def mean(self) -> Array:
+        """Of the mixture (time,)."""
+        return np.asarray(np.einsum("tc,tc->t", self.weights, self.means))
+
+    def variance(self) -> Array:
+        """Of the mixture (time,)."""
+        apart = self.means - self.mean()[:, None]
+        return np.asarray(np.einsum("tc,tc->t", self.weights, self.variances + apart**2))
+
+
+class Path(NamedTuple):
+    """Posterior of a candidate whose switches lie at their modes: ``mean`` (time,), factor of the covariance."""
+
+    mean: Array
+    factor: Array
+    found: Jumps
+    answers: Array
+
+
+def path(candidate: Candidate) -> Path:
+    """Posterior over time; the covariance is ``factor @ factor.T``, (time, coefficient)."""
+    smooth, placed = candidate.smooth, candidate.placed
+    mean = smooth.answer @ smooth.spread
+    if candidate.sizes is None:
+        none = Jumps(0.0, np.zeros(0), np.zeros((0, 0)))
+        return Path(mean, smooth.spread.T, none, np.zeros((len(mean), 0)))
+    products = smooth.products(placed.columns)
+    found = jumps(products.between(products), products.cross, candidate.sizes)
+    answers = smooth.line.axis.steps(placed.positions) - smooth.spread.T @ products.taken
+    values, vectors = np.linalg.eigh(found.covariance)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    return Path(mean + answers @ found.mean, np.concatenate([smooth.spread.T, answers @ root], axis=1), found, answers)
+
+
+def mixture_of(candidate: Candidate, weight: float) -> Mixture:
+    """Of a candidate: at each time the nearest switch takes all its positions, the others their modes."""
+    own, placed = path(candidate), candidate.placed
+    times = len(own.mean)
+    variance = np.einsum("tc,tc->t", own.factor, own.factor)
+    if candidate.sizes is None:
+        return Mixture(np.ones((times, 1)), own.mean[:, None], variance[:, None])
+    most = max(4, round(MOST_POSITIONS * weight))
+    nearest = np.argmin(
+        [distance(candidate.smooth.line, np.arange(float(times)), position) for position in placed.positions], axis=0
+    )
+    parts = []
+    for place in range(len(placed.positions)):
+        window, share = thinned(placed.windows[place], placed.shares[place], most)
+        rows = np.flatnonzero(nearest == place)
+        parts.append((rows, share, *_moved(candidate, own, place, window, rows)))
+    widest = max(len(share) for _, share, _, _ in parts)
+    out = Mixture(*(np.zeros((times, widest)), np.zeros((times, widest)), np.ones((times, widest))))
+    for rows, share, means, variances in parts:
+        for target, values in zip(out, (np.broadcast_to(share, means.shape), means, variances), strict=True):
+            target[rows, : len(share)] = values
+    return out
+
+
+def thinned(window: Columns, share: Array, most: int) -> tuple[Columns, Array]:
+    """The positions that count, at most so many: each stands for its neighbours."""
+    kept = np.flatnonzero(share > 0.4 * LIGHTEST)
+    if not len(kept):
+        kept = np.array([int(np.argmax(share))])
+    group = np.minimum((np.cumsum(share[kept]) - share[kept] / 2) / share[kept].sum() * most, most - 1).astype(int)
+    best = [kept[group == each][np.argmax(share[kept][group == each])] for each in np.unique(group)]
+    weights = np.array([share[kept][group == each].sum() for each in np.unique(group)])
+    return window.take(np.array(best)), weights / weights.sum()
+
+
+def _moved(candidate: Candidate, own: Path, place: int, window: Columns, rows: NDArray[np.intp]) -> tuple[Array, Array]:
+    """Means and variances (row, position) with one switch at the positions of a window, the others at their modes."""
+    smooth, sizes = candidate.smooth, candidate.sizes
+    assert sizes is not None
+    modes, moving = smooth.products(candidate.placed.columns), smooth.products(window)
+    count, many = len(modes.cross), len(moving.cross)
+    gram = np.repeat(modes.between(modes)[None], many, axis=0)
+    between = moving.between(modes)
+    gram[:, place], gram[:, :, place] = between, between
+    gram[:, place, place] = moving.diagonal()
+    cross = np.repeat(modes.cross[None], many, axis=0)
+    cross[:, place] = moving.cross
+    turn = directions(count, sizes.balanced)
+    system = turn.T @ gram @ turn + np.eye(turn.shape[1]) / sizes.spread**2
+    covariance = turn @ np.linalg.inv(system) @ turn.T
+    mean = np.einsum("mij,mj->mi", covariance, cross)
+    answers = np.repeat(own.answers[rows, None], many, axis=1)
+    steps = smooth.line.axis.steps(window.positions)[rows]
+    answers[:, :, place] = steps - smooth.spread.T[rows] @ moving.taken
+    plain = (smooth.answer @ smooth.spread)[rows, None]
+    base = np.einsum("kt,kt->t", smooth.spread, smooth.spread)[rows, None]
+    spread = np.einsum("rmi,mij,rmj->rm", answers, covariance, answers, optimize=True)
+    return plain + np.einsum("rmi,mi->rm", answers, mean), base + spread

@@ -1,0 +1,113 @@
+"""What adaptive regression returns: impedance over time with bands, and what it decided."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import stdtr
+
+from tvsysid.estimates import StandardError
+from tvsysid.methods.adaptive.mixture import Mixture
+from tvsysid.models import Labelled, Model
+from tvsysid.numerics import Array
+from tvsysid.numerics.bands import critical_value, simultaneous_value
+from tvsysid.signals import Ensemble
+
+BISECTIONS = 40
+INSIDE = 1e-3  # share of the usual half width by which a band goes beyond its estimate at least
+
+
+class Switch(NamedTuple):
+    """A sudden change of a ``quantity``, at a ``time`` in s, most probably between ``earliest`` and ``latest`` (95 %).
+
+    Of so large a ``size`` in the quantity's unit, with a standard error; ``probability`` that there is one.
+    """
+
+    quantity: str
+    time: float
+    earliest: float
+    latest: float
+    size: float
+    size_error: float
+    probability: float
+
+
+class Smoothness(NamedTuple):
+    """A smooth part of a ``quantity``: its ``kind``, standard deviation in its unit, length in s, and probability."""
+
+    quantity: str
+    kind: str
+    amplitude: float
+    length: float
+    probability: float
+
+
+@dataclass(frozen=True, eq=False)
+class MixtureError(StandardError):
+    """Random error of an estimate that is a mixture of what may be: near an undecided switch a band spans both levels.
+
+    The ``mixture`` is over the times that are known, from the sample ``first`` on.
+    """
+
+    mixture: Mixture | None = None
+    first: int = 0
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return type(self), (self.values, np.array(self.freedom), self.arc, self.absent, self.mixture, self.first)
+
+    def limits(self, values: Array, level: float, simultaneous: bool = False) -> tuple[Array, Array]:
+        """Quantiles of the mixture, of Student's t for each of its parts, between which the truth lies."""
+        assert self.mixture is not None
+        known = np.isfinite(self.values)
+        freedom = self.freedom[known]
+        multiple = simultaneous_value(level, freedom, self.arc) if simultaneous else critical_value(level, freedom)
+        lower, upper = np.full(values.shape, np.nan), np.full(values.shape, np.nan)
+        inside = INSIDE * multiple * self.values[known]
+        lower[known] = np.minimum(self._quantile(-multiple, freedom), values[known] - inside)
+        upper[known] = np.maximum(self._quantile(multiple, freedom), values[known] + inside)
+        return lower, upper
+
+    def _quantile(self, multiple: Array, freedom: Array) -> Array:
+        """Below which the mixture lies with the probability of Student's t below a multiple, (time,)."""
+        assert self.mixture is not None
+        weights, means = self.mixture.weights, self.mixture.means
+        spreads, wanted = np.sqrt(self.mixture.variances), stdtr(freedom, multiple)
+        each = means + spreads * multiple[:, None]
+        low = np.where(weights > 0, each, np.inf).min(axis=1)
+        high = np.where(weights > 0, each, -np.inf).max(axis=1)
+        if weights.shape[1] == 1:
+            return np.asarray(low)
+        for _ in range(BISECTIONS):
+            middle = (low + high) / 2
+            below = np.sum(weights * stdtr(freedom[:, None], (middle[:, None] - means) / spreads), axis=1)
+            low, high = np.where(below < wanted, middle, low), np.where(below < wanted, high, middle)
+        return np.asarray((low + high) / 2)
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class AdaptiveModel(Model):
+    r"""Impedance of second order, of which stiffness and viscosity change smoothly, suddenly, or not at all.
+
+    .. math:: y(t) = k(t)\,\theta + b(t)\,\dot\theta + I\,\ddot\theta
+
+    ``switches`` and ``smoothness`` are tables of what was found, with probabilities; :meth:`plot` shows them.
+    """
+
+    switches: tuple[Switch, ...] = ()
+    smoothness: tuple[Smoothness, ...] = ()
+
+    def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
+        impedance = (self.stiffness, self.viscosity, self.inertia)
+        return {"intrinsic": np.asarray(sum(map(np.multiply, impedance, ensemble.derivatives())))}
+
+    def _identified(self) -> tuple[Labelled, Labelled]:
+        return {**_columns("switch", self.switches), **_columns("smoothness", self.smoothness)}, {}
+
+
+def _columns(axis: str, rows: tuple[NamedTuple, ...]) -> Labelled:
+    """A table by columns, over an axis of its own."""
+    if not rows:
+        return {}
+    return {f"{axis}_{name}": ((axis,), [getattr(row, name) for row in rows]) for name in rows[0]._fields}

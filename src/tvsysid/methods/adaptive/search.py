@@ -1,0 +1,202 @@
+"""Where switches may be: a deterministic search for the sets of greatest evidence."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from tvsysid.methods.adaptive.evidence import Line, Products, Sizes, Smooth, every_sizes, jumps, one_more
+from tvsysid.numerics import Array
+
+FINE, COARSE, PAIRS = 400, 200, 100  # positions that are tried: of one more switch, of the first, of a pair at most
+APART = 1.0  # samples that two switches are apart at least
+STEPS, MOST = 60, 12  # of the search, and switches at most
+GAIN = 50.0  # log evidence that a further switch is taken to bring at most
+EAGER, EAGER_STEPS = 6.0, 12  # log evidence by which others than the best are followed at first, and how long
+REACH = 12.0  # log evidence below the best down to which sets are kept
+START = Sizes(0.2, False)
+
+
+class State(NamedTuple):
+    """A set of switches on the fine grid beside a smooth part, its score, and by how much the last step raised it."""
+
+    places: tuple[int, ...]
+    score: float
+    gain: float = math.inf
+
+
+class Grid:
+    """Positions that are tried, and how far two of them are apart."""
+
+    def __init__(self, line: Line) -> None:
+        self.line, times = line, line.axis.times
+        self.step = max(0.5, times / FINE)
+        count = int(times / self.step)
+        first = 0 if line.axis.periodic else 1  # a step before the first sample is none
+        self.fine = line.columns(np.arange(first, count, dtype=np.float64) * self.step)
+        count = len(self.fine.positions)
+        self.coarse = np.arange(0, count, -(-count // COARSE))
+        self.pairs = np.arange(0, len(self.coarse), -(-len(self.coarse) // PAIRS))
+        coarse = self.fine.take(self.coarse)
+        self.coarse_columns = coarse
+        pairs = coarse.take(self.pairs)
+        self.pair_gram = pairs.seen.T @ pairs.weighted
+        self.log_positions = math.log(times)
+
+    def apart(self, positions: Array, other: float) -> Array:
+        """Distances in samples of positions from another."""
+        distance = np.abs(positions - other)
+        times = self.line.axis.times
+        return np.minimum(distance, times - distance) if self.line.axis.periodic else distance
+
+
+def first_states(smooths: tuple[Smooth, ...], grid: Grid) -> list[State]:
+    """Best of no switch, one switch and a pair of opposite ones beside each smooth part."""
+    return [_first(smooth, grid) for smooth in smooths]
+
+
+def _first(smooth: Smooth, grid: Grid) -> State:
+    products = smooth.products(grid.coarse_columns)
+    variance = START.spread**2
+    power = 1 + variance * products.diagonal()
+    single = 0.5 * (variance * products.cross**2 / power - np.log(power)) - grid.log_positions
+    pair_value, pair = _pair(products.take(grid.pairs), grid)
+    best = int(np.argmax(single))
+    options = [(0.0, ()), (float(single[best]), (int(grid.coarse[best]),))]
+    options.append((pair_value - 2 * grid.log_positions, tuple(int(grid.coarse[grid.pairs[k]]) for k in pair)))
+    value, places = max(options)
+    return State(places, smooth.score + value)
+
+
+def _pair(products: Products, grid: Grid, less: Array | None = None) -> tuple[float, tuple[int, int]]:
+    """Log evidence for the best pair of opposite switches; ``less`` is what others take of their products."""
+    gram = grid.pair_gram - products.taken.T @ products.taken
+    if less is not None:
+        gram = gram - less.T @ less
+    power, variance = np.diag(gram), START.spread**2
+    square = 1 + variance * np.maximum((power[:, None] + power) / 2 - gram, 0.0)
+    value = variance / 4 * (products.cross[:, None] - products.cross) ** 2 / square - 0.5 * np.log(square)
+    value[np.tril_indices(len(value))] = -np.inf
+    best = int(np.argmax(value))
+    return float(value.flat[best]), (best // len(value), best % len(value))
+
+
+class Walk:
+    """Sets of switches beside one smooth part, each a step from the one before."""
+
+    def __init__(self, smooth: Smooth, grid: Grid) -> None:
+        self.smooth, self.grid = smooth, grid
+        self.products = smooth.products(grid.fine)
+        self.power = self.products.diagonal()
+        self.known: dict[int, Array] = {}
+
+    def column(self, place: int) -> Array:
+        """Products of all positions with one of them."""
+        if place not in self.known:
+            self.known[place] = self.products.between(self.products.take(np.array([place])))[:, 0]
+        return self.known[place]
+
+    def score(self, places: tuple[int, ...]) -> float:
+        """Score of a set."""
+        if not places:
+            return self.smooth.score
+        gram = np.stack([self.column(place) for place in places], axis=1)[list(places)]
+        cross = self.products.cross[list(places)]
+        every = every_sizes(self.grid.line.axis.periodic)
+        best = max(jumps(gram, cross, sizes).evidence for sizes in every)
+        return self.smooth.score + best - len(places) * self.grid.log_positions
+
+    def scan(self, places: tuple[int, ...]) -> tuple[float, int]:
+        """Best score of a set and one switch more, and where that is."""
+        mixed = np.zeros((len(self.power), 0))
+        if places:
+            mixed = np.stack([self.column(place) for place in places], axis=1)
+        gram, cross = mixed[list(places)], self.products.cross[list(places)]
+        every = every_sizes(self.grid.line.axis.periodic)
+        found = [one_more(self.products, gram, cross, mixed, self.power, sizes) for sizes in every]
+        best = np.max(found, axis=0)
+        for place in places:
+            best[self.grid.apart(self.grid.fine.positions, self.grid.fine.positions[place]) < APART] = -np.inf
+        top = int(np.argmax(best))
+        return self.smooth.score + float(best[top]) - (len(places) + 1) * self.grid.log_positions, top
+
+    def best_step(self, state: State) -> State:
+        """Best of one switch less, another in the place of one or of two neighbours, one more; else a pair more."""
+        places, count = state.places, len(state.places)
+        fewer = [places[:j] + places[j + 1 :] for j in range(count)]
+        options = [(self.score(each), each) for each in fewer]
+        bases = [*fewer, *(fewer[j][:j] + fewer[j][j + 1 :] for j in range(count - 1))]
+        if self.grid.line.axis.periodic and count > 2:
+            bases.append(places[1:-1])
+        for each in [*bases, *([places] if count < MOST else [])]:
+            score, place = self.scan(each)
+            options.append((score, tuple(sorted((*each, place)))))
+        score, found = max(options)
+        if score <= state.score + 1e-6 and count < MOST - 1:
+            found = self.with_pair(places)
+            score = self.score(found)
+        return State(found, score, score - state.score)
+
+    def with_pair(self, places: tuple[int, ...]) -> tuple[int, ...]:
+        """A set and the best pair of opposite switches more."""
+        grid = self.grid
+        index = grid.coarse[grid.pairs]
+        products, less = self.products.take(index), None
+        if places:
+            columns = np.stack([self.column(place) for place in places], axis=1)
+            system = columns[list(places)] + START.spread**-2 * np.eye(len(places))
+            factor = np.linalg.cholesky(system)
+            less = np.linalg.solve(factor, columns[index].T)
+            answer = np.linalg.solve(factor, self.products.cross[list(places)])
+            products = products._replace(cross=products.cross - answer @ less)
+        pair = _pair(products, grid, less)[1]
+        found = {*places, *(int(index[k]) for k in pair)}
+        return tuple(sorted(found))
+
+
+class Found(NamedTuple):
+    """Positions of switches in samples, and beside which smooth part they were found."""
+
+    positions: Array
+    smooth: Smooth
+
+
+def found_sets(grid: Grid, smooths: tuple[Smooth, ...], states: list[State]) -> list[Found]:
+    """Sets of switches near the best score, best first, and the empty one."""
+    scores: dict[tuple[int, ...], tuple[float, int]] = {}
+
+    def note(state: State, key: int) -> None:
+        scores[state.places] = max(scores.get(state.places, (-np.inf, key)), (state.score, key))
+
+    for key, state in enumerate(states):
+        note(state, key)
+    walks: dict[int, Walk] = {}
+    open_ones, closed_at = dict(enumerate(states)), set()
+    for step in range(STEPS):
+        best = max(scores.values())[0]
+        slack = EAGER if step < EAGER_STEPS else 0.0
+        able = {
+            key: state
+            for key, state in open_ones.items()
+            if state.score + min(state.gain, GAIN) > best - slack and (key in walks or state.places not in closed_at)
+        }
+        if not able:
+            break
+        key = max(able, key=lambda each: able[each].score)
+        if key not in walks:
+            walks[key] = Walk(smooths[key], grid)
+        after = walks[key].best_step(open_ones[key])
+        if after.gain <= 1e-6:
+            closed_at.add(open_ones.pop(key).places)
+            continue
+        open_ones[key] = after
+        note(after, key)
+    scores.pop((), None)
+    best = max([score for score, _ in scores.values()] + [max(smooth.score for smooth in smooths)])
+    near = sorted(
+        ((score, key, places) for places, (score, key) in scores.items() if score > best - REACH), reverse=True
+    )
+    sets = [Found(grid.fine.positions[list(places)], smooths[key]) for _, key, places in near]
+    return [*sets, Found(np.zeros(0), max(smooths, key=lambda smooth: smooth.score))]

@@ -1,0 +1,85 @@
+"""What was decided, in tables: switches, and how smooth the rest is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+
+import numpy as np
+
+from tvsysid.methods.adaptive.averaging import Averaged
+from tvsysid.methods.adaptive.mixture import Candidate, path
+from tvsysid.methods.adaptive.model import Smoothness, Switch
+from tvsysid.methods.adaptive.placing import CLOSE, distance
+from tvsysid.methods.adaptive.prior import Roughness
+from tvsysid.numerics import Array
+
+WORTH = 0.01  # probability from which on something is listed
+
+
+def parameters(found: Averaged) -> float:
+    """Effective number of parameters of the best candidate, a switch's time counted as one."""
+    best = found.candidates[0]
+    line = best.smooth.line
+    factor = path(best).factor
+    return float(np.einsum("tc,ts,sc->", factor, line.precision, factor, optimize=True)) + len(best.placed.positions)
+
+
+def smoothness(quantity: str, found: Averaged, unit: float, rate: float) -> Iterator[Smoothness]:
+    """Smooth parts that are likely, the most probable first."""
+    line = found.candidates[0].smooth.line
+    rows = []
+    for roughness in {id(each.smooth): each.smooth.roughness for each in found.every}.values():
+        probability = found.probability(partial(_has, roughness))
+        amplitude, length = roughness.amplitude * line.size * unit, roughness.length / rate
+        rows.append(Smoothness(quantity, roughness.kind, amplitude, length, probability))
+    yield from sorted((row for row in rows if row.probability >= WORTH), key=lambda row: -row.probability)
+
+
+def _has(roughness: Roughness, candidate: Candidate) -> bool:
+    return candidate.smooth.roughness is roughness
+
+
+def switches(quantity: str, found: Averaged, unit: float, missing: int, rate: float) -> Iterator[Switch]:
+    """Switches that are likely, in the order of time."""
+    line = found.candidates[0].smooth.line
+    seen: list[tuple[float, Switch]] = []
+    for candidate in found.candidates:
+        positions = candidate.placed.positions
+        if not len(positions):
+            continue
+        sizes = path(candidate).found
+        for place, position in enumerate(positions):
+            if any(distance(line, np.array([other]), position)[0] < CLOSE for other, _ in seen):
+                continue
+            weight = sum(share for each, share in _near(found, position))
+            earliest, latest = _limits(candidate, place)
+            error = float(np.sqrt(sizes.covariance[place, place]))
+            size = line.size * unit
+            first, early, late = ((float(value) + missing) / rate for value in (position, earliest, latest))
+            row = Switch(quantity, first, early, late, size * float(sizes.mean[place]), size * error, weight)
+            seen.append((position, row))
+    rows = [row for _, row in seen if row.probability >= WORTH]
+    yield from sorted(rows, key=lambda row: row.time)
+
+
+def _near(found: Averaged, position: float) -> Iterator[tuple[Candidate, float]]:
+    """Candidates with a switch about a position, and their weights."""
+    for candidate, weight in zip(found.candidates, found.weights, strict=True):
+        positions = candidate.placed.positions
+        line = candidate.smooth.line
+        if len(positions) and distance(line, positions, position).min() < CLOSE:
+            yield candidate, float(weight)
+
+
+def _limits(candidate: Candidate, place: int) -> tuple[float, float]:
+    """Positions between which a switch lies with a probability of 95 %."""
+    window, share = candidate.placed.windows[place].positions, candidate.placed.shares[place]
+    times, mode = candidate.smooth.line.axis.times, candidate.placed.positions[place]
+    offsets: Array = window - mode
+    if candidate.smooth.line.axis.periodic:
+        offsets = np.mod(offsets + times / 2, times) - times / 2
+    order = np.argsort(offsets)
+    total = np.cumsum(share[order])
+    first, last = np.searchsorted(total, [0.025, 0.975])
+    return float(mode + offsets[order][first]), float(mode + offsets[order][min(last, len(order) - 1)])

@@ -27,6 +27,7 @@ from .methods import JointCascade as JointCascade
 from .methods import KernelRegression as KernelRegression
 from .methods import ParallelCascade as ParallelCascade
 from .methods import ShortDataSegments as ShortDataSegments
+from .methods import SkirtDecomposition as SkirtDecomposition
 from .methods import SubspaceCascade as SubspaceCascade
 from .models import Model as Model
 from .numerics.bases import ChebyshevPolynomials as ChebyshevPolynomials

@@ -40,7 +40,8 @@ def test_an_unknown_ending_is_refused(tmp_path):
 @pytest.mark.filterwarnings("ignore:no band:tvsysid.errors.DataQualityWarning")
 def test_models_are_read_back(tmp_path, ensemble_of):
     ensemble = ensemble_of(150.0)
-    models = {key: tv.methods.create(key).identify(ensemble) for key in tv.methods.METHODS}
+    methods = {key: tv.methods.create(key) for key, kind in tv.methods.METHODS.items() if not kind.perturbation}
+    models = {key: method.identify(ensemble) for key, method in methods.items()}
     write_models(tmp_path / "models.nc", models, ensemble)
     with xr.open_datatree(tmp_path / "models.nc", engine="h5netcdf") as tree:
         assert set(tree.children) == set(models)

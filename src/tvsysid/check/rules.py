@@ -101,7 +101,7 @@ def _identifies(subject: Subject) -> str:
 
 def _untouched(subject: Subject) -> str:
     ensemble = subject.case("constant").ensemble
-    fresh = simulated_case.__wrapped__("constant", inputs_of(subject.method)).ensemble
+    fresh = simulated_case.__wrapped__("constant", *subject.needs).ensemble
     names = ("angle", "torque", *ensemble.channels)
     if not all(np.array_equal(ensemble.signal(name), fresh.signal(name)) for name in names):
         simulated_case.cache_clear()

@@ -15,7 +15,7 @@ from tvsysid import simulate
 from tvsysid.errors import DataQualityWarning, describe_error
 from tvsysid.estimates import plain_array
 from tvsysid.methods.apply import apply
-from tvsysid.methods.base import Input, inputs_of
+from tvsysid.methods.base import Input, inputs_of, perturbation_of
 from tvsysid.preprocess import decimate, segment
 from tvsysid.signals import Array, Ensemble, Recording
 
@@ -45,10 +45,14 @@ class Case(NamedTuple):
 
 
 @cache
-def simulated_case(name: str, inputs: tuple[Input, ...]) -> Case:
-    """Case of this name on a system with the channels of these inputs; the same one for every method."""
+def simulated_case(name: str, inputs: tuple[Input, ...], perturbation: str = "") -> Case:
+    """Case of this name on a system with the channels of these inputs; the same one for every method.
+
+    The perturbation is that of this name, filtered noise without one.
+    """
     if name == "without context":
-        whole, seen = simulated_case("other rate", inputs), simulated_case("other rate", inputs).ensemble
+        whole = simulated_case("other rate", inputs, perturbation)
+        seen = whole.ensemble
         cores = {each: seen.signal(each)[:, seen.core] for each in ("angle", "torque", *seen.channels)}
         recorded = None if seen.recorded_angle is None else seen.recorded_angle[:, seen.core]
         angle, torque = cores.pop("angle"), cores.pop("torque")
@@ -56,7 +60,8 @@ def simulated_case(name: str, inputs: tuple[Input, ...]) -> Case:
         return whole._replace(ensemble=bare)
     duration, profile, rate, period, seed = CASES[name]
     system = simulate.ReflexJoint(stiffness=profile) if name == "reflex" else _system(profile, inputs)
-    simulation = system.simulate(duration, perturbation=simulate.FilteredNoise(), snr_db=SNR, seed=seed, rate=8 * rate)
+    kind = simulate.PERTURBATIONS[perturbation or "noise"]
+    simulation = system.simulate(duration, perturbation=kind, snr_db=SNR, seed=seed, rate=8 * rate)
     recording = replace(simulation.recording, channels=_channels(simulation.recording, inputs))
 
     def segmented(torque: Array) -> Ensemble:
@@ -113,7 +118,12 @@ class Subject:
 
     def case(self, name: str) -> Case:
         """Case of this name, with the channels that the method needs."""
-        return simulated_case(name, inputs_of(self.method))
+        return simulated_case(name, *self.needs)
+
+    @property
+    def needs(self) -> tuple[tuple[Input, ...], str]:
+        """Inputs of the method, and the perturbation that it needs, if it needs a special one."""
+        return inputs_of(self.method), perturbation_of(self.method)
 
     def identify(self, ensemble: Ensemble) -> Any:
         """Whatever it returns."""

@@ -101,18 +101,23 @@ def panels(
 
 
 def lines(methods: Sequence[str]) -> dict[str, tuple[str, Style]]:
-    """Colour and line style of each method shown: a method's own colour, and a style for each of its settings."""
+    """Colour and line style of each method shown: a method's own colour, and a style for each of its settings.
+
+    There are more methods than colours: where two that are shown have the same one, the later gets a free one.
+    """
     known = tuple(METHODS)  # what else is installed must not change their colours
-    others: list[str] = []
+    keys = list(dict.fromkeys(map(key_of, methods)))
+    hues: dict[str, str] = {}
+    for key in sorted(keys, key=lambda key: known.index(key) if key in known else len(known)):
+        own = PALETTE[(known.index(key) if key in known else len(known) + keys.index(key)) % len(PALETTE)]
+        free = [hue for hue in PALETTE if hue not in hues.values()]
+        hues[key] = own if own in free or not free else free[0]
     seen: dict[str, int] = {}
     shown = {}
     for method in methods:
         key = key_of(method)
-        if key not in known and key not in others:
-            others.append(key)
-        index = known.index(key) if key in known else len(known) + others.index(key)
         seen[key] = seen.get(key, -1) + 1
-        shown[method] = (PALETTE[index % len(PALETTE)], STYLES[seen[key] % len(STYLES)])
+        shown[method] = (hues[key], STYLES[seen[key] % len(STYLES)])
     return shown
 
 

@@ -26,6 +26,7 @@ from tvsysid.methods.plugins import (
     typed,
 )
 from tvsysid.methods.sds import ShortDataSegments
+from tvsysid.methods.skirt import SkirtDecomposition
 from tvsysid.methods.subspace_cascade import SubspaceCascade
 from tvsysid.methods.tuning.evidence import Evidence, Tuned
 
@@ -55,4 +56,4 @@ __all__ += [
     "describe",
 ]
 __all__ += ["deviating_channels", "from_text", "key_of", "label_of", "load", "names", "parse", "reason_to_skip"]
-__all__ += ["SubspaceCascade", "typed"]
+__all__ += ["SkirtDecomposition", "SubspaceCascade", "typed"]

@@ -69,6 +69,9 @@ class Method(ABC):
     time_invariant: ClassVar[bool] = False  # whether it takes the joint as constant
     takes_deviations: ClassVar[bool] = False  # whether it subtracts the mean over realizations by itself
     uses_recorded_angle: ClassVar[bool] = False  # whether it uses the angle at the rate at which it was recorded
+    perturbation: ClassVar[str] = (
+        ""  # the only kind that it serves, by its name in simulate.PERTURBATIONS; any if empty
+    )
 
     def identify(self, ensemble: Ensemble) -> Model:
         """Identify the impedance of the joint from realizations of one repeated behaviour, mean subtracted.
@@ -174,6 +177,11 @@ def inputs_of(method: object) -> tuple[Input, ...]:
     if wrong := [item for item in inputs if not isinstance(item, Input)]:
         raise InputError(f"{type(method).__name__}: inputs must be {expected}, got {plain_text(wrong[0])} in it")
     return tuple(inputs)
+
+
+def perturbation_of(method: object) -> str:
+    """Name of the only perturbation that a method says it serves; empty if it serves any."""
+    return str(said_by(method, "perturbation", "the name of a perturbation, such as 'multisine'", str))
 
 
 def reason_to_skip(method: object, ensemble: Ensemble) -> str | None:

@@ -22,7 +22,7 @@ import numpy as np
 from tvsysid.errors import InputError, describe_error, one_line
 from tvsysid.methods.adaptive.adaptive import AdaptiveRegression
 from tvsysid.methods.apply import Identifies
-from tvsysid.methods.base import Method, inputs_of
+from tvsysid.methods.base import Method, inputs_of, perturbation_of
 from tvsysid.methods.basis_cascade import BasisCascade
 from tvsysid.methods.birf import BasisIRF
 from tvsysid.methods.cascade.cascade import JointCascade
@@ -33,6 +33,7 @@ from tvsysid.methods.kbr.kbr import KernelRegression
 from tvsysid.methods.parallel_cascade import ParallelCascade
 from tvsysid.methods.sds import ShortDataSegments
 from tvsysid.methods.settings import converted, further_settings, parts
+from tvsysid.methods.skirt import SkirtDecomposition
 from tvsysid.methods.subspace_cascade import SubspaceCascade
 from tvsysid.methods.tuning.evidence import Tuned
 
@@ -50,6 +51,7 @@ METHODS: dict[str, type[Method]] = {
         EnsembleCascade,
         BasisCascade,
         SubspaceCascade,
+        SkirtDecomposition,
     )
 }
 
@@ -271,6 +273,8 @@ def describe(key: str) -> Description:
 
 def _purpose(method: object) -> str:
     """What a method is for, by the signals that it needs and the pathways that it tells apart."""
+    if perturbation_of(method):
+        return "special perturbations"
     kinds = {item.kind for item in inputs_of(method)}
     if "reference" in kinds:
         return "closed loop"

@@ -1,0 +1,226 @@
+"""Skirt decomposition: how the answer to each line of a multisine changes in time."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import rfft
+
+from tvsysid.errors import InputError
+from tvsysid.methods import base, shared
+from tvsysid.models import Diagnostics, SecondOrderModel
+from tvsysid.numerics.bands import arc_length
+from tvsysid.numerics.bases import FourierSeries, evaluate
+from tvsysid.signals import Array, Ensemble
+
+ComplexArray = NDArray[np.complex128]
+
+MOST = 20  # lines that are looked for
+LINES = 0.99  # share of the angle's variance that lines must explain
+WEAK = 1e-4  # share of it from which on a peak counts as a line
+NEAR = 2.0  # Hz about a line within which the residual tells its noise
+
+
+@dataclass(frozen=True)
+class SkirtDecomposition(base.Method):
+    r"""Response to each line of a multisine, whose change in time widens the line into a skirt.
+
+    .. math:: y(t) = \sum_k \mathrm{Re}\{G_k(t)\, U_k\, e^{j\omega_k t}\}, \qquad
+              G_k(t) = \sum_{h=-H}^{H} g_{kh}\, e^{2\pi j h t / p} = k(t) + j\omega_k\, b(t) - I\,\omega_k^2
+
+    The g of all lines are fitted together by least squares, and stiffness, viscosity and inertia to them, weighted by
+    their covariance. What a line U is comes from the angle itself, so that filters that angle and torque pass alike do
+    not matter.
+
+    Parameters
+    ----------
+    frequencies
+        Lines in Hz; by default they are looked for in the angle.
+    harmonics
+        H of the period p, the duration of a realization, of which the impedance's change is a sum. Skirts may not
+        overlap: lines must be more than 2 H / p apart.
+
+    Notes
+    -----
+    It serves an imposed angle that is a multisine and nothing else (to 1 % of its variance), at a frequency or more for
+    each of stiffness and inertia. The lines' phases are those of each trial. With its few unknowns it is better than
+    ``kbr`` for a slow change of known smoothness, and worse for any other; docs/special-perturbations.md has figures.
+
+    The bands count the residual's power within 2 Hz of each line.
+
+    References
+    ----------
+    Lataire, Pintelon & Louarroudi 2012, Automatica 48, 783-791.
+    """
+
+    frequencies: tuple[float, ...] | None = None
+    harmonics: int = 2
+
+    key: ClassVar[str] = "skirt"
+    title: ClassVar[str] = "Skirt decomposition"
+    assumptions: ClassVar[tuple[str, ...]] = (
+        "The angle is imposed, and a multisine whose lines are far apart.",
+        "Impedance changes over a realization as a sum of a few harmonics, alike in all realizations.",
+        "The joint is of second order, its inertia constant.",
+    )
+    perturbation: ClassVar[str] = "multisine"
+
+    def __post_init__(self) -> None:
+        if type(self.harmonics) is not int or self.harmonics < 0:
+            raise InputError(
+                f"SkirtDecomposition: harmonics must be a whole number of 0 or more, got {self.harmonics!r}"
+            )
+        for frequency in self.frequencies or ():
+            base.check_positive(self, frequencies=frequency)
+
+    def skip(self, ensemble: Ensemble) -> str | None:
+        """Where the angle is no multisine, or its lines are too few or too close."""
+        lines = self._lines(ensemble)
+        found = ", ".join(f"{line:.4g}" for line in lines) or "none"
+        share = 0.0
+        if lines.size:
+            waves, angle = self._waves(ensemble, lines)
+            share = 1 - float(np.sum((angle - waves.real.sum(axis=0)) ** 2) / np.sum(angle**2))
+        if share < LINES:
+            return (
+                f"the angle is no multisine: lines ({found} Hz) explain {100 * share:.1f} % of it, and "
+                f"{100 * LINES:g} % are needed; perturb with some sines of fixed frequencies and impose the angle"
+            )
+        if lines.size < 2:
+            return f"one line ({found} Hz) cannot tell stiffness from inertia; two or more are needed"
+        apart, needed = float(np.diff(np.sort(lines)).min()), 2 * self.harmonics / ensemble.duration
+        if apart <= needed:
+            return (
+                f"the skirts of lines {apart:.3g} Hz apart overlap: a change of {self.harmonics} harmonics of "
+                f"{1 / ensemble.duration:.3g} Hz needs more than {needed:.3g} Hz between lines; give fewer harmonics"
+            )
+        return None
+
+    def _identify(self, ensemble: Ensemble) -> SecondOrderModel:
+        lines = self._lines(ensemble)
+        features = evaluate(FourierSeries(self.harmonics), ensemble.samples)
+        waves, _ = self._waves(ensemble, lines)
+        skirts = _skirts(ensemble, waves, features, lines)
+        posterior, labels = _second_order(skirts, lines, features.shape[1])
+        count, covariance = features.shape[1], posterior.covariance
+        expansions = (features, features, np.ones((ensemble.samples, 1)))
+        places = np.split(np.arange(len(posterior.mean)), (count, 2 * count))
+        values, errors = [], {}
+        for name, expansion, place in zip(shared.IMPEDANCE, expansions, places, strict=True):
+            own = covariance[np.ix_(place, place)]
+            values.append(expansion @ posterior.mean[place])
+            variance = np.einsum("tj,jk,tk->t", expansion, own, expansion)
+            errors[name] = shared.StandardError(np.sqrt(variance), skirts.freedom, arc_length(expansion, own))
+        return SecondOrderModel(
+            method=repr(self),
+            sampling_rate=ensemble.sampling_rate,
+            time=ensemble.time,
+            estimates=shared.impedance_estimates(values[0], values[1], values[2], errors),
+            posterior=posterior,
+            labels=labels,
+            diagnostics=Diagnostics(posterior.effective, details={"lines": float(len(lines))}),
+        )
+
+    def _lines(self, ensemble: Ensemble) -> Array:
+        """Frequencies in Hz, shape (line,)."""
+        if self.frequencies is not None:
+            return np.array(self.frequencies)
+        run = max(ensemble.runs, key=len)
+        return _found(ensemble.angle[run, ensemble.core].ravel(), ensemble.sampling_rate)
+
+    def _waves(self, ensemble: Ensemble, lines: Array) -> tuple[ComplexArray, Array]:
+        """Each line as a complex wave (line, realization, time) fitted to the angle of each trial, and that angle."""
+        assert ensemble.onsets is not None
+        assert ensemble.trials is not None
+        angle = ensemble.angle[:, ensemble.core]
+        turning = np.exp(2j * np.pi * lines[:, None, None] * (ensemble.onsets[:, None] + ensemble.time))
+        for trial in np.unique(ensemble.trials):
+            own = ensemble.trials == trial
+            part = turning[:, own].reshape(len(lines), -1)
+            columns = np.concatenate([part.real, -part.imag, np.ones((1, part.shape[1]))])
+            found = np.linalg.lstsq(columns.T, angle[own].ravel(), rcond=None)[0]
+            angle = np.where(own[:, None], angle - found[-1], angle)
+            turning[:, own] *= (found[: len(lines)] + 1j * found[len(lines) : -1])[:, None, None]
+        return turning, angle
+
+    def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
+        return math.inf, 0.0
+
+
+class Skirts(NamedTuple):
+    """Coefficients g, (line, real or imaginary, function) in a row, their covariance, and its degrees of freedom."""
+
+    mean: Array
+    covariance: Array
+    noise_variance: float
+    freedom: Array
+
+
+def _skirts(ensemble: Ensemble, waves: ComplexArray, features: Array, lines: Array) -> Skirts:
+    """Fit all lines' responses to the torque."""
+    torque = ensemble.torque[:, ensemble.core]
+    torque = (torque - torque.mean()).ravel()
+    parts = np.stack([waves.real, -waves.imag], axis=1)[:, :, None] * features.T[:, None]
+    columns = parts.reshape(-1, torque.size)
+    gram = columns @ columns.T
+    inverse = np.linalg.inv(gram)
+    mean = inverse @ (columns @ torque)
+    left = (torque - mean @ columns).reshape(len(ensemble), -1)
+    power = np.mean(np.abs(rfft(left, axis=1)) ** 2, axis=0) / left.shape[1]
+    frequencies = np.fft.rfftfreq(left.shape[1], 1 / ensemble.sampling_rate)
+    density, freedom = np.empty(len(lines)), np.empty(len(lines))
+    for place, line in enumerate(lines):
+        near = np.abs(frequencies - line) <= max(NEAR, 1.5 / ensemble.duration)
+        numbers = 2.0 * near.sum() * shared.independent_realizations(ensemble)
+        taken = 2 * features.shape[1] * np.sum(np.abs(lines - line) <= NEAR)
+        freedom[place] = max(1.0, numbers - taken)
+        density[place] = power[near].mean() * 2 * near.sum() * len(ensemble) / freedom[place]
+    each = np.repeat(np.sqrt(density), 2 * features.shape[1])
+    covariance = inverse @ (gram * np.outer(each, each)) @ inverse
+    return Skirts(mean, covariance, float(density.mean()), np.array(freedom.min()))
+
+
+def _second_order(skirts: Skirts, lines: Array, count: int) -> tuple[shared.Posterior, tuple[str, ...]]:
+    """Functions of stiffness and viscosity, and the inertia, from the responses of all lines."""
+    speed = 2 * np.pi * lines
+    design = np.zeros((len(lines), 2, count, 2 * count + 1))
+    for function in range(count):
+        design[:, 0, function, function] = 1.0
+        design[:, 1, function, count + function] = speed
+    design[:, 0, 0, -1] = -(speed**2)
+    flat = design.reshape(-1, 2 * count + 1)
+    weighted = np.linalg.solve(skirts.covariance, flat)
+    covariance = np.linalg.inv(flat.T @ weighted)
+    mean = covariance @ (weighted.T @ skirts.mean)
+    names = [f"{name} {j}" for name in ("stiffness", "viscosity") for j in range(count)]
+    posterior = shared.Posterior(mean, covariance, skirts.noise_variance, float(len(mean)), math.nan, 1, True)
+    return posterior, (*names, "inertia")
+
+
+def _found(angle: Array, rate: float) -> Array:
+    """Frequencies in Hz of the lines of a signal (time,), the strongest first: at each the phase does not turn."""
+    samples = len(angle)
+    half, left = samples // 2, angle - angle.mean()
+    total, lines = float(np.sum(left**2)), np.empty(0)
+    windows = np.zeros((2, samples))
+    windows[0, :half] = windows[1, half : 2 * half] = np.hanning(half)
+    time = np.arange(samples) / rate
+    while len(lines) < MOST and total > 0:
+        spectrum = np.abs(rfft(left * np.hanning(samples)))
+        line = float(np.argmax(spectrum[1:]) + 1) * rate / samples
+        for _ in range(5):
+            first, second = windows @ (left * np.exp(-2j * np.pi * line * time))
+            line += float(np.angle(second * first.conj())) / (2 * np.pi * half / rate)
+        if not 0 < line < rate / 2 or np.min(np.abs(lines - line), initial=np.inf) < 2 * rate / samples:
+            break
+        turns = 2 * np.pi * np.outer(np.append(lines, line), time)
+        columns = np.concatenate([np.cos(turns), np.sin(turns)])
+        rest = angle - angle.mean() - np.linalg.lstsq(columns.T, angle - angle.mean(), rcond=None)[0] @ columns
+        if np.sum(left**2) - np.sum(rest**2) < WEAK * total:
+            break
+        lines, left = np.append(lines, line), rest
+    return lines

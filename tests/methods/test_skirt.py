@@ -1,0 +1,85 @@
+"""Skirt decomposition: exact for a change in its span, bands as wide as the error, and what it does not serve."""
+
+import numpy as np
+import pytest
+
+import tvsysid as tv
+from tvsysid.simulate import Joint, Multisine, SineWave
+
+SKIRT = tv.SkirtDecomposition()
+
+
+def perturbed(perturbation, snr_db=10.0, seed=1, stiffness=None, duration=40.0):
+    joint = Joint(stiffness or SineWave())
+    recording = joint.simulate(duration, perturbation=perturbation, snr_db=snr_db, seed=seed).recording
+    return tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
+
+
+@pytest.fixture(scope="module")
+def quiet():
+    return perturbed(Multisine(), np.inf)
+
+
+def test_a_change_in_the_span_is_recovered(quiet):
+    for ensemble in (quiet, tv.preprocess.subtract_mean(quiet)):
+        model = SKIRT.identify(ensemble)
+        assert model.diagnostics.details["lines"] == 5
+        assert np.abs(model.stiffness - SineWave()(model.time)).max() < 0.02
+        np.testing.assert_allclose(model.viscosity, 2.2, rtol=5e-3)
+        np.testing.assert_allclose(model.inertia, 0.02, rtol=6e-3)
+        torque = ensemble.torque[:, ensemble.core]
+        assert np.nanmin(tv.metrics.vaf(torque, model.predict(ensemble))) > 99.9
+
+
+def test_lines_given_and_lines_found_are_the_same(quiet):
+    given = tv.methods.parse("skirt:frequencies=(1.2,5.2,9.2,13.2,17.2)")
+    assert given.frequencies == Multisine().frequencies
+    np.testing.assert_allclose(given.identify(quiet).stiffness, SKIRT.identify(quiet).stiffness, atol=5e-3)
+
+
+def test_phases_are_those_of_each_trial():
+    parts = [perturbed(Multisine(), np.inf, seed, duration=20.0) for seed in (1, 2)]
+    angle, torque = (np.concatenate([getattr(part, name) for part in parts]) for name in ("angle", "torque"))
+    onsets, trials = np.concatenate([part.onsets for part in parts]), np.repeat([0, 1], 10)
+    both = tv.Ensemble(angle, torque, 100.0, context=parts[0].context, onsets=onsets, trials=trials)
+    model = SKIRT.identify(both.select([0, 1, 2, 4, 5, 6, 7, 8, 9, *range(11, 20)]))  # with gaps
+    assert np.abs(model.stiffness - SineWave()(model.time)).max() < 0.1
+
+
+def test_bands_are_as_wide_as_the_error():
+    models = [SKIRT.identify(perturbed(Multisine(), seed=300 + trial)) for trial in range(8)]
+    stiffness = np.stack([model.stiffness for model in models])
+    truth = SineWave()(models[0].time)
+    error = np.sqrt(np.mean((stiffness - truth) ** 2))
+    assert error < 2.6
+    stated = np.mean([model.estimates["stiffness"].standard_error.values for model in models])
+    assert stated == pytest.approx(error, rel=0.3)
+    lower, upper = models[0].estimates["stiffness"].band(simultaneous=True)
+    pointwise = models[0].estimates["stiffness"].band()
+    assert (lower < pointwise[0]).all()
+    assert (upper > pointwise[1]).all()
+
+
+@pytest.mark.parametrize(
+    ("method", "perturbation", "message"),
+    [
+        (SKIRT, tv.simulate.FilteredNoise(), r"the angle is no multisine: lines \(.*\) explain \d.* % of it, and 99 %"),
+        (SKIRT, Multisine((2.3,)), r"one line \(2.3 Hz\) cannot tell stiffness from inertia"),
+        (SKIRT, Multisine((2.3, 4.2)), r"the skirts of lines 1.9 Hz apart overlap: a change of 2 harmonics of 0.5 Hz"),
+        (tv.SkirtDecomposition((1.2, 5.2)), Multisine(), r"no multisine: lines \(1.2, 5.2 Hz\) explain \d.* % of it"),
+    ],
+)
+def test_what_it_does_not_serve_is_said_in_words(method, perturbation, message):
+    ensemble = perturbed(perturbation)
+    with pytest.raises(tv.InputError, match=message):
+        method.identify(ensemble)
+
+
+@pytest.mark.parametrize("settings", [{"harmonics": -1}, {"harmonics": 1.5}, {"frequencies": (1.0, -2.0)}])
+def test_settings_that_make_no_sense_are_refused(settings):
+    with pytest.raises(tv.InputError):
+        tv.SkirtDecomposition(**settings)
+
+
+def test_it_passes_every_check():
+    assert [f"{each.name}: {each.message}" for each in tv.check_method(SKIRT) if not each.passed] == []

@@ -136,11 +136,15 @@ class JointCascade(base.Method):
             object.__setattr__(self, "inputs", (base.Input(self.emg, "input", "V"),))
 
     def _identify(self, ensemble: Ensemble) -> TwoPathwayModel:
+        return result.model(repr(self), *self.solved(ensemble))
+
+    def solved(self, ensemble: Ensemble) -> tuple[Search, dict[str, Candidate], result.Chosen]:
+        """Solutions with each reflex and without one, and the one chosen."""
         search = self._search(ensemble)
         fits = search.fits(self.constant)
         name, shown = self._shown(ensemble, fits)
         found = search.refined(name, fits) if shown else search.unshown(name, fits)
-        return result.model(repr(self), search, fits, result.Chosen(name, shown, found, self.emg))
+        return search, fits, result.Chosen(name, shown, found, self.emg)
 
     def _search(self, ensemble: Ensemble) -> Search:
         rate, lags = ensemble.sampling_rate, base.fitting_lags("JointCascade", self.max_lag, ensemble)

@@ -45,12 +45,13 @@ def benchmark(
         Path | None, typer.Argument(metavar="[STUDY.toml]", help="TOML file with the study's settings.")
     ] = None,
     preset: Annotated[
-        Literal["quick", "paper", "snr", "viscosity", "reflex"] | None,
+        Literal["quick", "paper", "snr", "viscosity", "reflex", "closed-loop"] | None,
         option(
             None,
             "`quick` (the default), `paper` (van de Ruit et al. 2021: 40 to 600 s, 100 trials, and their sine), `snr` "
             "(0 to 30 dB), `viscosity` (constant, and rising with stiffness), `reflex` (a stretch reflex, by methods "
-            "of one pathway and of two). The options below override its settings.",
+            "of one pathway and of two), `closed-loop` (an actuator that gives way, by methods with and without a "
+            "reference). The options below override its settings.",
         ),
     ] = None,
     system: Annotated[
@@ -126,7 +127,7 @@ def benchmark(
 
     Example: `tvsysid benchmark --preset paper --out paper`
     """
-    from tvsysid.studies import reflex
+    from tvsysid.studies import PRESETS
     from tvsysid.studies.van_de_ruit_2021 import preset as study_called
     from tvsysid.study import Study, cores, run
 
@@ -138,7 +139,7 @@ def benchmark(
     if study_file is not None:
         study = Study.from_toml(study_file, **settings)
     else:
-        study = study_called(preset or "quick", reflex.PRESETS, **settings)
+        study = study_called(preset or "quick", PRESETS, **settings)
     if dry_run:
         _print_plan(study, workers or cores())
         return
@@ -175,7 +176,7 @@ def _print_plan(study: Study, workers: int) -> None:
 def write(results: xr.Dataset, out: Path, command: str) -> bool:
     """Write tables, figures and report, and print the essence; whether every method gave a result in every trial."""
     from tvsysid.report import problems
-    from tvsysid.studies.reflex import published
+    from tvsysid.studies import published
     from tvsysid.studies.van_de_ruit_2021 import write_study
 
     with waiting("scoring and drawing"):
@@ -186,7 +187,7 @@ def write(results: xr.Dataset, out: Path, command: str) -> bool:
     if len(labels) > MOST_TABLES:
         say(f"and {len(labels) - MOST_TABLES} more scenarios in summary.csv and report.html")
     if (claims.verdict != "not studied").any():
-        show_claims(claims, "simulations", "other scenarios: --preset paper, snr, viscosity, reflex")
+        show_claims(claims, "simulations", "other scenarios: --preset paper, snr, viscosity, reflex, closed-loop")
     _show_times(results)
     complete = print_met(results, problems(results), "trials", "trials")
     say_written(out, [*files, STORE])

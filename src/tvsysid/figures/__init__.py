@@ -10,7 +10,7 @@ from tvsysid.figures.participants import participant_in_detail, stiffness_of_par
 from tvsysid.figures.preparation import preparation_steps
 from tvsysid.figures.recorded import recorded_channels, recorded_signals
 from tvsysid.figures.saving import Illustration, Picture, draw_all, drawn, helpers, save, share_out
-from tvsysid.figures.simulations import bias_against_gain, coverage_over_time, error_against_amount, impulse_responses
+from tvsysid.figures.simulations import bias_against, coverage_over_time, error_against_amount, impulse_responses
 from tvsysid.figures.spread import error_against_truth, variance_and_spread
 from tvsysid.figures.style import lines
 
@@ -18,7 +18,7 @@ __all__ = [
     "BARS_OF_PATHWAYS",
     "Illustration",
     "Picture",
-    "bias_against_gain",
+    "bias_against",
     "coverage_over_time",
     "diagnosis_illustration",
     "diagnosis_panels",

@@ -78,21 +78,26 @@ def error_against_amount(summary: pd.DataFrame, title: str = "") -> Figure:
 
 
 @styled
-def bias_against_gain(rows: pd.DataFrame, title: str = "") -> Figure:
-    """Mean bias of the stiffness against the gain of a reflex, a line for each method: value ± standard error.
+def bias_against(what: str, rows: pd.DataFrame, title: str = "") -> Figure:
+    """Mean bias of the stiffness against a quantity of the system, a line for each method: value ± standard error.
 
-    The rows have columns method, gain (N·m·s/rad), value and standard_error (N·m/rad).
+    ``what`` the quantity is, with its unit; the rows have columns method, size (of the quantity), value and
+    standard_error (N·m/rad).
     """
     figure, grid = panels(1, 1, 4.6, 3.8, title)
     axes, looks = grid[0, 0], lines(unique(rows.method))
     axes.axhline(0, color=TRUTH, linestyle="--", linewidth=1.0)
     for number, (method, (hue, style)) in enumerate(looks.items()):
-        line = rows[rows.method == method].sort_values("gain")
+        line = rows[rows.method == method].sort_values("size")
         marker = MARKERS[number % len(MARKERS)]
-        axes.errorbar(line.gain, line.value, yerr=line.standard_error.fillna(0.0), capsize=2, marker=marker,
+        axes.errorbar(line["size"], line.value, yerr=line.standard_error.fillna(0.0), capsize=2, marker=marker,
                       markersize=4.5, linewidth=1.2, color=hue, linestyle=style, label=wrapped(method, 40))  # fmt: skip
-    axes.set_xticks(sorted(rows.gain.unique()))
-    axes.set_xlabel("gain of the reflex (N·m·s/rad)")
+    sizes = sorted(rows["size"].unique())
+    if sizes[0] > 0 and sizes[-1] > 20 * sizes[0]:
+        axes.set_xscale("log")
+        axes.minorticks_off()
+    axes.set_xticks(sizes, [f"{size:g}" for size in sizes])
+    axes.set_xlabel(what)
     axes.set_ylabel("mean bias of the stiffness (N·m/rad)")
     legend_below(figure, axes.get_legend_handles_labels()[0])
     return figure

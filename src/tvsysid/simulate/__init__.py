@@ -18,6 +18,7 @@ SYSTEMS: dict[str, Joint] = {
     "reflex-square": ReflexJoint(reflex_gain=SquareWave(4.0, 12.0, offset=0.0)),
     "compliant": CompliantActuator(),
     "scheduled": ScheduledJoint(),
+    "loaded": CompliantActuator(disturbance="torque"),
 }
 """Systems by name. Each is a dataclass with fields ``stiffness``, ``viscosity`` and ``inertia``, so that
 ``dataclasses.replace(SYSTEMS["reflex"], stiffness=PROFILES["sine"])`` gives the same system with another profile."""

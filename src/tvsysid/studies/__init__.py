@@ -1,5 +1,21 @@
 """Studies that were published, and what they claim: a folder for each paper, or for what several say of one thing."""
 
-from tvsysid.studies import reflex, van_de_ruit_2021
+from __future__ import annotations
 
-__all__ = ["reflex", "van_de_ruit_2021"]
+from typing import TYPE_CHECKING
+
+from tvsysid.studies import closed_loop, reflex, van_de_ruit_2021
+from tvsysid.studies.van_de_ruit_2021.folder import PAPER, Published
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["PRESETS", "closed_loop", "published", "reflex", "van_de_ruit_2021"]
+
+PRESETS = reflex.PRESETS | closed_loop.PRESETS
+"""Studies by name, beside those of the paper."""
+
+
+def published(results: xr.Dataset) -> Published:
+    """What a simulation study is held against: the paper, if nothing else fits."""
+    return reflex.published(results) or closed_loop.published(results) or PAPER

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 from tvsysid.studies.reflex.claims import judge
 from tvsysid.studies.reflex.figures import reflex_figures
 from tvsysid.studies.reflex.presets import PRESETS
-from tvsysid.studies.van_de_ruit_2021.folder import PAPER, Published
+from tvsysid.studies.scored import HOW_DECIDED
+from tvsysid.studies.van_de_ruit_2021.folder import Published
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -17,14 +18,13 @@ __all__ = ["LITERATURE", "PRESETS", "judge", "published", "reflex_figures"]
 LITERATURE = Published(
     judge,
     reflex_figures,
-    "What the literature says of reflexes and of methods that separate them, and whether this study finds it. Estimate "
-    "and limits (95 %) are those of the comparison that decides: a difference above 0 or a ratio above 1 speaks for "
-    "the claim. For “does not hold” the confidence is 95 % for all comparisons together.",
+    "What the literature says of reflexes and of methods that separate them, and whether this study finds it. "
+    + HOW_DECIDED,
 )
 
 
-def published(results: xr.Dataset) -> Published:
-    """What a simulation study is held against: the literature on reflexes, if they are known, and some method's."""
+def published(results: xr.Dataset) -> Published | None:
+    """What a simulation study is held against, if its reflexes are known, and some method's."""
     if "reflex_gain" not in results.quantity.values or results.truth.sel(quantity="reflex_gain").isnull().any():
-        return PAPER
-    return LITERATURE if results.estimate.sel(quantity="reflex_gain").notnull().any() else PAPER
+        return None
+    return LITERATURE if results.estimate.sel(quantity="reflex_gain").notnull().any() else None

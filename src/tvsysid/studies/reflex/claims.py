@@ -7,19 +7,19 @@ sentences.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
-from tvsysid.numerics import Array
 from tvsysid.studies.reflex.presets import FEW, GAINS, MANY, NAMES, ONE_PATH, PERIOD
-from tvsysid.studies.van_de_ruit_2021.simulations import ALIKE, FEWEST, Replicated
-from tvsysid.studies.verdicts import COLUMNS, RATIO, Claim, judged, log_ratio
+from tvsysid.studies.scored import Margins, Scores, judged_by, margin
+from tvsysid.studies.van_de_ruit_2021.simulations import ALIKE, Replicated
+from tvsysid.studies.verdicts import RATIO, Claim, log_ratio
 from tvsysid.study.simulated import Scenario
 
 if TYPE_CHECKING:
+    import pandas as pd
     import xarray as xr
 
 STIFFNESS, GAIN = "total_error", "reflex_gain total_error"
@@ -34,43 +34,9 @@ TELLS = 0.10  # likewise for the stiffness
 INVENTED = 0.4  # N·m·s/rad of reflex gain up to which nothing is said to be found: a twentieth of the usual gain
 
 
-Place = tuple[Scenario, str, str]  # scenario, method and metric
-
-
-class Scores:
-    """Metrics with their replicates."""
-
-    def __init__(self, scores: xr.Dataset) -> None:
-        self._scores = scores
-
-    def of(self, *places: Place) -> list[Array]:
-        """Metrics and their replicates behind them; none if the study lacks any."""
-        indexes, found = self._scores.indexes, []
-        for place in places:
-            names = dict(zip(("scenario", "method_key", "metric"), (place[0].label, *place[1:]), strict=True))
-            if not all(name in indexes[dim] for dim, name in names.items()):
-                return []
-            own = self._scores.sel(names)
-            if not own.trials:
-                return []
-            found.append(np.append(own.value.values, own.replicates.values))
-        return found
-
-
-Margins = Callable[[Scores], Iterator[Replicated]]
-
-
 def judge(scores: xr.Dataset) -> pd.DataFrame:
     """Hold every claim against the scores of a study; columns are those of the claims of a published study."""
-    known = Scores(scores)
-    too_few = f"Needs at least {FEWEST} trials." if int(scores.trials.max()) < FEWEST else ""
-    with np.errstate(divide="ignore", invalid="ignore"):  # a draw of few trials may have no error
-        rows = [judged(claim, list(claim.margins(known)), too_few=too_few, more="trials") for claim in CLAIMS]
-    return pd.DataFrame(rows, columns=list(COLUMNS))
-
-
-def _margin(words: str, margin: Array) -> Replicated:
-    return Replicated(words, float(margin[0]), margin[1:])
+    return judged_by(CLAIMS, scores)
 
 
 def _below(metric: str, limit: float, words: str, where: dict[str, Scenario]) -> Margins:
@@ -79,7 +45,7 @@ def _below(metric: str, limit: float, words: str, where: dict[str, Scenario]) ->
     def margins(scores: Scores) -> Iterator[Replicated]:
         for method, scenario in where.items():
             for found in scores.of((scenario, method, metric)):
-                yield _margin(words.format(method=method, value=found[0]), limit - found)
+                yield margin(words.format(method=method, value=found[0]), limit - found)
 
     return margins
 
@@ -87,7 +53,7 @@ def _below(metric: str, limit: float, words: str, where: dict[str, Scenario]) ->
 def _takes_reflex_for_stiffness(scores: Scores) -> Iterator[Replicated]:
     for method, gain in itertools.product(ONE_PATH, GAINS):
         for bias in scores.of((CONSTANT[gain], method, "mean_bias")):
-            yield _margin(f"mean bias of {method} {bias[0]:.1f} N·m/rad at a gain of {gain:g} N·m·s/rad", bias)
+            yield margin(f"mean bias of {method} {bias[0]:.1f} N·m/rad at a gain of {gain:g} N·m·s/rad", bias)
 
 
 def _in_proportion(scores: Scores) -> Iterator[Replicated]:
@@ -97,7 +63,7 @@ def _in_proportion(scores: Scores) -> Iterator[Replicated]:
             none, low, high = found
             words = f"mean bias of {method} {low[0]:.1f} N·m/rad at a gain of {one:g}, {high[0]:.1f} at {other:g}"
             off = log_ratio(high - none, low - none) - np.log(other / one)
-            yield from (_margin(words, np.log1p(ALIKE) - each) for each in (off, -off))
+            yield from (margin(words, np.log1p(ALIKE) - each) for each in (off, -off))
 
 
 def _mends(scores: Scores) -> Iterator[Replicated]:
@@ -105,21 +71,21 @@ def _mends(scores: Scores) -> Iterator[Replicated]:
         if found := scores.of(*((SINE, each, "mean_bias") for each in (method, rival))):
             own, other = found
             words = f"mean bias of {method} {own[0]:.1f} N·m/rad, of {rival} {other[0]:.1f} N·m/rad"
-            yield _margin(words, PART * np.abs(other) - np.abs(own))
+            yield margin(words, PART * np.abs(other) - np.abs(own))
 
 
 def _needs_many(scores: Scores) -> Iterator[Replicated]:
     for count in (*FEW, MANY):
         for found in scores.of((SINE._replace(duration_s=PERIOD * count), "tvpc", GAIN)):
             words = f"reflex gain off by {100 * found[0] / MEAN_GAIN:.0f} % with {count} realizations"
-            yield _margin(words, (found / MEAN_GAIN - SMALL) * (1 if count in FEW else -1))
+            yield margin(words, (found / MEAN_GAIN - SMALL) * (1 if count in FEW else -1))
 
 
 def _more_robust(scores: Scores) -> Iterator[Replicated]:
     for metric, what in ((STIFFNESS, "{:.1f} N·m/rad"), (GAIN, "{:.2f} N·m·s/rad")):
         if found := scores.of(*((LOUD, method, metric) for method in ("sdss", "pc"))):
             own, other = (what.format(each[0]) for each in found)
-            yield _margin(f"total error of sdss {own}, of pc {other}", log_ratio(found[1], found[0]))
+            yield margin(f"total error of sdss {own}, of pc {other}", log_ratio(found[1], found[0]))
 
 
 N_M, SHARE, RATE_GAIN = "N·m/rad", "share of the mean", "N·m·s/rad"

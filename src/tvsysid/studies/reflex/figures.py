@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
-from tvsysid.figures import BARS_OF_PATHWAYS, Illustration, bias_against_gain, method_comparison
+from tvsysid.figures import BARS_OF_PATHWAYS, Illustration, bias_against, method_comparison
 from tvsysid.figures.results import OVER_TIME, unique
 from tvsysid.figures.words import TRAITS, count, profile_name
 from tvsysid.study.scores import asked
@@ -67,12 +67,12 @@ def _pathways(results: xr.Dataset, summary: pd.DataFrame, rows: pd.DataFrame, wh
 
 def _bias(summary: pd.DataFrame, gains: pd.Series, what: str) -> Illustration:
     rows = summary[(summary.metric == "mean_bias") & summary.scenario.isin(gains.index)]
-    rows = rows.assign(gain=rows.scenario.map(gains)).dropna(subset=["value"]).sort_values("gain", kind="stable")
-    rows = rows[rows.groupby("method").gain.transform("nunique") > 1]
+    rows = rows.assign(size=rows.scenario.map(gains)).dropna(subset=["value"]).sort_values("size", kind="stable")
+    rows = rows[rows.groupby("method")["size"].transform("nunique") > 1]
     title = f"What a reflex does to the stiffness: {what}"
     said = [
-        f"{method}: {', '.join(f'{each.value:.1f} at {each.gain:g}' for each in line.itertuples())}."
+        f"{method}: {', '.join(f'{each.value:.1f} at {each.size:g}' for each in line.itertuples())}."
         for method, line in rows.groupby("method", sort=False)
     ]
     text = "Mean bias of the stiffness in N·m/rad against the gain of the reflex in N·m·s/rad. " + " ".join(said)
-    return Illustration(partial(bias_against_gain, rows, title), title, text)
+    return Illustration(partial(bias_against, "gain of the reflex (N·m·s/rad)", rows, title), title, text)

@@ -210,7 +210,7 @@ def test_features_that_the_data_cannot_see_do_not_matter(ensemble_of, monkeypatc
     # Every third realization is missing: runs of one length at different times.
     ensemble = ensemble_of(60.0, "sine", "noise", snr_db).select(np.arange(30) % 3 != 1)
     model = method.identify(ensemble)
-    monkeypatch.setattr("tvsysid.methods.kbr.VISIBLE", 0.0)
+    monkeypatch.setattr("tvsysid.methods.kbr.fitting.VISIBLE", 0.0)
     whole = method.identify(ensemble)
     assert np.abs(model.stiffness - whole.stiffness).max() < 5e-3
     assert np.abs(model.inertia - whole.inertia).max() < 1e-5

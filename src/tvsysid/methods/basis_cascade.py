@@ -11,6 +11,7 @@ from tvsysid.methods import base, birf, shared
 from tvsysid.methods.shared import in_turn
 from tvsysid.methods.shared.pathways import TwoPathwayModel
 from tvsysid.numerics.bases import Basis, CubicBSplines, check_basis, evaluate
+from tvsysid.numerics.moments import expanded
 from tvsysid.signals import Array, Ensemble
 
 
@@ -113,7 +114,7 @@ class BasisCascade(base.Method):
 def _response(drive: Array, output: Array, functions: Array, prior: birf.Prior) -> Array:
     """Weights (time, lag) of a drive (realization, lag + time) that are sums of functions (time, function)."""
     phi, cross = (len(drive) * each for each in in_turn.response_moments(drive, output))
-    gram = birf.expanded(phi, functions)
+    gram = expanded(phi, functions)
     right = (cross.T @ functions).ravel()
     found = shared.PRIORS[prior](gram, right, float(np.sum(output**2)), output.size)
     return functions @ found.mean.reshape(cross.shape[1], -1).T

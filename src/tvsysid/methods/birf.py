@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 
+from tvsysid.errors import InputError
 from tvsysid.methods import base, shared, tuning
 from tvsysid.models import Diagnostics, ImpulseResponseModel, Model, SecondOrderModel
 from tvsysid.numerics.bases import Basis, CubicBSplines, check_basis, evaluate
+from tvsysid.numerics.moments import expanded
 from tvsysid.signals import Array, Ensemble
 
 Prior = Literal["ard", "ridge", "none"]
@@ -39,6 +41,10 @@ class BasisIRF(base.Method):
     prior
         ``"ard"``: one precision for each coefficient (relevance vector machine); ``"ridge"``: one for all, the
         signals being scaled to unit RMS; ``"none"``: least squares.
+    reference
+        Channel with the disturbance that was applied, for a joint in closed loop, whose angle the noise of the torque
+        moves too; of the parametric model. What it predicts of the angle is the instrument
+        (:mod:`tvsysid.methods.shared.instrument`), and the coefficients are given their prior by a fit to it.
 
     Notes
     -----
@@ -61,6 +67,7 @@ class BasisIRF(base.Method):
     basis: Basis = field(default_factory=CubicBSplines)
     model: Structure = "parametric"
     prior: Prior = "ard"
+    reference: str | None = None
 
     key: ClassVar[str] = "birf"
     title: ClassVar[str] = "Basis impulse response function"
@@ -75,38 +82,56 @@ class BasisIRF(base.Method):
         base.check_choice(self, "model", Structure)
         base.check_choice(self, "prior", Prior)
         check_basis(self, self.basis)
+        if self.reference is not None:
+            object.__setattr__(self, "inputs", shared.reference_input(self.reference))
+            if self.model != "parametric":
+                raise InputError("BasisIRF: with a reference, model must be 'parametric', of which the fit is known")
 
     def _identify(self, ensemble: Ensemble) -> Model:
         functions = evaluate(self.basis, ensemble.samples)
         return self._parametric(ensemble, functions) if self.model == "parametric" else self._irf(ensemble, functions)
 
     def _parametric(self, ensemble: Ensemble, functions: Array) -> SecondOrderModel:
-        products = shared.colour_products(ensemble)  # which the bands need too
-        moments = self._derivative_moments(ensemble, products)
+        instrument = None
+        if self.reference is not None:
+            instrument = shared.Instrument.of("birf", ensemble, self.reference)
+        moved = ensemble if instrument is None else instrument.moved
+        products = shared.colour_products(moved)  # which the bands need too
+        moments = self._derivative_moments(moved, products)
         missing = (len(functions) - len(moments.square)) // 2
         expansions = _expansions(functions[missing : len(functions) - missing])
         system = _parametric_system(moments, expansions)
         posterior = self._posterior(system, ensemble)
+        if instrument is not None:
+            posterior = _instrumental(posterior, expansions, system.scale, ensemble, moved)
         coefficients = posterior.mean * system.scale
         covariance = posterior.covariance * np.outer(system.scale, system.scale)
         count = functions.shape[1]
         places = np.split(np.arange(len(coefficients)), (count, 2 * count))
         impedance = np.stack([e @ coefficients[at] for e, at in zip(expansions, places, strict=True)], axis=1)
-        agreement = moments.second_order_agreement(impedance, len(ensemble))
+        if instrument is None:
+            agreement = moments.second_order_agreement(impedance, len(ensemble))
+        else:
+            agreement = instrument.agreement(ensemble, base.padded(impedance, missing))
         filters = shared.derivative_filters(shared.HALF_WIDTH, ensemble.sampling_rate)
         left = shared.residual(ensemble, impedance @ filters)
         covariances = tuple(covariance[np.ix_(at, at)] for at in places)
         errors = self._errors(ensemble, products, expansions, covariances, left, posterior.effective)
+        diagnostics = _diagnostics(posterior, agreement)
+        banded: shared.PosteriorErrors | shared.WhereStrong = errors
+        if instrument is not None:
+            banded, details = instrument.banded(errors), diagnostics.details | instrument.details
+            diagnostics = replace(diagnostics, warnings=instrument.warnings(), details=details)
         stiffness, viscosity, inertia = base.padded(impedance, missing).T
         names = [f"{name} {j}" for name in ("stiffness", "viscosity") for j in range(count)]
         return SecondOrderModel(
             method=repr(self),
             sampling_rate=ensemble.sampling_rate,
             time=ensemble.time,
-            estimates=shared.impedance_estimates(stiffness, viscosity, inertia, errors),
+            estimates=shared.impedance_estimates(stiffness, viscosity, inertia, banded),
             posterior=posterior._replace(mean=coefficients, covariance=covariance),
             labels=(*names, "inertia"),
-            diagnostics=_diagnostics(posterior, agreement),
+            diagnostics=diagnostics,
         )
 
     def _irf(self, ensemble: Ensemble, functions: Array) -> ImpulseResponseModel:
@@ -175,6 +200,9 @@ class BasisIRF(base.Method):
 
     def _evidence(self, ensemble: Ensemble, seed: int) -> tuning.Evidence:
         """Log evidence of bases; ``seed`` is not needed: nothing is drawn at random."""
+        if self.reference is not None:
+            moved = shared.Instrument.of("birf", ensemble, self.reference).moved
+            return replace(self, reference=None)._evidence(moved, seed)
         parametric = self.model == "parametric"
         per_function = 2 if parametric else 2 * base.fitting_lags("BasisIRF", self.max_lag, ensemble) + 1
         predicted = self._identify(ensemble).predict(ensemble)
@@ -219,15 +247,45 @@ def _parametric_system(moments: shared.DerivativeMoments, expansions: tuple[Arra
     power = np.mean(np.diagonal(moments.regressors, axis1=1, axis2=2), axis=0)
     rms = np.sqrt(np.maximum(power, np.finfo(float).tiny))
     regressors, cross = moments.regressors / np.outer(rms, rms), moments.cross / rms
-    gram = np.block(
-        [
-            [(left * regressors[:, a, b, None]).T @ right for b, right in enumerate(expansions)]
-            for a, left in enumerate(expansions)
-        ]
-    )
+    gram = _expanded(regressors, expansions)
     right = np.concatenate([expansion.T @ cross[:, a] for a, expansion in enumerate(expansions)])
     scale = 1 / np.repeat(rms, [expansion.shape[1] for expansion in expansions])
     return System(gram, right, float(moments.square.sum()), len(cross), scale)
+
+
+def _expanded(moments: Array, expansions: tuple[Array, ...]) -> Array:
+    """Products of signals times functions of time, summed over time, from the signals' moments (time, 3, 3)."""
+    return np.block(
+        [
+            [(left * moments[:, a, b, None]).T @ right for b, right in enumerate(expansions)]
+            for a, left in enumerate(expansions)
+        ]
+    )
+
+
+def _instrumental(
+    posterior: shared.Posterior, expansions: tuple[Array, ...], scale: Array, ensemble: Ensemble, moved: Ensemble
+) -> shared.Posterior:
+    r"""Coefficients by instruments Z in the left factor, from their posterior m, C in a fit to the instruments alone.
+
+    .. math:: (Z^T X + \sigma^2 P)\, \hat w = Z^T y \iff \hat w = M m, \qquad
+              M = (1 + C\, Z^T (X - Z) / \sigma^2)^{-1}
+
+    whatever the prior; the covariance is :math:`M C M^T`, for the noise that the angle itself leaves. What the prior
+    pruned stays 0.
+    """
+    missing = (ensemble.samples - len(expansions[0])) // 2
+    at = slice(missing, ensemble.samples - missing)
+    z, x = (each.derivatives()[:, :, at] for each in (moved, ensemble))
+    surplus = _expanded(np.einsum("irt,jrt->tij", z, x - z), expansions) * np.outer(scale, scale)
+    transform = np.linalg.inv(np.eye(len(scale)) + posterior.covariance @ surplus / posterior.noise_variance)
+    mean = transform @ posterior.mean
+    places = np.cumsum([each.shape[1] for each in expansions])[:-1]
+    impedance = [e @ part for e, part in zip(expansions, np.split(mean * scale, places), strict=True)]
+    left = ensemble.torque[:, ensemble.core][:, at] - sum(map(np.multiply, np.stack(impedance), x))
+    noise = float(np.vdot(left, left)) / max(left.size - posterior.effective, 1.0)
+    covariance = transform @ posterior.covariance @ transform.T * (noise / posterior.noise_variance)
+    return posterior._replace(mean=mean, covariance=covariance, noise_variance=noise)
 
 
 def _irf_system(ensemble: Ensemble, functions: Array, lags: int) -> tuple[System, Array]:
@@ -242,16 +300,6 @@ def _irf_system(ensemble: Ensemble, functions: Array, lags: int) -> tuple[System
     cross = (phi_uy.T @ functions).ravel() / np.sqrt(power)
     scale = np.full(unknowns * count, 1 / np.sqrt(power))
     return System(gram / power, cross, float(square.sum()), len(functions), scale), moments / len(functions)
-
-
-def expanded(moments: Array, functions: Array) -> Array:
-    """Gram matrix of coefficients of lags times functions of time, from the lags' moments at each time."""
-    unknowns, count = moments.shape[1], functions.shape[1]
-    gram = np.zeros((unknowns**2, count**2))
-    for chunk in shared.time_chunks(len(functions), unknowns):
-        at = functions[chunk]
-        gram += moments[chunk].reshape(len(at), -1).T @ (at[:, :, None] * at[:, None, :]).reshape(len(at), -1)
-    return gram.reshape(unknowns, unknowns, count, count).transpose(0, 2, 1, 3).reshape(unknowns * count, -1)
 
 
 def _diagnostics(posterior: shared.Posterior, agreement: float) -> Diagnostics:

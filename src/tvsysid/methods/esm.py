@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -45,6 +45,10 @@ class EnsembleSpectral(base.Method):
         biases it by some -2 to -3 N·m/rad, which no band of the random error covers. ``"fit"``: from the second-order
         fit that viscosity and inertia always come from; it has no such bias, and 40 % (filtered noise) to 75 % (PRBS)
         of the random error.
+    reference
+        Channel with the disturbance that was applied, for a joint in closed loop, whose angle the noise of the torque
+        moves too; ``stiffness="fit"``. The cross-spectra are then those with the angle that the reference predicts
+        (:mod:`tvsysid.methods.shared.instrument`), in the response too.
 
     Notes
     -----
@@ -68,6 +72,7 @@ class EnsembleSpectral(base.Method):
 
     window: float = 0.30
     stiffness: Stiffness = "dc"
+    reference: str | None = None
 
     key: ClassVar[str] = "esm"
     title: ClassVar[str] = "Ensemble spectral method"
@@ -80,6 +85,13 @@ class EnsembleSpectral(base.Method):
     def __post_init__(self) -> None:
         base.check_positive(self, window=self.window)
         base.check_choice(self, "stiffness", Stiffness)
+        if self.reference is not None:
+            object.__setattr__(self, "inputs", shared.reference_input(self.reference))
+            if self.stiffness != "fit":
+                raise InputError(
+                    f"EnsembleSpectral: with a reference, stiffness must be 'fit' (esm:stiffness=fit,reference="
+                    f"{self.reference}); at 0 Hz it is biased, as the angle answers to what came before the window"
+                )
 
     def _identify(self, ensemble: Ensemble) -> FrequencyResponseModel:
         length = base.whole_samples(self.window, ensemble)
@@ -93,24 +105,38 @@ class EnsembleSpectral(base.Method):
         missing = base.missing_edge(before, ensemble), base.missing_edge(after, ensemble)
         first = ensemble.context + missing[0] - before
         last = ensemble.context + ensemble.samples - missing[1] + after
-        angle, torque = ensemble.angle[:, first:last], ensemble.torque[:, first:last]
+        instrument = None if self.reference is None else shared.Instrument.of("esm", ensemble, self.reference)
         products = shared.colour_products(ensemble)
         mirrored = (len(products) - ensemble.angle.shape[1] + 1) // 2
-        spectra = shared.short_time_spectra(angle, torque, length, products[first + mirrored : last + mirrored])
+        angle, torque = ensemble.angle[:, first:last], ensemble.torque[:, first:last]
+        moved = angle if instrument is None else instrument.moved.angle[:, first:last]
+        along = products[first + mirrored : last + mirrored] if instrument is None else None
+        spectra = shared.short_time_spectra(moved, torque, length, along)
         excited = (spectra.uu > EXCITED * spectra.uu.max(axis=1, keepdims=True)).astype(np.float64)
         # A frequency without any input has no response; the smallest number keeps it finite.
         input_power = np.maximum(spectra.uu, np.finfo(float).tiny)
-        response: NDArray[np.complex128] = spectra.yu / input_power
+        through = input_power if instrument is None else _nonzero(shared.short_time_spectra(moved, angle, length).yu)
+        response: NDArray[np.complex128] = spectra.yu / through
         powers = input_power * np.maximum(spectra.yy, np.finfo(float).tiny)
         coherence = np.clip(np.abs(spectra.yu) ** 2 / powers, 0.0, 1.0)
         frequencies = np.asarray(np.fft.rfftfreq(length, 1 / ensemble.sampling_rate), dtype=np.float64)
-        segments, impedance, agreement = _segment_fit(ensemble, products, shared.hann(length) ** 2, first, last)
-        at_rest = None
-        if self.stiffness == "dc":
-            impedance[:, 0] = response[:, 0].real
-            at_rest = _variance_at_rest(angle, torque, impedance[:, 0], shared.independent_realizations(ensemble))
-        stiffness, viscosity, inertia = base.padded(impedance, *missing).T
-        errors = SegmentErrors(segments, at_rest, missing, shared.counted(ensemble))
+        power, details = shared.hann(length) ** 2, {}
+        errors: SegmentErrors | shared.WhereStrong
+        if instrument is None:
+            segments, impedance, agreement = _segment_fit(ensemble, products, power, first, last)
+            at_rest = None
+            if self.stiffness == "dc":
+                impedance[:, 0] = response[:, 0].real
+                at_rest = _variance_at_rest(angle, torque, impedance[:, 0], shared.independent_realizations(ensemble))
+            errors = SegmentErrors(segments, at_rest, missing, shared.counted(ensemble))
+            impedance = base.padded(impedance, *missing)
+        else:
+            found = shared.segment_fit(ensemble, instrument.moved, power, first, last)
+            impedance, values = (base.padded(each, *missing) for each in (found.impedance, np.sqrt(found.variances)))
+            freedom = np.full(values.shape, max(1.0, shared.independent_realizations(ensemble) - 3.0))
+            errors = instrument.banded(shared.standard_errors(values, freedom))
+            agreement, details = instrument.agreement(ensemble, impedance), instrument.details
+        stiffness, viscosity, inertia = impedance.T
         return FrequencyResponseModel(
             method=repr(self),
             sampling_rate=ensemble.sampling_rate,
@@ -121,7 +147,11 @@ class EnsembleSpectral(base.Method):
             coherence=base.padded(coherence, *missing),
             excited=base.padded(excited, *missing) > 0,
             segment=length,
-            diagnostics=Diagnostics(float(length), details={"second_order_agreement": agreement}),
+            diagnostics=Diagnostics(
+                float(length),
+                warnings=() if instrument is None else instrument.warnings(),
+                details={"second_order_agreement": agreement} | details,
+            ),
         )
 
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
@@ -139,6 +169,10 @@ class EnsembleSpectral(base.Method):
             )
 
     def _evidence(self, ensemble: Ensemble, seed: int) -> tuning.Evidence:
+        if self.reference is not None:
+            return replace(self, reference=None)._evidence(
+                shared.Instrument.of("esm", ensemble, self.reference).moved, seed
+            )
         return tuning.evidence_by_halves(self, ensemble, seed, {"window": WINDOWS}, REFERENCE_LAG)
 
     def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
@@ -219,6 +253,11 @@ def _segment_fit(
     agreement = shared.agreement_of(fit, left, angle, covariance)
     edges = first - begin, end - last
     return Segments(moments, edges, power, shared.independent_realizations(ensemble), colour), impedance, agreement
+
+
+def _nonzero(values: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Values, of which none is 0."""
+    return np.where(values == 0, np.finfo(float).tiny, values)
 
 
 def window_sums(moments: Array, weights: Array) -> Array:

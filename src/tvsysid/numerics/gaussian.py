@@ -82,6 +82,45 @@ def fit(statistics: Statistics, precision: Array, weak: float) -> Fit:
     return Fit(mean * scale, place.noise, solution.effective, place.iterations, solution.inverse_factor, scale)
 
 
+class InstrumentalFit(NamedTuple):
+    r"""As :class:`Fit`; the ``covariance`` is :math:`\tfrac12\sigma^2 A^{-1} (Z^T Z + \sigma^2 P) A^{-T}`."""
+
+    mean: Array
+    noise_variance: float
+    effective: float
+    iterations: int
+    covariance: Array
+
+
+def instrumental(both: Statistics, precision: Array, weak: float) -> InstrumentalFit:
+    r"""Weights of regressors X that noise moves too, by instruments Z in the place of X in the left factor.
+
+    .. math:: A\, \hat w = Z^T y - Z^T T S^{-1} T^T y, \qquad A = Z^T X - Z^T T S^{-1} T^T X + \sigma^2 P
+
+    with S as in :func:`fit`, and the noise variance of the residual y - X w. The columns of ``both`` are those of X,
+    then as many of Z.
+    """
+    count, (both, scale) = len(precision), _scaled(both)
+    of_x, of_z = scale[:count], scale[count:]
+    gram = np.tril(both.gram) + np.tril(both.gram, -1).T
+    noise, system = max(0.02 * both.square / both.number, _floor(both)), precision * of_x * of_z
+    for iteration in range(1, ITERATIONS + 1):
+        shrink = 1 / (both.powers + noise * weak)
+        left = gram[count:] - (both.mixed[count:] * shrink) @ both.mixed.T  # of Z with X and Z, less the nuisance
+        inverse = np.linalg.inv(left[:, :count] + np.diag(noise * system))
+        mean = inverse @ (both.cross[count:] - both.mixed[count:] @ (shrink * both.shared))
+        unshared = both.shared - mean @ both.mixed[:count]
+        residual = both.square - 2 * float(mean @ both.cross[:count]) + float(mean @ gram[:count, :count] @ mean)
+        residual += float(np.sum(shrink * unshared**2 * (both.powers * shrink - 2)))
+        effective = count - noise * float(system @ np.diag(inverse)) + float(np.sum(both.powers * shrink))
+        before, noise = noise, max(2 * residual / max(both.number - effective, 1.0), _floor(both))
+        if abs(noise / before - 1) <= STANDS:
+            break
+    spread = left[:, count:] + np.diag(noise * precision * of_z**2)
+    covariance = 0.5 * noise * np.outer(of_x, of_x) * (inverse @ spread @ inverse.T)
+    return InstrumentalFit(mean * of_x, noise, effective, iteration, covariance)
+
+
 class LogDensity(NamedTuple):
     """Of the data, and its derivatives by the log prior variances, shape (column,), and by the log noise variance."""
 

@@ -89,6 +89,16 @@ def lagged_moments(u: Array, y: Array, lags: int) -> tuple[Array, Array, Array, 
     return phi_uu, diagonal_moments(inner, u, 2 * lags)[:, ::-1], np.mean(inner * inner, axis=0), inner.mean(axis=0)
 
 
+def expanded(moments: Array, functions: Array) -> Array:
+    """Gram matrix of coefficients of lags times functions of time, from the lags' moments at each time."""
+    unknowns, count = moments.shape[1], functions.shape[1]
+    gram = np.zeros((unknowns**2, count**2))
+    for chunk in time_chunks(len(functions), unknowns):
+        at = functions[chunk]
+        gram += moments[chunk].reshape(len(at), -1).T @ (at[:, :, None] * at[:, None, :]).reshape(len(at), -1)
+    return gram.reshape(unknowns, unknowns, count, count).transpose(0, 2, 1, 3).reshape(unknowns * count, -1)
+
+
 def coloured_moments(products: Array, weights: Array, correlation: Array) -> Array:
     r"""Mean products of weighted sums of lagged inputs over a window, weighted by the correlation at their distance.
 

@@ -104,11 +104,18 @@ def hann(length: int) -> Array:
     return np.asarray(0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(length) + 1) / (length + 1)))
 
 
-def power_shares(x: Array, sampling_rate: float, *bands: tuple[float, float]) -> list[float]:
-    """Shares of the variance of x (realization, time) that lie within bands, each from a frequency to another in Hz."""
+def power_spectrum(x: Array) -> Array:
+    """Power of x (realization, time) at each frequency of a realization, summed over them; under a Hann window."""
     centred = x - x.mean(axis=1, keepdims=True)
     spectrum = rfft(centred * hann(x.shape[1]), axis=1)
-    power = np.einsum("rf,rf->f", spectrum.real, spectrum.real) + np.einsum("rf,rf->f", spectrum.imag, spectrum.imag)
+    return np.asarray(
+        np.einsum("rf,rf->f", spectrum.real, spectrum.real) + np.einsum("rf,rf->f", spectrum.imag, spectrum.imag)
+    )
+
+
+def power_shares(x: Array, sampling_rate: float, *bands: tuple[float, float]) -> list[float]:
+    """Shares of the variance of x (realization, time) that lie within bands, each from a frequency to another in Hz."""
+    power = power_spectrum(x)
     frequencies, total = np.fft.rfftfreq(x.shape[1], 1 / sampling_rate), power.sum()
     inside = [power[(frequencies >= low) & (frequencies <= high)].sum() for low, high in bands]
     return [float(share / total) if total > 0 else 0.0 for share in inside]

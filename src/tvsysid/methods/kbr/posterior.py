@@ -13,7 +13,7 @@ from tvsysid.estimates import StandardError
 from tvsysid.methods.kbr.kernel import Kernel
 from tvsysid.methods.kbr.record import Chosen, clocks_of
 from tvsysid.methods.shared.residuals import PosteriorErrors
-from tvsysid.numerics.gaussian import Fit
+from tvsysid.numerics.gaussian import Fit, InstrumentalFit
 from tvsysid.signals import Array, Ensemble
 
 HELD = 2**13  # samples whose features are held at once
@@ -26,7 +26,7 @@ class KernelPosterior:
     Of coefficients that the data cannot see, the prior is all that is known: its ``variances`` (coefficient,).
     """
 
-    fit: Fit
+    fit: Fit | InstrumentalFit
     kept: Chosen
     kernel: Kernel
     variances: Array

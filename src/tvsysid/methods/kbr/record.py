@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -64,6 +64,22 @@ class Run(NamedTuple):
         count = self.torque.shape[1]
         low = math.ceil(band[0] * count / self.rate - 1e-9)
         return low, min(math.floor(band[1] * count / self.rate + 1e-9), count // 2) + 1
+
+    def frequencies(self, low: int, high: int) -> Array:
+        """Frequencies in Hz of some bins."""
+        return np.arange(low, high) * self.rate / self.torque.shape[1]
+
+    def output(self, low: int, high: int) -> ComplexArray:
+        """Spectrum of the torque (run, bin)."""
+        spectrum = np.ascontiguousarray(rfft(self.torque)[:, low:high])
+        return np.asarray(spectrum * (1 / math.sqrt(self.torque.shape[1])), dtype=np.complex128)
+
+    def external_terms(self, low: int, high: int) -> ComplexArray:
+        """Spectra of the half-cosines that make up the external term, (term, bin)."""
+        samples = self.torque.shape[1]
+        terms = np.stack([half_cosine_spectrum(term, samples, low, high) for term in range(EXTERNAL_TERMS)])
+        terms *= 1 / math.sqrt(samples)
+        return terms
 
     def in_band(self, kernel: Kernel, kept: Chosen, low: int, high: int) -> Iterator[tuple[int, ComplexArray]]:
         """Regressors kept (column, run, bin), in blocks of frequencies, and the first bin of each.
@@ -205,6 +221,11 @@ class Record(NamedTuple):
         """Features that matter over the record."""
         return Kernel.of(period, l1, l2, self.start, self.stop, self.rate)
 
+    def beside(self, other: Record) -> Record:
+        """Record with the signals of another after its own, as instruments."""
+        pairs = zip(self.stacks, other.stacks, strict=True)
+        return self._replace(stacks=[a._replace(signals=np.concatenate([a.signals, b.signals])) for a, b in pairs])
+
     def up_to(self, order: int) -> Record:
         """Record without the higher derivatives."""
         return self._replace(stacks=[run._replace(signals=run.signals[: order + 1]) for run in self.stacks])
@@ -244,29 +265,32 @@ class Record(NamedTuple):
         """Prior precision of the external terms: one over the torque's mean square."""
         return self.size / (self.power or 1.0)
 
-    def statistics(self, kernel: Kernel, kept: Chosen) -> Statistics:
+    def statistics(self, kernel: Kernel, kept: Chosen, weighting: Callable[[Array], Array] | None = None) -> Statistics:
         """Sums over real and imaginary parts of the frequencies in the band, of the features kept.
 
-        Each run has its own external terms; they are turned so that they are orthogonal in the band.
+        ``weighting`` gives weights of frequencies in Hz. Each run has its own external terms; they are turned so that
+        they are orthogonal in the band.
         """
         size, square, count = int(kept.sum()), 0.0, 0
         gram, cross = np.zeros((size, size), order="F"), np.zeros(size)
         mixed, shared, powers = [], [], []
         for run in self.stacks:
             low, high = run.bins(self.band)
-            runs, samples = run.torque.shape
-            root = 1 / math.sqrt(samples)
-            terms = np.stack([half_cosine_spectrum(term, samples, low, high) for term in range(EXTERNAL_TERMS)])
-            terms *= root
+            runs = len(run.torque)
+            output, terms = run.output(low, high), run.external_terms(low, high)
+            weights = None if weighting is None else weighting(run.frequencies(low, high))
+            if weights is not None:
+                output *= weights
+                terms *= weights
             power, axes = np.linalg.eigh(terms.view(np.float64) @ terms.view(np.float64).T)
             terms = axes.T @ terms
-            output = np.ascontiguousarray(rfft(run.torque)[:, low:high]) * root
             between = np.zeros((size, runs, EXTERNAL_TERMS))
             for first, products in run.in_band(kernel, kept, low, high):
                 block = slice(first, first + products.shape[2])
+                weighted = products if weights is None else products * weights[block]
                 regressors, target, within = (
                     np.ascontiguousarray(values).view(np.float64)
-                    for values in (products, output[:, block], terms[:, block])
+                    for values in (weighted, output[:, block], terms[:, block])
                 )
                 flat = regressors.reshape(size, -1)
                 gram = blas.dsyrk(1.0, flat.T, beta=1.0, c=gram, trans=1, lower=1, overwrite_c=1)

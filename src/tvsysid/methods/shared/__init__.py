@@ -12,6 +12,7 @@ from tvsysid.methods.shared.correlations import (
     window_errors,
     window_model,
 )
+from tvsysid.methods.shared.instrument import LEAST, Instrument, WhereStrong, reference_input, segment_fit
 from tvsysid.methods.shared.residuals import (
     LONGEST_COLOUR,
     Colour,

@@ -145,15 +145,15 @@ def _mean_square(x: Array) -> float:
 class PosteriorErrors:
     """Standard errors of known functions of time from the posterior of their coefficients, and from the noise's colour.
 
-    The posterior takes the noise as white. ``expansions`` are functions of time (time, function) of stiffness,
-    viscosity and inertia, as far as the model has them, ``covariances`` those of their coefficients, ``band`` the edges
-    in cycles per sample of the band that was fitted. The noise is so much ``stronger`` than the posterior knows. Of the
-    ``times`` of a realization so many at either end are ``missing``.
+    The posterior takes the noise as white; ``colour`` is None if it is. ``expansions`` are functions of time (time,
+    function) of stiffness, viscosity and inertia, as far as the model has them, ``covariances`` those of their
+    coefficients, ``band`` the edges in cycles per sample of the band that was fitted. The noise is so much ``stronger``
+    than the posterior knows. Of the ``times`` of a realization so many at either end are ``missing``.
     """
 
     expansions: tuple[Array, ...]
     covariances: tuple[Array, ...]
-    colour: Colour
+    colour: Colour | None
     band: tuple[float, float]
     stronger: float
     freedom: float
@@ -162,8 +162,11 @@ class PosteriorErrors:
 
     def standard_errors(self) -> dict[str, StandardError]:
         """By quantity, with the arcs of simultaneous bands."""
-        noise, factors = self.colour.noise_and_factors()
-        factors *= self.stronger / max(power_in_band(noise, *self.band), LEAST_POWER)
+        if self.colour is None:
+            factors = np.full(len(self.expansions), self.stronger)
+        else:
+            noise, factors = self.colour.noise_and_factors()
+            factors *= self.stronger / max(power_in_band(noise, *self.band), LEAST_POWER)
         errors = {
             name: StandardError.none(self.times, f"the model has no {name} (order {len(factors) - 1})")
             for name in IMPEDANCE[len(factors) :]

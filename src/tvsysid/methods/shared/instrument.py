@@ -1,0 +1,279 @@
+r"""A closed loop, in which noise of the torque moves the angle: that which the reference predicts is an instrument.
+
+With :math:`x = (u, \dot u, \ddot u)` of the angle and z of the predicted one, :math:`E[z (y - x^T \theta)] = 0`,
+whatever the loop, where :math:`E[x (y - x^T \theta)]` is not. So z takes the place of x in the left factor of every
+moment.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import t as student
+
+from tvsysid.errors import InputError
+from tvsysid.estimates import ErrorStatistics, StandardError
+from tvsysid.methods.base import Input, padded
+from tvsysid.methods.shared.pathways import history
+from tvsysid.methods.shared.residuals import agreement_of, independent_realizations
+from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
+from tvsysid.numerics.instrument import BLOCKS, lag_samples, predicted
+from tvsysid.numerics.moments import convolve_lags
+from tvsysid.numerics.noise import autocovariance
+from tvsysid.numerics.spectra import hann, power_spectrum
+from tvsysid.signals import Array, Ensemble
+
+HARDLY = 0.1  # share of the angle that the reference predicts below which segments and bases cannot use it
+LEAST = 0.01  # below which nobody can
+WEAK = 0.5  # below which there is a warning
+WINDOW = 0.30  # s over which the strength at a time counts
+SINGULAR = 1e-9  # determinant of scaled moments below which the three quantities are not told apart
+
+
+class Instrument(NamedTuple):
+    r"""An ensemble as it would be ``moved`` by the ``reference`` alone, and how good an instrument that is.
+
+    ``explained`` is the share of the angle that was predicted of realizations left out; ``strength`` (time,) is
+    :math:`(\sum_r q_r)^2 / \sum_r q_r^2` with q the product of instrument and angle in a realization about a time,
+    what belongs to viscosity and inertia taken out: at most the number of realizations. Where it is less than
+    ``needed`` the stiffness that the data do not contradict has no end (Anderson & Rubin 1949). ``drowned`` are the
+    frequencies in Hz from and to which noise moves the angle more than the reference does; None if at none.
+    """
+
+    moved: Ensemble
+    explained: float
+    strength: Array
+    needed: float
+    drowned: tuple[float, float] | None
+    reference: str
+
+    @classmethod
+    def of(cls, method: str, ensemble: Ensemble, reference: str, least: float = HARDLY) -> Instrument:
+        """Predict the angle; raises where less than so much of it follows the reference."""
+        angle = _predicted(ensemble, reference)
+        core = ensemble.core
+        left = ensemble.angle[:, core] - angle[:, core]
+        explained = 1 - float(np.vdot(left, left) / np.vdot(ensemble.angle[:, core], ensemble.angle[:, core]))
+        if not explained >= least:
+            raise InputError(
+                f"{method}: the disturbance {reference!r} hardly moves the angle: it predicts {_percent(explained)} of "
+                f"it, at least {_percent(least)} are needed. Is it the right channel, and in time with the angle? If "
+                f"so, disturb more strongly{_alternative(reference) if least > LEAST else ''}"
+            )
+        moved = replace(ensemble, angle=angle)
+        strength = _strength(ensemble, moved)
+        independent = independent_realizations(ensemble)
+        return cls(
+            moved, explained, strength, _needed(independent), _drowned(left, angle[:, core], ensemble), reference
+        )
+
+    @property
+    def details(self) -> dict[str, float]:
+        """For a model's diagnostics."""
+        known = self.strength[np.isfinite(self.strength)]
+        of_known = (float(np.median(known)), float(known.min())) if known.size else (np.nan, np.nan)
+        numbers = (100 * self.explained, *of_known, self.needed)
+        names = (
+            "predicted_by_reference",
+            "instrument_strength",
+            "instrument_strength_least",
+            "instrument_strength_needed",
+        )
+        return dict(zip(names, numbers, strict=True))
+
+    @property
+    def weak(self) -> NDArray[np.bool_]:
+        """Times (time,) at which the reference tells too little for a band."""
+        return ~(self.strength >= self.needed)
+
+    def warnings(self, banded: bool = True) -> tuple[str, ...]:
+        """What is doubtful, in words; ``banded`` of methods whose bands need strength at each time."""
+        found = []
+        if self.explained < WEAK:
+            where = ""
+            if self.drowned is not None:
+                where = " from {:.2g} to {:.2g} Hz, where noise moves the angle more".format(*self.drowned)
+            found.append(
+                f"the reference {self.reference!r} predicts only {_percent(self.explained)} of the angle: the random "
+                f"error is large; disturb more strongly{where}, or use a stiffer actuator"
+            )
+        if banded and self.weak.any():
+            found.append(f"no band at {_percent(self.weak.mean())} of the times: {self.reason}")
+        return tuple(found)
+
+    @property
+    def reason(self) -> str:
+        """Why there is no band where the instrument is weak."""
+        return (
+            "the reference hardly moves the angle there, or in too few realizations (instrument_strength of less than "
+            f"{self.needed:.3g}); record more, disturb more strongly{_alternative(self.reference)}"
+        )
+
+    def agreement(self, ensemble: Ensemble, impedance: Array) -> float:
+        """How much of the torque that answers to the predicted angle an impedance (time, 3) explains, in per cent.
+
+        The angle itself will not do: what noise makes of it answers to the noise that the fit leaves.
+        """
+        fit = np.einsum("mrt,tm->rt", ensemble.derivatives(), impedance)
+        known = np.isfinite(fit).all(axis=0)
+        if not known.any():
+            return float("nan")
+        torque, angle = (each[:, ensemble.core][:, known] for each in (ensemble.torque, self.moved.angle))
+        covariance = autocovariance(angle, 2 * HALF_WIDTH)
+        return agreement_of(fit[:, known], torque - fit[:, known], angle, covariance)
+
+    def banded(self, errors: ErrorStatistics | Mapping[str, StandardError]) -> WhereStrong:
+        """Errors of a method, where the instrument is strong enough to tell them."""
+        return WhereStrong(errors, self.weak, self.reason)
+
+
+def reference_input(reference: str) -> tuple[Input, ...]:
+    """What a method with a reference needs."""
+    return (Input(reference, "reference", "of any unit"),)
+
+
+@dataclass(frozen=True, eq=False)
+class WhereStrong:
+    """Standard errors without those of the times at which the instrument is ``weak``, for a reason."""
+
+    errors: ErrorStatistics | Mapping[str, StandardError]
+    weak: NDArray[np.bool_]
+    reason: str
+
+    def standard_errors(self) -> dict[str, StandardError]:
+        """By quantity."""
+        found = self.errors if isinstance(self.errors, Mapping) else self.errors.standard_errors()
+        return {
+            name: replace(error, values=np.where(self.weak, np.nan, error.values), absent=error.absent or self.reason)
+            for name, error in found.items()
+        }
+
+
+class SegmentFit(NamedTuple):
+    """``impedance`` (time, 3) of segments, its ``variances`` and the ``strength`` of the instrument, (time,)."""
+
+    impedance: Array
+    variances: Array
+    strength: Array
+
+
+def segment_fit(ensemble: Ensemble, moved: Ensemble, power: Array, begin: int, end: int) -> SegmentFit:
+    r"""Instrumental fit to segments from one sample to another, context counted; ``power`` weighs a segment's samples.
+
+    .. math:: A_r = \sum_i w_i z_r(i)\, x_r(i)^T, \quad c_r = \sum_i w_i z_r(i)\, y_r(i), \quad
+              \hat\theta = \Big(\sum_r A_r\Big)^{-1} \sum_r c_r, \quad
+              V = A^{-1} \sum_r s_r s_r^T A^{-T} \frac{R}{R - 3}, \quad s_r = c_r - A_r \hat\theta
+
+    The realizations are the independent samples, so that the noise may have any colour and strength. Where the
+    derivatives lack samples, segments are cut short.
+    """
+    products = _segment_products(ensemble, moved, power, begin, end)
+    count, independent = len(ensemble), independent_realizations(ensemble)
+    inverse = _inverse(products[..., :3].sum(axis=0))
+    impedance = np.einsum("tij,rtj->ti", inverse, products[..., 3])
+    scores = products[..., 3] - np.einsum("rtij,tj->rti", products[..., :3], impedance)
+    effects = np.einsum("tij,rtj->rti", inverse, scores)
+    share = count / (independent - 3) if independent > 3 else np.nan
+    own = np.einsum("ti,rtij,tj->rt", inverse[:, 0], products[..., :3], inverse[:, :, 0])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        strength = own.sum(axis=0) ** 2 / np.sum(own**2, axis=0)
+    return SegmentFit(impedance, share * np.sum(effects**2, axis=0), strength)
+
+
+def _segment_products(ensemble: Ensemble, moved: Ensemble, power: Array, begin: int, end: int) -> Array:
+    """Weighted sums over segments of z times x and y, shape (realization, time, 3, 4)."""
+    reach, samples = HALF_WIDTH, ensemble.angle.shape[1]
+    first, last = max(reach, begin), min(samples - reach, end)
+    at = slice(first - reach, last + reach)
+    z, x = (differentiate(each.angle[:, at], ensemble.sampling_rate) for each in (moved, ensemble))
+    x = np.concatenate([x, ensemble.torque[None, :, first:last]])
+    weights = np.broadcast_to(power[::-1], (end - begin - len(power) + 1, len(power)))
+    out = np.empty((len(ensemble), len(weights), 3, 4))
+    product = np.zeros((len(ensemble), end - begin))
+    for a, left in enumerate(z):
+        for b, right in enumerate(x):
+            np.multiply(left, right, out=product[:, first - begin : last - begin])
+            out[:, :, a, b] = convolve_lags(product, weights)
+    return out
+
+
+def _inverse(matrices: Array) -> Array:
+    """Inverses of matrices (time, 3, 3) that are not symmetric; NaN where there is none."""
+    rows, columns = (np.sqrt(np.sum(matrices**2, axis=axis, keepdims=True)) for axis in (2, 1))
+    scale = np.sqrt(rows * columns)
+    scaled = np.divide(matrices, scale, out=np.zeros_like(matrices), where=scale > 0)
+    told = np.abs(np.linalg.det(scaled)) > SINGULAR
+    scaled[~told] = np.eye(3)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(told[:, None, None], np.linalg.inv(scaled) / scale.transpose(0, 2, 1), np.nan)
+
+
+def _predicted(ensemble: Ensemble, reference: str) -> Array:
+    """Angle (realization, context + time + context) that the reference predicts.
+
+    What is not known of the reference before and after is taken as 0: a prediction need not be whole.
+    """
+    values, (early, late) = ensemble.signal(reference), lag_samples(ensemble.sampling_rate)
+    if ensemble.mean_subtracted:
+        values = values - values.mean(axis=0)
+    if not np.any(values):
+        raise InputError(
+            f"the reference {reference!r} does not vary" + " between realizations" * ensemble.mean_subtracted
+        )
+    if len(ensemble) < 2:
+        raise InputError(
+            "a reference predicts the angle of a realization by what the others tell; expected at least two, got one"
+        )
+    whole = np.pad(values, ((0, 0), (late, early)))
+    past = history(ensemble, values, late + ensemble.context)
+    whole[:, : past.shape[1]] = np.where(np.isnan(past), whole[:, : past.shape[1]], past)
+    return predicted(whole, ensemble.angle, ensemble.core, ensemble.sampling_rate, _groups(ensemble))
+
+
+def _groups(ensemble: Ensemble) -> NDArray[np.int64]:
+    """Group of each realization: of some that follow each other, as the noise of neighbours is alike.
+
+    A realization that was drawn twice is in one group.
+    """
+    assert ensemble.onsets is not None
+    assert ensemble.trials is not None
+    each = np.stack([ensemble.trials, ensemble.onsets], axis=1)
+    distinct, place = np.unique(each, axis=0, return_inverse=True)
+    return np.asarray(place.ravel() * min(BLOCKS, len(distinct)) // len(distinct))
+
+
+def _strength(ensemble: Ensemble, moved: Ensemble) -> Array:
+    """Strength (time,) of the instrument about each time; NaN where the window reaches beyond what is known."""
+    power = hann(max(4, round(WINDOW * ensemble.sampling_rate))) ** 2
+    before, after = len(power) // 2, (len(power) - 1) // 2
+    early, late = max(0, before - ensemble.context), max(0, after - ensemble.context)
+    begin, end = ensemble.core.start + early - before, ensemble.core.stop - late + after
+    if end - begin < len(power) + 2 * HALF_WIDTH:
+        return np.full(ensemble.samples, np.nan)
+    return padded(segment_fit(ensemble, moved, power, begin, end).strength, early, late)
+
+
+def _needed(independent: int) -> float:
+    """Strength from which on the stiffness that the data do not contradict has an end."""
+    freedom = independent - 3
+    return float(student.ppf(0.975, freedom) ** 2 * independent / freedom) if freedom > 0 else np.inf
+
+
+def _drowned(left: Array, angle: Array, ensemble: Ensemble) -> tuple[float, float] | None:
+    """First and last frequency in Hz at which more of the angle is left than predicted, among those that hold 90 %."""
+    noise, signal = (power_spectrum(each) for each in (left, angle))
+    within = np.cumsum(noise) <= 0.9 * noise.sum()
+    found = np.flatnonzero((noise > signal) & within) / ensemble.duration
+    return (float(found[0]), float(found[-1])) if found.size else None
+
+
+def _alternative(reference: str) -> str:
+    return f", or use kbr:reference={reference},weighting=residual, which needs less"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * max(share, 0.0):.2g} %"

@@ -1,0 +1,69 @@
+r"""The part of an angle that a reference predicts: an instrument where noise moves the angle too.
+
+.. math:: \hat u_r(t) = \sum_{p=0}^{2H} \sum_{\tau} c_{p\tau}\, F_p(t)\, d_r(t - \tau)
+
+with d the reference, F the Fourier series of a realization, and lags from -0.04 s (as far as a decimator's filter
+reaches) to 0.3 s. A function of the reference alone, whatever its coefficients, has nothing of the noise; how well it
+predicts the angle decides about the random error only.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve
+
+from tvsysid.numerics import Array
+from tvsysid.numerics.bases import FourierSeries
+from tvsysid.numerics.bayes import ridge
+from tvsysid.numerics.moments import convolve_lags, diagonal_moments, expanded, window_moments
+
+EARLY, LATE = 0.04, 0.30  # s that the reference may come after the angle, and before it
+HARMONICS = 4
+FADES = 0.08  # s over which the prior of a lag's coefficient falls by e
+LEAST = 1e-3  # of that prior's variance, however long the lag
+BLOCKS = 5  # groups of realizations, each predicted by what the others tell
+
+
+def lag_samples(rate: float) -> tuple[int, int]:
+    """Samples that the reference is needed after and before the angle."""
+    return round(EARLY * rate), round(LATE * rate)
+
+
+def predicted(reference: Array, angle: Array, core: slice, rate: float, groups: NDArray[np.int64]) -> Array:
+    """Angle (realization, time) that a reference predicts, at all samples of the angle.
+
+    The reference has as many more samples at either end as the lags need (:func:`lag_samples`). The coefficients are
+    those of the ``core`` of the realizations in other ``groups`` (realization,) than its own, so that nothing of a
+    realization's noise enters its prediction; a ridge whose size has the greatest evidence.
+    """
+    early, late = lag_samples(rate)
+    period = core.stop - core.start
+    functions = FourierSeries(HARMONICS)((np.arange(angle.shape[1]) - core.start) / period)
+    deviation = _prior_deviation(early, late, rate)
+    of_groups = []
+    for group in np.unique(groups):
+        own = groups == group
+        lagged, target = reference[own, core.start : core.stop + early + late], angle[own, core]
+        moments = len(target) * window_moments(lagged, lagged, late, early)[:, ::-1, ::-1]
+        cross = len(target) * diagonal_moments(target, lagged, early + late)[:, ::-1]
+        gram = expanded(moments, functions[core])
+        of_groups.append((own, gram * np.outer(deviation, deviation), (cross.T @ functions[core]).ravel() * deviation))
+    gram, right = sum(each[1] for each in of_groups), sum(each[2] for each in of_groups)
+    square = float(np.vdot(angle[:, core], angle[:, core]))
+    found = ridge(gram, right, square, angle[:, core].size)
+    weight = found.noise_variance * found.effective / max(float(found.mean @ found.mean), np.finfo(float).tiny)
+    penalty = np.diag(np.full(len(right), weight))
+    out = np.empty_like(angle)
+    for own, its_gram, its_right in of_groups:
+        others = solve(gram - its_gram + penalty, right - its_right, assume_a="pos") * deviation
+        weights = functions @ others.reshape(early + late + 1, -1).T
+        out[own] = convolve_lags(reference[own], weights)
+    return out
+
+
+def _prior_deviation(early: int, late: int, rate: float) -> Array:
+    """Prior standard deviations of the coefficients, relative ones: (lag x function,)."""
+    lags = np.maximum(np.arange(-early, late + 1), 0) / rate
+    harmonics = np.r_[0, np.repeat(np.arange(1, HARMONICS + 1), 2)]
+    return np.asarray(np.sqrt(np.outer(np.exp(-lags / FADES) + LEAST, 1 / (1 + harmonics**2))).ravel())

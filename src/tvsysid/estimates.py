@@ -28,6 +28,7 @@ UNITS = {
     "frequency_response": "N m/rad",
     "coherence": "1",
     "rank": "1",
+    "instrument_strength": "1",
     "time": "s",
     "lag": "s",
     "reflex_lag": "s",

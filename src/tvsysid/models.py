@@ -39,20 +39,24 @@ class Diagnostics(Frozen):
     """How an identification went.
 
     The effective number of ``parameters`` is that of the whole model, or the mean over time where each time has its
-    own; ``rank`` (time,) how many singular values were kept, None for methods that keep all or have none. ``warnings``
-    say what was legal, but makes the result doubtful; ``seconds`` what it took; ``details`` hold further numbers.
+    own; ``rank`` (time,) how many singular values were kept, None for methods that keep all or have none; ``strength``
+    (time,) that of the instrument in closed loop (:mod:`tvsysid.methods.shared.instrument`), None without a reference.
+    ``warnings`` say what was legal, but makes the result doubtful; ``seconds`` what it took; ``details`` hold further
+    numbers.
     """
 
     parameters: float
     rank: Array | None = None
+    strength: Array | None = None
     warnings: tuple[str, ...] = ()
     seconds: float = 0.0
     details: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.rank is not None:
-            object.__setattr__(self, "rank", frozen(self.rank))
+        for name in ("rank", "strength"):
+            if (values := getattr(self, name)) is not None:
+                object.__setattr__(self, name, frozen(values))
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -173,8 +177,9 @@ class Model(ABC):
             units |= dict.fromkeys(parts, estimate.unit)
         coordinates: Labelled = {"time": (("time",), self.time)}
         coordinates = _joined(coordinates, {name: ((name,), values) for name, values in self.coordinates.items()})
-        if self.diagnostics.rank is not None:
-            variables = _joined(variables, {"rank": (("time",), self.diagnostics.rank)})
+        over_time = {"rank": self.diagnostics.rank, "instrument_strength": self.diagnostics.strength}
+        found: Labelled = {name: (("time",), values) for name, values in over_time.items() if values is not None}
+        variables = _joined(variables, found)
         extra, extra_coordinates = self._identified()
         variables, coordinates = _joined(variables, extra), _joined(coordinates, extra_coordinates)
         if ensemble is not None:

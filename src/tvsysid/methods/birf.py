@@ -120,8 +120,7 @@ class BasisIRF(base.Method):
         diagnostics = _diagnostics(posterior, agreement)
         banded: shared.PosteriorErrors | shared.WhereStrong = errors
         if instrument is not None:
-            banded, details = instrument.banded(errors), diagnostics.details | instrument.details
-            diagnostics = replace(diagnostics, warnings=instrument.warnings(), details=details)
+            banded, diagnostics = instrument.banded(errors), instrument.seen(diagnostics)
         stiffness, viscosity, inertia = base.padded(impedance, missing).T
         names = [f"{name} {j}" for name in ("stiffness", "viscosity") for j in range(count)]
         return SecondOrderModel(

@@ -120,7 +120,7 @@ class EnsembleSpectral(base.Method):
         powers = input_power * np.maximum(spectra.yy, np.finfo(float).tiny)
         coherence = np.clip(np.abs(spectra.yu) ** 2 / powers, 0.0, 1.0)
         frequencies = np.asarray(np.fft.rfftfreq(length, 1 / ensemble.sampling_rate), dtype=np.float64)
-        power, details = shared.hann(length) ** 2, {}
+        power = shared.hann(length) ** 2
         errors: SegmentErrors | shared.WhereStrong
         if instrument is None:
             segments, impedance, agreement = _segment_fit(ensemble, products, power, first, last)
@@ -135,8 +135,9 @@ class EnsembleSpectral(base.Method):
             impedance, values = (base.padded(each, *missing) for each in (found.impedance, np.sqrt(found.variances)))
             freedom = np.full(values.shape, max(1.0, shared.independent_realizations(ensemble) - 3.0))
             errors = instrument.banded(shared.standard_errors(values, freedom))
-            agreement, details = instrument.agreement(ensemble, impedance), instrument.details
+            agreement = instrument.agreement(ensemble, impedance)
         stiffness, viscosity, inertia = impedance.T
+        diagnostics = Diagnostics(float(length), details={"second_order_agreement": agreement})
         return FrequencyResponseModel(
             method=repr(self),
             sampling_rate=ensemble.sampling_rate,
@@ -147,11 +148,7 @@ class EnsembleSpectral(base.Method):
             coherence=base.padded(coherence, *missing),
             excited=base.padded(excited, *missing) > 0,
             segment=length,
-            diagnostics=Diagnostics(
-                float(length),
-                warnings=() if instrument is None else instrument.warnings(),
-                details={"second_order_agreement": agreement} | details,
-            ),
+            diagnostics=diagnostics if instrument is None else instrument.seen(diagnostics),
         )
 
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:

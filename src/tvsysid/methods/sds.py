@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -12,6 +12,7 @@ from tvsysid.errors import InputError
 from tvsysid.methods import shared, tuning
 from tvsysid.methods.base import EXCITED_ABOVE, Method, check_positive, fitting_lags, whole_samples
 from tvsysid.models import ImpulseResponseModel
+from tvsysid.numerics.pseudoinverse import Solution
 from tvsysid.signals import Array, Ensemble
 
 LAGS = (0.03, 0.04, 0.06, 0.08, 0.12, 0.16)  # s, of which tuned ones are the best
@@ -37,6 +38,11 @@ class ShortDataSegments(Method):
     window
         Time N Δt over which the joint is taken as constant, in s. An instantaneous change is spread over it: the rise
         from 10 to 90 % takes 80 % of it.
+    reference
+        Channel with the disturbance that was applied, for a joint in closed loop, whose angle the noise of the torque
+        moves too. Its lags from -max_lag to 0.3 s are then the instruments of two-stage least squares
+        (:mod:`tvsysid.methods.shared.two_stage`), and the response is truncated at a hundredth of its best determined
+        direction. The random error is two to three times that of esm and birf with a reference.
 
     Notes
     -----
@@ -52,6 +58,7 @@ class ShortDataSegments(Method):
 
     max_lag: float = 0.12
     window: float = 0.10
+    reference: str | None = None
 
     key: ClassVar[str] = "sds"
     title: ClassVar[str] = "Short data segments"
@@ -63,6 +70,8 @@ class ShortDataSegments(Method):
 
     def __post_init__(self) -> None:
         check_positive(self, max_lag=self.max_lag, window=self.window)
+        if self.reference is not None:
+            object.__setattr__(self, "inputs", shared.reference_input(self.reference))
 
     def _identify(self, ensemble: Ensemble) -> ImpulseResponseModel:
         lags = fitting_lags("ShortDataSegments", self.max_lag, ensemble)
@@ -72,11 +81,26 @@ class ShortDataSegments(Method):
                 f"ShortDataSegments: a window of {self.window:g} s ({2 * half + 1} samples) is longer than a "
                 f"realization of {ensemble.samples} samples; give a shorter one"
             )
+        if self.reference is not None:
+            return self._by_reference(ensemble, lags, half, self.reference)
         windows = shared.solve_windows(ensemble, lags, half)
         noise = windows.noise_correlation(ensemble)
         products, counted = windows.angle_products(ensemble), shared.counted(ensemble)
         errors = SegmentErrors(windows, products, noise, ensemble.samples, counted)
         return shared.window_model(repr(self), ensemble, windows, noise, errors)
+
+    def _by_reference(self, ensemble: Ensemble, lags: int, half: int, reference: str) -> ImpulseResponseModel:
+        """Two-stage least squares."""
+        instrument = shared.Instrument.of("sds", ensemble, reference)
+        lagged = shared.lagged_reference(ensemble, reference, lags, half)
+
+        def solve(at: slice, phi_uu: Array, phi_uy: Array, *others: Array) -> Solution:
+            return shared.truncated_at_threshold(phi_uu, phi_uy)
+
+        windows = shared.solve_windows(ensemble, lags, half, solve, lagged)
+        errors = instrument.banded(lagged.standard_errors(windows, ensemble.samples))
+        model = shared.window_model(repr(self), ensemble, windows, windows.noise_correlation(ensemble), errors)
+        return replace(model, diagnostics=instrument.seen(model.diagnostics))
 
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
         unknowns = 2 * whole_samples(self.max_lag, ensemble) + 1
@@ -88,6 +112,9 @@ class ShortDataSegments(Method):
             )
 
     def _evidence(self, ensemble: Ensemble, seed: int) -> tuning.Evidence:
+        if self.reference is not None:
+            moved = shared.Instrument.of("sds", ensemble, self.reference).moved
+            return replace(self, reference=None)._evidence(moved, seed)
         return tuning.evidence_by_halves(self, ensemble, seed, {"max_lag": LAGS, "window": WINDOWS}, self.max_lag)
 
     def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:

@@ -49,11 +49,11 @@ def predicted(reference: Array, angle: Array, core: slice, rate: float, groups: 
         cross = len(target) * diagonal_moments(target, lagged, early + late)[:, ::-1]
         gram = expanded(moments, functions[core])
         of_groups.append((own, gram * np.outer(deviation, deviation), (cross.T @ functions[core]).ravel() * deviation))
-    gram, right = sum(each[1] for each in of_groups), sum(each[2] for each in of_groups)
+    gram, right = (np.sum([each[place] for each in of_groups], axis=0) for place in (1, 2))
     square = float(np.vdot(angle[:, core], angle[:, core]))
     found = ridge(gram, right, square, angle[:, core].size)
     weight = found.noise_variance * found.effective / max(float(found.mean @ found.mean), np.finfo(float).tiny)
-    penalty = np.diag(np.full(len(right), weight))
+    penalty = weight * np.eye(len(right))
     out = np.empty_like(angle)
     for own, its_gram, its_right in of_groups:
         others = solve(gram - its_gram + penalty, right - its_right, assume_a="pos") * deviation

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,7 +18,8 @@ SMOOTH = 0.5  # Hz to either side over which the residual's power is averaged
 FLOOR = 1e-3  # share of the largest power below which none is taken to lie
 
 
-class Weighting(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Weighting:
     """Weights of frequencies by the ``power`` of the noise over its mean, which is known at frequencies in Hz."""
 
     frequency: Array

@@ -209,6 +209,7 @@ class KernelRegression(Method):
         details = {"noise_variance": found.noise_variance, "iterations": found.iterations}
         if self.order == 2:
             details["second_order_agreement"] = _agreement(each, ensemble, left, moved)
+        diagnostics = Diagnostics(found.effective, details=details)
         return KernelModel(
             method=repr(self),
             sampling_rate=ensemble.sampling_rate,
@@ -219,11 +220,7 @@ class KernelRegression(Method):
             kernel=kernel,
             phase=common_phase(ensemble, period),
             lag=self.lag,
-            diagnostics=Diagnostics(
-                found.effective,
-                warnings=() if instrument is None else instrument.warnings(banded=False),
-                details=details if instrument is None else details | instrument.details,
-            ),
+            diagnostics=diagnostics if instrument is None else instrument.seen(diagnostics, banded=False),
         )
 
     def _scale(self, record: kbr.Record) -> float:

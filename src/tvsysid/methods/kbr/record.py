@@ -67,12 +67,12 @@ class Run(NamedTuple):
 
     def frequencies(self, low: int, high: int) -> Array:
         """Frequencies in Hz of some bins."""
-        return np.arange(low, high) * self.rate / self.torque.shape[1]
+        return np.asarray(np.arange(low, high) * (self.rate / self.torque.shape[1]))
 
     def output(self, low: int, high: int) -> ComplexArray:
         """Spectrum of the torque (run, bin)."""
-        spectrum = np.ascontiguousarray(rfft(self.torque)[:, low:high])
-        return np.asarray(spectrum * (1 / math.sqrt(self.torque.shape[1])), dtype=np.complex128)
+        spectrum: ComplexArray = np.ascontiguousarray(rfft(self.torque)[:, low:high])
+        return spectrum * (1 / math.sqrt(self.torque.shape[1]))
 
     def external_terms(self, low: int, high: int) -> ComplexArray:
         """Spectra of the half-cosines that make up the external term, (term, bin)."""

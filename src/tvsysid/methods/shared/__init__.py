@@ -8,6 +8,7 @@ from tvsysid.methods.shared.correlations import (
     coloured_variances,
     errors_of_variances,
     impulse_response_model,
+    lagged_reference,
     solve_windows,
     window_errors,
     window_model,
@@ -25,6 +26,7 @@ from tvsysid.methods.shared.residuals import (
     independent_share,
     residual,
 )
+from tvsysid.methods.shared.two_stage import truncated_at_threshold
 from tvsysid.numerics.bayes import PRIORS, Posterior
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.moments import convolve_lags, lagged_moments, time_chunks

@@ -11,8 +11,11 @@ from scipy.linalg import toeplitz
 from tvsysid.estimates import ErrorStatistics, StandardError, impedance_estimates, standard_errors
 from tvsysid.impedance import agreement, second_order_readout, static_stiffness
 from tvsysid.methods.base import missing_edge, padded
+from tvsysid.methods.shared.instrument import reference_around
 from tvsysid.methods.shared.residuals import independent_realizations, noise_correlation, residual
+from tvsysid.methods.shared.two_stage import LaggedReference
 from tvsysid.models import Diagnostics, ImpulseResponseModel
+from tvsysid.numerics.instrument import lag_samples
 from tvsysid.numerics.moments import coloured_moments, diagonal_moments, lagged_moments, sliding_sum, time_chunks
 from tvsysid.numerics.noise import autocovariance
 from tvsysid.numerics.pseudoinverse import Solution, truncated
@@ -29,7 +32,8 @@ class Windows(NamedTuple):
     the ``noise`` variance and its degrees of ``freedom``, the power of the torque that a second-order fit ``fitted``,
     what lagged angles explain ``beyond`` it and what they would by ``chance``, all (time,); ``readout`` (time, 3, lag)
     by which stiffness, viscosity and inertia follow from the correlations, the ``impedance`` itself and, of windows of
-    one sample, its variances under ``white`` noise, both (time, 3).
+    one sample, its variances under ``white`` noise, both (time, 3). Of instruments, ``on_instruments`` (time, 3, lag)
+    is that by which the impedance follows from their correlations with the torque.
     """
 
     realizations: int
@@ -48,6 +52,7 @@ class Windows(NamedTuple):
     readout: Array
     impedance: Array
     white: Array
+    on_instruments: Array
 
     def angle_products(self, ensemble: Ensemble) -> Array:
         """Moments of the angle along the diagonals, as far as windows and lags reach."""
@@ -62,13 +67,16 @@ class Windows(NamedTuple):
         return noise_correlation(autocovariance(residual(ensemble, self.weights), reach), taken)
 
 
-def solve_windows(ensemble: Ensemble, lags: int, half: int, solve: Solver | None = None) -> Windows:
+def solve_windows(
+    ensemble: Ensemble, lags: int, half: int, solve: Solver | None = None, instruments: LaggedReference | None = None
+) -> Windows:
     r"""Solve :math:`\varphi(t) = \Phi(t) w(t)`, the correlations being means over realizations and a window of time.
 
     The window reaches ``half`` samples to either side, and is cut short where the context ends. ``solve`` gives the
     solution from times, :math:`\Phi`, :math:`\varphi`, the torque's variance and the number of samples averaged; the
     default is :func:`tvsysid.numerics.pseudoinverse.truncated`. The noise is what all directions of the lagged angles
     leave, of which some truncated solution was taken by the same noise: what is left beside that would be too small.
+    With ``instruments`` the correlations are theirs (:class:`LaggedReference`), truncated at a threshold.
     """
     angle, torque, margin = _within_reach(ensemble, lags, half)
     times, realizations = angle.shape[1] - 2 * lags, independent_realizations(ensemble)
@@ -82,6 +90,9 @@ def solve_windows(ensemble: Ensemble, lags: int, half: int, solve: Solver | None
         phi_uu, phi_uy, square, mean = (total / samples.reshape(-1, *[1] * (total.ndim - 1)) for total in sums)
         count, independent = samples * len(ensemble), samples * realizations
         variance = (square - mean**2) * count / np.maximum(count - 1, 1)
+        projection = np.empty((len(count), 2 * lags + 1, 0))
+        if instruments is not None:
+            phi_uu, phi_uy, projection = instruments.projected(begin, end, half, centres)
         correlations = phi_uu, phi_uy, variance, count
         weights, rank, inverse, usable, explained = solve(chunk, *correlations) if solve else truncated(*correlations)
         readout, fitted = second_order_readout(phi_uu, phi_uy, inverse, ensemble.sampling_rate)
@@ -94,7 +105,7 @@ def solve_windows(ensemble: Ensemble, lags: int, half: int, solve: Solver | None
         if not half:  # within a window, noise is not white
             white = (noise / count)[:, None] * np.einsum("tmk,tmk->tm", readout @ phi_uu, readout)
         by_noise = noise, freedom, fitted, explained - fitted, chance
-        parts.append((weights, rank, count, independent, *by_noise, readout, impedance, white))
+        parts.append((weights, rank, count, independent, *by_noise, readout, impedance, white, readout @ projection))
     arrays = (np.concatenate(values) for values in zip(*parts, strict=True))
     return Windows(realizations, lags, half, margin, *arrays)
 
@@ -211,6 +222,15 @@ def impulse_response_model(
         lags=np.arange(-lags, lags + 1) / ensemble.sampling_rate,
         diagnostics=diagnostics,
     )
+
+
+def lagged_reference(ensemble: Ensemble, reference: str, lags: int, half: int) -> LaggedReference:
+    """Lags of a reference as far as windows and lags reach; see :meth:`LaggedReference.projected`."""
+    angle, torque, margin = _within_reach(ensemble, lags, half)
+    late = max(lags, lag_samples(ensemble.sampling_rate)[1])
+    first = ensemble.context + missing_edge(lags, ensemble) - margin - lags
+    whole = reference_around(ensemble, reference, late, 0)
+    return LaggedReference(whole[:, first + lags : first + late + angle.shape[1]], angle, torque, lags)
 
 
 def _within_reach(ensemble: Ensemble, lags: int, half: int) -> tuple[Array, Array, int]:

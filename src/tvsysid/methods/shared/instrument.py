@@ -20,6 +20,7 @@ from tvsysid.estimates import ErrorStatistics, StandardError
 from tvsysid.methods.base import Input, padded
 from tvsysid.methods.shared.pathways import history
 from tvsysid.methods.shared.residuals import agreement_of, independent_realizations
+from tvsysid.models import Diagnostics
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.instrument import BLOCKS, lag_samples, predicted
 from tvsysid.numerics.moments import convolve_lags
@@ -71,27 +72,30 @@ class Instrument(NamedTuple):
             moved, explained, strength, _needed(independent), _drowned(left, angle[:, core], ensemble), reference
         )
 
-    @property
-    def details(self) -> dict[str, float]:
-        """For a model's diagnostics."""
+    def seen(self, diagnostics: Diagnostics, banded: bool = True) -> Diagnostics:
+        """Diagnostics with what there is to say of the instrument; ``banded`` of bands that need it at each time."""
         known = self.strength[np.isfinite(self.strength)]
         of_known = (float(np.median(known)), float(known.min())) if known.size else (np.nan, np.nan)
-        numbers = (100 * self.explained, *of_known, self.needed)
-        names = (
-            "predicted_by_reference",
-            "instrument_strength",
-            "instrument_strength_least",
-            "instrument_strength_needed",
+        details = {
+            "predicted_by_reference": 100 * self.explained,
+            "instrument_strength_median": of_known[0],
+            "instrument_strength_least": of_known[1],
+            "instrument_strength_needed": self.needed,
+        }
+        return replace(
+            diagnostics,
+            strength=self.strength,
+            warnings=(*diagnostics.warnings, *self._warnings(banded)),
+            details={**diagnostics.details, **details},
         )
-        return dict(zip(names, numbers, strict=True))
 
     @property
     def weak(self) -> NDArray[np.bool_]:
         """Times (time,) at which the reference tells too little for a band."""
         return ~(self.strength >= self.needed)
 
-    def warnings(self, banded: bool = True) -> tuple[str, ...]:
-        """What is doubtful, in words; ``banded`` of methods whose bands need strength at each time."""
+    def _warnings(self, banded: bool) -> tuple[str, ...]:
+        """What is doubtful, in words."""
         found = []
         if self.explained < WEAK:
             where = ""
@@ -212,25 +216,32 @@ def _inverse(matrices: Array) -> Array:
         return np.where(told[:, None, None], np.linalg.inv(scaled) / scale.transpose(0, 2, 1), np.nan)
 
 
-def _predicted(ensemble: Ensemble, reference: str) -> Array:
-    """Angle (realization, context + time + context) that the reference predicts.
+def reference_around(ensemble: Ensemble, reference: str, late: int, early: int) -> Array:
+    """Reference with so many more samples before and after each realization and its context.
 
-    What is not known of the reference before and after is taken as 0: a prediction need not be whole.
+    What is not known of it there is taken as 0: an instrument need not be whole.
     """
-    values, (early, late) = ensemble.signal(reference), lag_samples(ensemble.sampling_rate)
+    values = ensemble.signal(reference)
     if ensemble.mean_subtracted:
         values = values - values.mean(axis=0)
     if not np.any(values):
         raise InputError(
-            f"the reference {reference!r} does not vary" + " between realizations" * ensemble.mean_subtracted
-        )
-    if len(ensemble) < 2:
-        raise InputError(
-            "a reference predicts the angle of a realization by what the others tell; expected at least two, got one"
+            f"the reference {reference!r} does not vary{' between realizations' * ensemble.mean_subtracted}"
         )
     whole = np.pad(values, ((0, 0), (late, early)))
     past = history(ensemble, values, late + ensemble.context)
     whole[:, : past.shape[1]] = np.where(np.isnan(past), whole[:, : past.shape[1]], past)
+    return whole
+
+
+def _predicted(ensemble: Ensemble, reference: str) -> Array:
+    """Angle (realization, context + time + context) that the reference predicts."""
+    if len(ensemble) < 2:
+        raise InputError(
+            "a reference predicts the angle of a realization by what the others tell; expected at least two, got one"
+        )
+    early, late = lag_samples(ensemble.sampling_rate)
+    whole = reference_around(ensemble, reference, late, early)
     return predicted(whole, ensemble.angle, ensemble.core, ensemble.sampling_rate, _groups(ensemble))
 
 

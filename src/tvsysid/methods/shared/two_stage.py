@@ -1,0 +1,105 @@
+"""Impulse responses in closed loop: two-stage least squares within windows, by lags of a reference."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from tvsysid.estimates import StandardError, standard_errors
+from tvsysid.methods.base import padded
+from tvsysid.numerics import Array
+from tvsysid.numerics.moments import convolve_lags, diagonal_moments, sliding_sum, window_moments
+from tvsysid.numerics.pseudoinverse import Solution
+
+if TYPE_CHECKING:
+    from tvsysid.methods.shared.correlations import Windows
+
+ALIKE = 1e-3  # share of the largest eigenvalue below which lags of the reference are alike
+UNTOLD = 1e-2  # share of the largest below which directions of the lagged angles are not told
+
+
+class LaggedReference(NamedTuple):
+    r"""Lags of a reference as instruments for lagged angles, ``lags`` to either side.
+
+    ``angle`` and ``torque`` (realization, time) as far as windows and lags reach; ``reference`` with as many more
+    samples before them as it has more lags than the angle.
+
+    .. math:: \Phi = \Phi_{zu}^T \Phi_{zz}^+ \Phi_{zu}, \qquad \varphi = \Phi_{zu}^T \Phi_{zz}^+ \varphi_{zy}
+
+    take the place of the correlations of lagged angles, sums over a window being taken before.
+    """
+
+    reference: Array
+    angle: Array
+    torque: Array
+    lags: int
+
+    @property
+    def more(self) -> int:
+        """How many lags the reference has more than the angle."""
+        return int(self.reference.shape[1] - self.angle.shape[1])
+
+    def projected(self, begin: int, end: int, half: int, centres: slice) -> tuple[Array, Array, Array]:
+        """Correlations of windows about centres among some times, and the instruments' projection (time, lag, lag)."""
+        lags, more = self.lags, self.more
+        z = self.reference[:, begin : end + 2 * lags + more]
+        u = np.pad(self.angle[:, begin : end + 2 * lags], ((0, 0), (more, 0)))
+        y = self.torque[:, begin + lags : end + lags]
+        samples = sliding_sum(np.ones(end - begin), half, half)[centres]
+        moments = (
+            window_moments(z, z, lags + more, lags)[:, ::-1, ::-1],
+            window_moments(z, u, lags + more, lags)[:, ::-1, : more - 1 if more else None : -1],
+            diagonal_moments(y, z, 2 * lags + more)[:, ::-1, None],
+        )
+        of_z, with_u, with_y = (sliding_sum(each, half, half)[centres] / samples[:, None, None] for each in moments)
+        values, vectors = np.linalg.eigh(of_z)
+        kept = values > ALIKE * values[:, -1:]
+        whitened = vectors * np.where(kept, 1 / np.sqrt(np.where(kept, values, 1.0)), 0.0)[:, None]
+        of_u = whitened.transpose(0, 2, 1) @ with_u
+        projection = of_u.transpose(0, 2, 1) @ whitened.transpose(0, 2, 1)
+        return of_u.transpose(0, 2, 1) @ of_u, (projection @ with_y)[..., 0], projection
+
+    def standard_errors(self, windows: Windows, times: int) -> dict[str, StandardError]:
+        r"""Standard errors of the impedance at so many times: the sandwich of the realizations' scores.
+
+        .. math:: V = \frac{R}{R - 1} \sum_r s_r s_r^T, \qquad s_r = \frac1L \sum_{i \in W} (G z_r(i))\, e_r(i)
+
+        with G by which the impedance follows from the instruments' correlations with the torque, and e what the
+        response leaves of the torque, relative to the degrees of freedom that it leaves. The noise may be of any kind.
+        """
+        scores, samples = np.zeros((3, len(self.angle), len(windows.weights))), windows.samples
+        last, place = self.angle.shape[1] - 2 * self.lags - 1, np.arange(len(windows.weights)) + windows.margin
+        for offset in range(-windows.half, windows.half + 1):
+            at = np.clip(place + offset, 0, last)
+            left = self.torque[:, self.lags + at] - _sums(self.angle, windows.weights, at)
+            left[:, at != place + offset] = 0.0  # where the context ends, a window is cut short
+            for quantity in range(3):
+                scores[quantity] += left * _sums(self.reference, windows.on_instruments[:, quantity], at)
+        independent = windows.realizations
+        share = len(self.angle) / (independent - 1) if independent > 1 else np.nan
+        untaken = np.maximum(1 - windows.rank / windows.independent, 0.1)
+        values = np.sqrt(share * np.sum(scores**2, axis=1) / untaken) / samples
+        missing = (times - len(samples)) // 2
+        freedom = np.full((times, 3), max(1.0, independent - 1.0))
+        return standard_errors(padded(values.T, missing), freedom)
+
+
+def truncated_at_threshold(phi_uu: Array, phi_uy: Array) -> Solution:
+    """Least squares by the directions of lagged angles that instruments tell well."""
+    values, vectors = np.linalg.eigh(phi_uu)
+    kept = values > UNTOLD * values[:, -1:]
+    inverse = (vectors * np.where(kept, 1 / np.where(kept, values, 1.0), 0.0)[:, None]) @ vectors.transpose(0, 2, 1)
+    weights = (inverse @ phi_uy[..., None])[..., 0]
+    rank = kept.sum(axis=1)
+    return Solution(weights, rank, inverse, rank, np.einsum("tk,tk->t", weights, phi_uy))
+
+
+def _sums(values: Array, weights: Array, first: NDArray[np.int64]) -> Array:
+    """Sums (realization, time) of lagged values from some samples on times weights (time, lag), lowest lag first."""
+    if np.array_equal(first, np.arange(len(first)) + first[0]):
+        return convolve_lags(values[:, first[0] : first[-1] + weights.shape[1]], weights)
+    windows = sliding_window_view(values, weights.shape[1], axis=1)[:, first]
+    return np.asarray(np.einsum("rtk,tk->rt", windows, weights[:, ::-1]))

@@ -129,7 +129,7 @@ def create(key: str, **settings: Any) -> Identifies:
     Examples
     --------
     >>> create("sds", window=0.2)
-    ShortDataSegments(max_lag=0.12, window=0.2)
+    ShortDataSegments(max_lag=0.12, window=0.2, reference=None)
     """
     made: Identifies = _made(key, _target(key, "method"), settings, "method")
     return made
@@ -149,7 +149,7 @@ def parse(text: str) -> Identifies:
     Examples
     --------
     >>> parse("esm:window=0.4,stiffness=fit")
-    EnsembleSpectral(window=0.4, stiffness='fit')
+    EnsembleSpectral(window=0.4, stiffness='fit', reference=None)
     >>> parse("birf:basis=HaarWavelets(functions=8)").basis
     HaarWavelets(functions=8)
     >>> parse("kbr:gamma=(4.5, 0.1, 1e-4)").gamma
@@ -157,7 +157,7 @@ def parse(text: str) -> Identifies:
     >>> parse("birf:tuned=true").title
     'Basis impulse response function, tuned'
     >>> parse("tvsysid.methods:ShortDataSegments:window=0.2")
-    ShortDataSegments(max_lag=0.12, window=0.2)
+    ShortDataSegments(max_lag=0.12, window=0.2, reference=None)
     """
     made: Identifies = from_text(text, "method")
     return made

@@ -26,6 +26,8 @@ from .methods import Input as Input
 from .methods import JointCascade as JointCascade
 from .methods import KernelRegression as KernelRegression
 from .methods import ParallelCascade as ParallelCascade
+from .methods import ScheduledImpedance as ScheduledImpedance
+from .methods import ScheduledIRF as ScheduledIRF
 from .methods import ShortDataSegments as ShortDataSegments
 from .methods import SkirtDecomposition as SkirtDecomposition
 from .methods import SubspaceCascade as SubspaceCascade

@@ -99,6 +99,7 @@ def identified(method):
     [
         *(pytest.param(METHODS[name], id=name) for name in METHODS if name != "kbr experiment"),
         pytest.param(METHODS["kbr experiment"], marks=pytest.mark.slow, id="kbr experiment"),
+        *(pytest.param(scheduled(), id=scheduled.key) for scheduled in (tv.ScheduledIRF, tv.ScheduledImpedance)),
         *(pytest.param(toy(), id=toy.__name__) for toy in TOYS),
     ],
 )

@@ -25,6 +25,7 @@ from tvsysid.methods.plugins import (
     parse,
     typed,
 )
+from tvsysid.methods.scheduled.methods import ScheduledImpedance, ScheduledIRF
 from tvsysid.methods.sds import ShortDataSegments
 from tvsysid.methods.skirt import SkirtDecomposition
 from tvsysid.methods.subspace_cascade import SubspaceCascade
@@ -56,4 +57,4 @@ __all__ += [
     "describe",
 ]
 __all__ += ["deviating_channels", "from_text", "key_of", "label_of", "load", "names", "parse", "reason_to_skip"]
-__all__ += ["SkirtDecomposition", "SubspaceCascade", "typed"]
+__all__ += ["ScheduledIRF", "ScheduledImpedance", "SkirtDecomposition", "SubspaceCascade", "typed"]

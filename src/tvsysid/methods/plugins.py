@@ -31,6 +31,7 @@ from tvsysid.methods.ensemble_cascade import EnsembleCascade
 from tvsysid.methods.esm import EnsembleSpectral
 from tvsysid.methods.kbr.kbr import KernelRegression
 from tvsysid.methods.parallel_cascade import ParallelCascade
+from tvsysid.methods.scheduled.methods import ScheduledImpedance, ScheduledIRF
 from tvsysid.methods.sds import ShortDataSegments
 from tvsysid.methods.settings import converted, further_settings, parts
 from tvsysid.methods.skirt import SkirtDecomposition
@@ -51,6 +52,8 @@ METHODS: dict[str, type[Method]] = {
         EnsembleCascade,
         BasisCascade,
         SubspaceCascade,
+        ScheduledIRF,
+        ScheduledImpedance,
         SkirtDecomposition,
     )
 }

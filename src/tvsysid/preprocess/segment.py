@@ -196,35 +196,37 @@ def trim(recording: Recording, ends: float, margin: float = 0.0) -> Recording:
     )
 
 
-def segment(recording: Recording, period: float, context: float = 0.5) -> Ensemble:
+def segment(recording: Recording, period: float | None, context: float = 0.5) -> Ensemble:
     """Cut each trial into all the realizations that it holds whole, which begin at multiples of the period from time 0.
 
     Parameters
     ----------
     period
-        Duration of a realization in s: a whole number of samples.
+        Duration of a realization in s: a whole number of samples. None, for behaviour that is not repeated, makes one
+        realization of each trial, all as long as the shortest but for its context.
     context
         Seconds of the record that each realization keeps on either side. Realizations at the ends that lack it are left
         out, and ``left_out`` of the ensemble counts them; 0 keeps them all.
     """
     rate = recording.sampling_rate
-    check_seconds("segment", period=period, context=context)
+    check_seconds("segment", context=context)
+    margin = round(context * rate)
+    if period is None:
+        return _cut(recording, [[margin]] * len(recording.trials), _longest(recording, margin), margin)
+    check_seconds("segment", period=period)
     if round(period * rate) < 1:
         raise InputError(f"segment: a period of {period!r} s is shorter than a sample at {rate:g} Hz")
-    samples, margin = _whole_samples(period, rate), round(context * rate)
-    firsts: list[int] = []
-    trials: list[int] = []
+    samples = _whole_samples(period, rate)
+    firsts: list[list[int]] = []
     left_out = 0
-    for number, trial in enumerate(recording.trials):
+    for trial in recording.trials:
         length = trial.stop - trial.start
         # First multiple of the period at or after the trial's first sample, as a sample of the trial.
         first = math.ceil(round(recording.start * rate) / samples) * samples - round(recording.start * rate)
         whole = range(first, length - samples + 1, samples)
-        with_context = [i for i in whole if i >= margin and i + samples + margin <= length]
-        left_out += len(whole) - len(with_context)
-        firsts += [trial.start + i for i in with_context]
-        trials += [number] * len(with_context)
-    if not firsts:
+        firsts.append([i for i in whole if i >= margin and i + samples + margin <= length])
+        left_out += len(whole) - len(firsts[-1])
+    if not any(firsts):
         longest = max(trial.stop - trial.start for trial in recording.trials) / rate
         less = "give less context (--context 0 keeps every realization)"
         raise InputError(
@@ -232,18 +234,37 @@ def segment(recording: Recording, period: float, context: float = 0.5) -> Ensemb
             f"{longest:g} s of record from {recording.start:g} s on; "
             f"{less if left_out else 'give a shorter period (--period)'}"
         )
-    index, trial_of = np.array(firsts), np.array(trials)
-    within = index - np.array(recording.trial_starts)[trial_of]
+    return _cut(recording, firsts, samples, margin, left_out)
+
+
+def _longest(recording: Recording, margin: int) -> int:
+    """Samples of the shortest trial without its context."""
+    shortest = min(trial.stop - trial.start for trial in recording.trials)
+    if shortest <= 2 * margin:
+        raise InputError(
+            f"segment: a trial of {shortest / recording.sampling_rate:g} s has nothing left within "
+            f"{margin / recording.sampling_rate:g} s of context on both sides; give less context (--context)"
+        )
+    return int(shortest - 2 * margin)
+
+
+def _cut(
+    recording: Recording, firsts: Iterable[Iterable[int]], samples: int, margin: int, left_out: int = 0
+) -> Ensemble:
+    """Realizations with their context; by trial, the sample of it with which each begins."""
+    places = [(number, first) for number, each in enumerate(firsts) for first in each]
+    trials, within = np.array(places).T
+    index = within + np.array(recording.trial_starts)[trials]
 
     def cut(x: Array) -> Array:
-        return x[(index - margin)[:, None] + np.arange(samples + 2 * margin)]
+        return np.asarray(x[(index - margin)[:, None] + np.arange(samples + 2 * margin)])
 
     return Ensemble(
         **every_signal(recording, cut),
-        sampling_rate=rate,
+        sampling_rate=recording.sampling_rate,
         context=margin,
-        onsets=recording.start + within / rate,
-        trials=trial_of,
+        onsets=recording.start + within / recording.sampling_rate,
+        trials=trials,
         left_out=left_out,
         origin=recording.origin,
         delay_removed=recording.delay_removed,

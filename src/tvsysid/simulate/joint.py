@@ -22,6 +22,7 @@ from tvsysid.simulate.setup import BANDWIDTH, Setup
 from tvsysid.simulate.simulation import Seed, Simulation
 
 EMG_LEAD = 0.010  # seconds from EMG to force
+Relation = Callable[[Array], Array]  # of a variable's values, to one number for each
 
 
 @dataclass(frozen=True)
@@ -229,23 +230,29 @@ class ReflexJoint(Joint):
 class ScheduledJoint(Joint):
     r"""A joint whose stiffness follows a measured variable, such as EMG, that differs from realization to realization.
 
-    .. math:: y(t) = I\,\ddot\theta(t) + b(t)\,\dot\theta(t) + k(\rho(t))\,\theta(t) + n(t), \qquad
+    .. math:: y(t) = I\,\ddot\theta(t) + b\,\dot\theta(t) + k(\rho(t))\,\theta(t) + r(t) + n(t), \qquad
               \rho(t) = (1 + \sigma\, g(t))\, k^{-1}(k_0(t))
 
     The variable ρ would give the profile k₀ of the stiffness, were it not stronger or weaker each time: g is drawn anew
-    every so many seconds, Gaussian with unit variance, and changes linearly in between; ρ is never negative. All else
-    is as for :class:`Joint`.
+    every so many seconds, Gaussian with unit variance, and changes linearly in between; its factor is never negative.
+    A ``schedule`` takes the place of :math:`k^{-1}(k_0(t))`: the variable itself over time, as where a joint is moved
+    slowly. Viscosity and reflex may follow the variable too. All else is as for :class:`Joint`.
 
-    Truth: ``stiffness``, ``viscosity``, ``inertia``. Pathway: ``intrinsic``. Channel: the variable, by its name.
+    Truth: ``stiffness``, ``viscosity``, ``inertia``, and ``reflex_gain`` where there is a reflex. Pathways:
+    ``intrinsic``, and ``reflex``. Channel: the variable, by its name.
 
-    ``stiffness`` is k₀; ``relation`` k, a callable of the variable, to N·m/rad, which rises from 0 to 1 and covers the
-    profile there; ``variation`` σ, the standard deviation of the variable's strength relative to its mean; ``interval``
-    the seconds after which the strength is drawn anew; ``variable`` the name of the channel.
+    ``stiffness`` is k₀; ``relation`` k, a callable of the variable, to N·m/rad, which without a schedule rises from 0
+    to 1 and covers the profile there; ``viscosity_relation``, to N·m·s/rad, takes the place of ``viscosity``, and
+    ``gain_relation`` gives the gain of the ``reflex`` in N·m·s/rad from the variable at the time of the stretch.
+    ``variation`` σ is the standard deviation of the variable's strength relative to its mean; ``interval`` the seconds
+    after which the strength is drawn anew; ``variable`` the name of the channel; ``noise_bandwidth`` the cut-off in Hz
+    of the torque's noise.
 
     Raises
     ------
     InputError
-        As for :class:`Joint`, and for a relation that does not rise, or does not cover the profile.
+        As for :class:`Joint`, and for a relation that is no callable or, without a schedule, does not rise or does not
+        cover the profile.
 
     References
     ----------
@@ -261,27 +268,55 @@ class ScheduledJoint(Joint):
     """
 
     stiffness: Profile = field(default_factory=SineWave)
-    relation: Callable[[Array], Array] = field(default_factory=lambda: Polynomial([20.0, 200.0]))
+    relation: Relation = field(default_factory=lambda: Polynomial([20.0, 200.0]))
     variation: float = 0.3
     interval: float = 2.0
     variable: str = "emg"
+    schedule: Profile | None = None
+    viscosity_relation: Relation | None = None
+    gain_relation: Relation | None = None
+    reflex: StretchReflex = field(default_factory=StretchReflex)
+    noise_bandwidth: float = BANDWIDTH
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not callable(self.relation):
-            raise InputError(f"ScheduledJoint: relation must be a callable of the variable, got {self.relation!r}")
+        for name in ("relation", "schedule", "viscosity_relation", "gain_relation"):
+            value = getattr(self, name)
+            if not callable(value) and (name == "relation" or value is not None):
+                of = "time" if name == "schedule" else "the variable"
+                raise InputError(f"ScheduledJoint: {name} must be a callable of {of}, got {value!r}")
         not_negative("ScheduledJoint", variation=self.variation)
-        positive("ScheduledJoint", interval=self.interval)
+        positive("ScheduledJoint", interval=self.interval, noise_bandwidth=self.noise_bandwidth)
 
     def _simulated(self, setup: Setup) -> Simulation:
         streams = setup.streams(3)
         impedance = self._impedance(setup, setup.index)
-        variable = self._usual(impedance["stiffness"]) * self._strength(setup.index / setup.rate, streams[2])
-        impedance["stiffness"] = np.asarray(self.relation(variable), dtype=np.float64)
-        found = answer(setup, impedance, streams)
-        return setup.simulation(
-            found.angle, found.noise, {"intrinsic": found.torque}, impedance, {self.variable: variable}
-        )
+        factor = self._strength(setup.index / setup.rate, streams[2])
+        if self.schedule is None:
+            variable = self._usual(impedance["stiffness"]) * factor
+        else:
+            variable = over_time("ScheduledJoint: schedule", self.schedule, setup.index, setup.rate) * factor
+        impedance["stiffness"] = self._related("relation", self.relation, variable)
+        if self.viscosity_relation is not None:
+            impedance["viscosity"] = self._related("viscosity_relation", self.viscosity_relation, variable)
+        found = answer(setup, impedance, streams, self.noise_bandwidth)
+        pathways = {"intrinsic": found.torque}
+        if self.gain_relation is not None:
+            gain = impedance["reflex_gain"] = self._related("gain_relation", self.gain_relation, variable)
+            # Before the record the variable is as at its beginning; the gain is that at the time of the stretch.
+            late = np.pad(gain, (setup.run_in + round(self.reflex.delay * setup.rate), 0), "edge")[
+                : len(found.velocity)
+            ]
+            torque = self.reflex.torque(found.velocity, late, setup.rate, int(setup.whole_index[0]))
+            pathways["reflex"] = torque[setup.run_in :]
+        return setup.simulation(found.angle, found.noise, pathways, impedance, {self.variable: variable})
+
+    def _related(self, name: str, relation: Relation, variable: Array) -> Array:
+        """What a relation gives for each value of the variable."""
+        values = np.asarray(relation(variable), dtype=np.float64)
+        if values.shape != variable.shape or not np.isfinite(values).all():
+            raise InputError(f"ScheduledJoint: {name} must give one finite number for each value, got {relation!r}")
+        return values
 
     def _usual(self, stiffness: Array) -> Array:
         """Variable that gives a stiffness."""

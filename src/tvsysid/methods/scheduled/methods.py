@@ -1,0 +1,305 @@
+"""A joint whose properties follow a measured variable: by impulse responses, or by stiffness, viscosity and inertia."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from tvsysid.errors import InputError
+from tvsysid.methods import base
+from tvsysid.methods.scheduled.fit import FOLDS, Fit, covariance_of, fitted
+from tvsysid.methods.scheduled.model import GRID, Curves, ScheduledModel
+from tvsysid.methods.scheduled.structure import Reflex, Structure
+from tvsysid.methods.shared.pathways import Stretch, history
+from tvsysid.methods.tuning.evidence import Evidence, edge_of
+from tvsysid.models import Diagnostics
+from tvsysid.signals import Array, Ensemble
+
+ORDERS = range(7)  # of the polynomials, that are tried
+CLEARLY = 0.5  # per cent of the torque's variance by which an order must predict better than the one given
+POOR = 60.0  # per cent of the torque's variance held out below which the model is doubtful
+LOST = 5.0  # per cent by which folds held out may be worse than the fit itself
+ORDINALS = ("first", "second", "third", "fourth", "fifth")
+MISSING = 0.5  # share of the samples that may have no past
+ALONE = 0.02  # share of a fold's samples that the others' range may lack
+
+
+@dataclass(frozen=True)
+class Scheduled(base.Method):
+    """Settings and steps that both methods share; see :class:`ScheduledIRF`."""
+
+    variable: str = "scheduling"
+    order: int = 2
+    reflex: bool = True
+    reflex_order: int = 2
+    rest_order: int = 0
+    delay: float = 0.05
+    memory: float = 0.76
+    filters: int = 9
+    time_constant: float = 0.03
+    threshold: float = 0.0
+
+    uses_recorded_angle: ClassVar[bool] = True
+    takes_deviations: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        name = type(self).__name__
+        base.check_positive(self, memory=self.memory, time_constant=self.time_constant)
+        for setting, least in (("order", 0), ("reflex_order", 0), ("rest_order", 0), ("filters", 1)):
+            if type(value := getattr(self, setting)) is not int or value < least:
+                raise InputError(f"{name}: {setting} must be a whole number from {least} on, got {value!r}")
+        for setting in ("delay", "threshold"):
+            value = getattr(self, setting)
+            if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 <= value < np.inf:
+                raise InputError(f"{name}: {setting} must be a finite number from 0 on, got {value!r}")
+        if not isinstance(self.variable, str) or not isinstance(self.reflex, bool):
+            raise InputError(
+                f"{name}: expected the name of a channel as variable, and true or false as reflex; got "
+                f"{self.variable!r} and {self.reflex!r}"
+            )
+        object.__setattr__(self, "inputs", (base.Input(self.variable, "scheduling", "any unit"),))
+        found = ("stiffness", "viscosity", "inertia") + ("reflex_gain",) * self.reflex
+        object.__setattr__(self, "quantities", found[3:])
+        object.__setattr__(self, "scheduled_quantities", {f"scheduled_{each}": GRID for each in found})
+        object.__setattr__(self, "pathway_names", ("intrinsic", "reflex") if self.reflex else ())
+
+    def skip(self, ensemble: Ensemble) -> str | None:
+        """Where the variable does not vary, or most times lack what was recorded before."""
+        values = ensemble.signal(self.variable)[:, ensemble.core]
+        if np.ptp(values) <= 1e-9 * np.abs(values).max():
+            return f"{self.variable} is {values.flat[0]:.4g} at all times; a joint can only follow what changes"
+        before = base.whole_samples(self.delay, ensemble) + base.whole_samples(self.memory, ensemble)
+        if self.reflex and np.isnan(history(ensemble, ensemble.angle, before)[:, : ensemble.samples]).mean() > MISSING:
+            return (
+                f"less than half of the samples have {self.delay + self.memory:g} s recorded before them, as long as "
+                "the reflex's response; cut with more context (--context), or shorten memory"
+            )
+        return None
+
+    def _identify(self, ensemble: Ensemble) -> ScheduledModel:
+        fit, other = self._fits(ensemble)
+        rate, freedom = ensemble.sampling_rate, len(fit.rows.torque) - fit.parameters
+        curves = Curves.of(fit.structure, fit.coefficients, covariance_of(fit, rate), rate, freedom)
+        grid = np.linspace(*fit.structure.limits, GRID)
+        over_time = curves.at(ensemble.signal(self.variable)[:, ensemble.core], ("realization", "time"))
+        over_variable = {f"scheduled_{name}": each for name, each in curves.at(grid, (self.variable,)).items()}
+        details = _details(fit, other)
+        texts = tuple(_warnings(fit, details))
+        return ScheduledModel(
+            method=repr(self),
+            sampling_rate=rate,
+            time=ensemble.time,
+            estimates=over_time | over_variable,
+            coordinates={self.variable: grid},
+            diagnostics=Diagnostics(fit.parameters, warnings=texts, details=details),
+            structure=fit.structure,
+            curves=curves,
+            coefficients=fit.coefficients,
+        )
+
+    def _fits(self, ensemble: Ensemble) -> tuple[Fit, Fit | None]:
+        """Fit with the direction of stretch that predicts better what it has not seen; and the one with the other."""
+        structure = self._structure(ensemble)
+        if not self.reflex:
+            return fitted(structure, ensemble), None
+        both = [fitted(structure.stretched(direction), ensemble) for direction in (1, -1)]
+        worse, better = sorted(both, key=lambda each: float(each.held_out.mean()))
+        return better, worse
+
+    def _structure(self, ensemble: Ensemble) -> Structure:
+        values, angle = (ensemble.signal(name)[:, ensemble.core] for name in (self.variable, "angle"))
+        reflex = None
+        if self.reflex:
+            delay, memory = (base.whole_samples(each, ensemble) for each in (self.delay, self.memory))
+            decay = self.time_constant * ensemble.sampling_rate
+            drive = Stretch(self.threshold)
+            reflex = Reflex(delay, max(1, memory), self.filters, decay, self.reflex_order + 1, drive)
+        limits = float(values.min()), float(values.max())
+        sizes = self._lags(ensemble), self.order + 1, self.rest_order + 1
+        return Structure(self.variable, limits, float(angle.mean()), *sizes, reflex)
+
+    @abstractmethod
+    def _lags(self, ensemble: Ensemble) -> int:
+        """Lags of the intrinsic response to either side, in samples; 0 for angle, velocity and acceleration."""
+
+    def _evidence(self, ensemble: Ensemble, seed: int) -> Evidence:
+        return evidence_by_folds(self, ensemble)
+
+
+@dataclass(frozen=True)
+class ScheduledIRF(Scheduled):
+    r"""Impulse response and reflex that follow a measured variable, such as the joint's own slow movement.
+
+    .. math:: y(t) = \sum_{|k| \le n} \sum_{j=0}^{p} c_{kj} T_j(x(t))\, \theta(t - k)
+              + \sum_{i} \sum_{j=0}^{q} g_{ij} \sum_{k \ge 0} \ell_i(k)\, T_j(x(t - k - d))\, f(t - k - d) + y_0
+
+    with T the Chebyshev polynomials, x the variable mapped to -1 to 1, :math:`\ell` orthonormal Laguerre filters and f
+    the velocity of stretch: rectified at the rate at which the angle was recorded, then decimated as the torque was.
+    All coefficients are those of one least-squares fit. Neither a period nor more than one realization is needed.
+
+    Parameters
+    ----------
+    variable
+        Channel with the scheduling variable, in any unit.
+    order
+        Degree p of the polynomials. Too high an order fits what is in the record, and fails wherever else the variable
+        goes: ``tuned`` chooses one by folds.
+    reflex, reflex_order
+        Whether there is a reflex pathway, and q. A reflex that is left out is taken for stiffness.
+    rest_order
+        Degree of the polynomial for the torque at rest, :math:`y_0`. Two things make that follow the variable: a torque
+        that the variable causes by itself, and an angle that does not count from where the joint is at rest, which adds
+        stiffness times the difference. From ``order`` on, no offset of the angle matters; but then what the reflex's
+        mean torque would tell of its gain is not used.
+    delay, memory
+        Of the reflex in s: d, and how long its response lasts after that.
+    filters, time_constant
+        Number of Laguerre filters, and the time in s over which they decay.
+    threshold
+        Velocity in rad/s from which on stretch counts.
+    max_lag
+        Lags of the intrinsic response to either side in s.
+
+    Notes
+    -----
+    ``model.estimates`` has stiffness, viscosity, inertia and reflex gain for each realization and time, and as
+    ``scheduled_stiffness`` and so on over the variable; :meth:`ScheduledModel.at` gives them at any values of it.
+    Stiffness is the sum of the weights, viscosity and inertia are those of a second-order fit from 0.5 to 15 Hz, the
+    reflex gain is the area under its response, in N·m·s/rad.
+
+    The stretch is in the direction that predicts more of five folds of consecutive time, each from the others. What
+    the folds predict is ``vaf_folds`` among the diagnostics' details: the mean over them, in per cent of the torque's
+    variance in each. A warning says which values of the variable occur in one fold only.
+
+    The bands are those of least squares with noise of the residual's autocorrelation, up to 0.4 s. They are slightly
+    short (docs/scheduling.md has the measured coverage), and count no error of the polynomials.
+
+    References
+    ----------
+    Sobhani Tehrani, Jalaleddini & Kearney 2013, Linear parameter varying identification of ankle joint intrinsic
+    stiffness during imposed walking movements, IEEE EMBC; the two pathways in one: Sobhani Tehrani, Golkar, Guarin,
+    Jalaleddini & Kearney 2015, Methods for the identification of time-varying hammerstein systems with applications to
+    the study of dynamic joint stiffness, IFAC-PapersOnLine 48.
+    """
+
+    max_lag: float = 0.04
+
+    key: ClassVar[str] = "lpv"
+    title: ClassVar[str] = "Impulse response that follows a measured variable (LPV)"
+    assumptions: ClassVar[tuple[str, ...]] = (
+        "The joint depends on the measured variable, and not otherwise on time.",
+        "It does so as a polynomial.",
+        "The intrinsic response ends before the reflex's delay does.",
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        base.check_positive(self, max_lag=self.max_lag)
+
+    def _lags(self, ensemble: Ensemble) -> int:
+        return base.fitting_lags(type(self).__name__, self.max_lag, ensemble)
+
+    def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
+        return 1 / (2 * self.max_lag), base.EXCITED_ABOVE
+
+
+@dataclass(frozen=True)
+class ScheduledImpedance(Scheduled):
+    r"""Stiffness and viscosity as polynomials in a measured variable, constant inertia, and a reflex that follows it.
+
+    .. math:: y(t) = \sum_{j=0}^{p} T_j(x(t)) \left[ K_j\, \theta(t) + B_j\, \dot\theta(t) \right]
+              + I\, \ddot\theta(t) + r(t) + y_0
+
+    with the reflex r, the settings, the folds and the bands of :class:`ScheduledIRF`, and the derivatives of
+    :meth:`tvsysid.Ensemble.derivatives`. It has fewer coefficients, so it is surer of itself, where the joint is of
+    second order.
+    """
+
+    key: ClassVar[str] = "lpvkbi"
+    title: ClassVar[str] = "Impedance that follows a measured variable"
+    assumptions: ClassVar[tuple[str, ...]] = (
+        "The joint depends on the measured variable, and not otherwise on time.",
+        "Stiffness, viscosity and reflex do so as polynomials; inertia is constant.",
+        "The joint is of second order (inertia, viscosity, stiffness).",
+    )
+
+    def _lags(self, ensemble: Ensemble) -> int:
+        return 0
+
+    def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
+        return 5.0, base.EXCITED_ABOVE
+
+
+def evidence_by_folds(method: Scheduled, ensemble: Ensemble) -> Evidence:
+    """Orders of the polynomials, of both pathways alike, by what they predict of folds of consecutive time."""
+    tried = [{"order": method.order, "reflex_order": method.reflex_order}]
+    tried += [both for order in ORDERS if (both := {"order": order, "reflex_order": order}) not in tried]
+    found, possible = [], []
+    for settings in tried:
+        with suppress(InputError):  # too few samples for so many coefficients
+            other = replace(method, order=settings["order"], reflex_order=settings["reflex_order"])
+            found.append(other._fits(ensemble)[0].held_out)
+            possible.append(settings)
+    folds = np.array(found)
+    values = folds.mean(axis=1)
+    best = int(np.argmax(values))
+    chosen = best if values[best] > values[0] + CLEARLY else 0
+    orders = [settings["order"] for settings in possible]
+    return Evidence(
+        criterion=f"variance accounted for in {FOLDS} folds of consecutive time",
+        unit="%",
+        better="higher",
+        tried=tuple(possible),
+        values=values,
+        standard_errors=(folds - folds[0]).std(axis=1, ddof=1) / np.sqrt(FOLDS),
+        chosen=chosen,
+        axis="order",
+        positions=np.array(orders, dtype=np.float64),
+        lines=("",) * len(possible),
+        edges=edge_of("order", orders[chosen], orders) if chosen and orders[chosen] else (),
+    )
+
+
+def _details(fit: Fit, other: Fit | None) -> dict[str, float]:
+    rows = fit.rows
+    ends = np.cumsum(rows.parts)[:-1]
+    pairs = zip(np.split(fit.coefficients, ends), np.split(rows.columns, ends), strict=True)
+    torques = [weights @ columns for weights, columns in pairs]
+    names = ("intrinsic", "reflex")[: len(torques) - 1]
+    details = {"vaf": _explained(rows.torque, fit.coefficients @ rows.columns)}
+    details |= {f"vaf_{name}": _explained(rows.torque, torque) for name, torque in zip(names, torques[1:], strict=True)}
+    details |= {"vaf_folds": float(fit.held_out.mean()), "vaf_worst_fold": float(fit.held_out.min())}
+    details |= dict(zip(("scheduling_low", "scheduling_high"), fit.structure.limits, strict=True))
+    if fit.structure.reflex is not None and other is not None:
+        details["direction"] = float(fit.structure.reflex.drive.direction)
+        details["vaf_folds_other_direction"] = float(other.held_out.mean())
+    return details
+
+
+def _explained(torque: Array, part: Array) -> float:
+    return 100 * (1 - float(np.var(torque - part) / np.var(torque)))
+
+
+def _warnings(fit: Fit, details: dict[str, float]) -> Iterator[str]:
+    rows, name = fit.rows, fit.structure.variable
+    for number, fold in enumerate(rows.folds):
+        own, others = rows.variable[fold], np.delete(rows.variable, fold)
+        for beyond, words in ((own < others.min(), "below"), (own > others.max(), "above")):
+            if np.mean(beyond) > ALONE:
+                limit = others.min() if words == "below" else others.max()
+                yield (
+                    f"{name} is {words} {limit:.3g} in the {ORDINALS[number]} of {FOLDS} parts of the record only, for "
+                    f"{100 * np.mean(beyond):.0f} % of it: nothing else says how the joint is there"
+                )
+    if details["vaf"] - details["vaf_folds"] > LOST:
+        yield (
+            f"of the torque {details['vaf']:.1f} % is explained, but only {details['vaf_folds']:.1f} % of folds of "
+            "consecutive time that were not fitted to: the order is too high for this record; use a lower one (tuned)"
+        )
+    elif details["vaf_folds"] < POOR:
+        yield f"only {details['vaf_folds']:.1f} % of the torque is explained in folds that were not fitted to"

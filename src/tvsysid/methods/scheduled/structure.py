@@ -1,0 +1,131 @@
+"""What the torque of a scheduled joint is a sum of: signals times polynomials in the variable."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from scipy.signal import lfilter
+
+from tvsysid.estimates import IMPEDANCE
+from tvsysid.methods.cascade.result import second_order_fit
+from tvsysid.methods.shared.pathways import Stretch, history
+from tvsysid.numerics.bands import mean_known
+from tvsysid.numerics.bases import chebyshev_of
+from tvsysid.numerics.laguerre import laguerre_filters
+from tvsysid.signals import Array, Ensemble
+
+
+@dataclass(frozen=True)
+class Reflex:
+    """Reflex: ``filters`` of the stretch after a ``delay``, of a ``memory`` and a ``time_constant``, all in samples.
+
+    Each filter's weight is a polynomial with so many ``degrees`` in the variable as it was when the muscle was
+    stretched.
+    """
+
+    delay: int
+    memory: int
+    filters: int
+    time_constant: float
+    degrees: int
+    drive: Stretch
+
+    @property
+    def responses(self) -> Array:
+        """Impulse responses of the filters, (filter, lag)."""
+        return laguerre_filters(self.filters, self.memory, self.time_constant)
+
+    def columns(self, ensemble: Ensemble, polynomials: Array) -> Array:
+        """What its weights multiply, (filter * degree, realization, time); NaN where the memory was not recorded."""
+        before, drive = self.delay + self.memory - 1, self.drive(ensemble)
+        out = np.empty((self.filters, self.degrees, len(ensemble), ensemble.samples))
+        for degree in range(self.degrees):
+            past = history(ensemble, polynomials[..., degree] * drive, before)
+            past = past[:, : self.memory - 1 + ensemble.samples]
+            for number, response in enumerate(self.responses):
+                out[number, degree] = lfilter(response, 1.0, past, axis=1)[:, self.memory - 1 :]
+        return out.reshape(-1, *out.shape[2:])
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Model of the torque, but for its weights.
+
+    The ``variable``'s ``limits`` are mapped to -1 and 1; the angle counts from its ``centre``. Each intrinsic signal
+    has a polynomial with so many ``degrees``: the angles at up to so many ``lags`` to either side; or, if that is 0,
+    angle and velocity, and the acceleration a constant. The torque at rest has one with ``rest`` degrees.
+    """
+
+    variable: str
+    limits: tuple[float, float]
+    centre: float
+    lags: int
+    degrees: int
+    rest: int
+    reflex: Reflex | None
+
+    def stretched(self, direction: int) -> Structure:
+        """The same with the other direction of stretch."""
+        if self.reflex is None:
+            return self
+        drive = replace(self.reflex.drive, direction=direction)
+        return replace(self, reflex=replace(self.reflex, drive=drive))
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """Degrees of each intrinsic signal."""
+        return (self.degrees,) * (2 * self.lags + 1) if self.lags else (self.degrees, self.degrees, 1)
+
+    def polynomials(self, values: Array) -> Array:
+        """Chebyshev polynomials of values of the variable, (..., degree), as many as the highest needs."""
+        most = max(self.degrees, self.rest, self.reflex.degrees if self.reflex else 1)
+        return chebyshev_of(values, self.limits, most)
+
+    def readout(self, rate: float) -> Array:
+        """Stiffness, viscosity and inertia from the weights of the intrinsic signals, (3, signal)."""
+        if not self.lags:
+            return np.eye(3)
+        fit = second_order_fit(np.arange(-self.lags, self.lags + 1) / rate)
+        return np.stack([np.ones(fit.shape[1]), *fit[1:]])
+
+    def signals(self, ensemble: Ensemble) -> Array:
+        """Intrinsic signals (signal, realization, time); NaN where lags or filters reach beyond the context."""
+        if not self.lags:
+            found = ensemble.derivatives()
+            found[0] -= self.centre
+            return found
+        missing = max(0, self.lags - ensemble.context)
+        angle = np.pad(ensemble.angle - self.centre, ((0, 0), (missing, missing)), constant_values=np.nan)
+        first = ensemble.context + missing - self.lags
+        windows = sliding_window_view(angle, ensemble.samples, axis=1)[:, first : first + 2 * self.lags + 1]
+        return np.asarray(windows[:, ::-1].transpose(1, 0, 2))
+
+    def parts(self, ensemble: Ensemble) -> list[Array]:
+        """What coefficients multiply, each (column, realization, time): of rest, intrinsic and reflex torque.
+
+        They lose their mean over realizations where the ensemble has.
+        """
+        polynomials = self.polynomials(ensemble.signal(self.variable))
+        own = np.moveaxis(polynomials[:, ensemble.core], -1, 0)
+        pairs = zip(self.signals(ensemble), self.counts, strict=True)
+        found = [own[: self.rest], np.concatenate([own[:count] * signal for signal, count in pairs])]
+        if self.reflex is not None:
+            found.append(self.reflex.columns(ensemble, polynomials))
+        if not ensemble.mean_subtracted:
+            return found
+        return [each - mean_known(each.swapaxes(0, 1))[:, None] for each in found]
+
+    def readouts(self, rate: float) -> dict[str, Array]:
+        """What gives each quantity's weights from the coefficients of all columns, (coefficient, degree)."""
+        found = {}
+        for name, row in zip(IMPEDANCE, self.readout(rate), strict=True):
+            own = [weight * np.eye(count, self.degrees) for weight, count in zip(row, self.counts, strict=True)]
+            found[name] = np.concatenate([np.zeros((self.rest, self.degrees)), *own])
+        if self.reflex is None:
+            return found
+        reflex = np.kron(self.reflex.responses.sum(axis=1)[:, None], np.eye(self.reflex.degrees))
+        before = self.rest + sum(self.counts)
+        found = {name: np.pad(each, ((0, len(reflex)), (0, 0))) for name, each in found.items()}
+        return found | {"reflex_gain": np.pad(reflex, ((before, 0), (0, 0)))}

@@ -1,0 +1,237 @@
+"""Joints that follow a measured variable: what is found, and by what route."""
+
+import dataclasses
+import pickle
+import re
+
+import numpy as np
+import pytest
+from numpy.polynomial import Polynomial
+from numpy.polynomial.chebyshev import chebval
+from scipy.signal import lfilter
+
+import tvsysid as tv
+from tvsysid.numerics.stretch import recorded_velocity
+
+STIFFNESS, VISCOSITY, GAIN = Polynomial([28.9, 155.0, 310.0]), Polynomial([0.83, 0.2]), Polynomial([4.0, 6.0])
+GRID = np.linspace(-0.37, 0.17, 10)
+
+
+def simulated(duration=50.0, snr_db=np.inf, **changes):
+    """Ensemble of one realization: all of the record."""
+    settings = {"relation": STIFFNESS, "viscosity_relation": VISCOSITY, "gain_relation": GAIN, "inertia": 0.016}
+    settings |= {"schedule": tv.simulate.SineWave(-0.1, 0.3, 10.0), "variation": 0.0, "variable": "scheduling"}
+    reflex = tv.simulate.StretchReflex(delay=0.05, frequency=20.0, damping=1.0)
+    joint = tv.simulate.ScheduledJoint(**settings | {"reflex": reflex, "noise_bandwidth": 15.0} | changes)
+    record = joint.simulate(duration, perturbation=tv.simulate.FilteredNoise(), snr_db=snr_db, seed=1).recording
+    return tv.preprocess.segment(tv.preprocess.decimate(record, 100), None)
+
+
+@pytest.fixture(scope="module")
+def noiseless():
+    return simulated()
+
+
+@pytest.fixture(scope="module")
+def noisy():
+    return simulated(30.0, 10.0)
+
+
+@pytest.fixture(scope="module")
+def found(noisy):
+    return tv.ScheduledIRF().identify(noisy)
+
+
+@pytest.mark.parametrize("method", [tv.ScheduledIRF(rest_order=2), tv.ScheduledImpedance(rest_order=2)])
+def test_a_noiseless_joint_is_recovered(noiseless, method):
+    model = method.identify(noiseless)
+    truth = {"stiffness": (STIFFNESS, 0.2), "viscosity": (VISCOSITY, 0.01), "reflex_gain": (GAIN, 0.03)}
+    for name, (curve, allowed) in truth.items():
+        np.testing.assert_allclose(model.at(GRID)[name].values, curve(GRID), atol=allowed, err_msg=name)
+    np.testing.assert_allclose(model.at(GRID)["inertia"].values, 0.016, atol=0.0003)
+    assert model.diagnostics.details["vaf_folds"] > 99.5
+    assert model.diagnostics.details["direction"] == 1
+    variable = noiseless.channels["scheduling"][:, noiseless.core]
+    np.testing.assert_allclose(model.estimates["stiffness"].values, STIFFNESS(variable), atol=0.5)
+    assert model.estimates["stiffness"].axes == ("realization", "time")
+    assert model.estimates["scheduled_stiffness"].axes == ("scheduling",)
+    np.testing.assert_allclose(
+        model.estimates["scheduled_stiffness"].values, STIFFNESS(model.coordinates["scheduling"]), atol=0.5
+    )
+
+
+def test_a_reflex_that_is_left_out_is_taken_for_stiffness(noiseless):
+    model = tv.ScheduledIRF(reflex=False).identify(noiseless)
+    assert np.mean(model.at(GRID)["stiffness"].values - STIFFNESS(GRID)) > 5
+    assert list(model.pathways(noiseless)) == ["intrinsic"]
+    assert "reflex_gain" not in model.estimates
+
+
+def test_muscles_that_answer_the_other_direction_are_found():
+    reflex = tv.simulate.StretchReflex(delay=0.05, frequency=20.0, damping=1.0, direction=-1)
+    details = tv.ScheduledImpedance().identify(simulated(30.0, 10.0, reflex=reflex)).diagnostics.details
+    assert details["direction"] == -1
+    assert details["vaf_folds"] > details["vaf_folds_other_direction"] + 1
+
+
+def slowly(ensemble, lags, delay, memory, filters, pole):
+    """Columns (time, column) of order 1 and the torque, by loops; NaN where something was not recorded."""
+    context, count = ensemble.context, ensemble.samples
+    variable = ensemble.channels["scheduling"][0]
+    angle = ensemble.angle[0] - ensemble.angle[0, ensemble.core].mean()
+    low, high = variable[ensemble.core].min(), variable[ensemble.core].max()
+    x = np.clip((2 * variable - low - high) / (high - low), -1, 1)
+    velocity = recorded_velocity(ensemble.recorded_angle, 100.0)
+    stretch = tv.numerics.stretch.stretch(velocity, 10)[0]
+    responses = [lfilter([np.sqrt(1 - pole**2)], [1, -pole], np.eye(1, memory)[0])]
+    for _ in range(filters - 1):
+        responses.append(lfilter([-pole, 1], [1, -pole], responses[-1]))
+    out = np.full((count, 1 + 2 * (2 * lags + 1) + 2 * filters), np.nan)
+    for t in range(count):
+        now = context + t
+        row = [1.0]
+        for lag in range(-lags, lags + 1):
+            row += [chebval(x[now], unit) * angle[now - lag] for unit in np.eye(2)]
+        if now - delay - memory + 1 < 0:
+            continue
+        for response in responses:
+            for unit in np.eye(2):
+                past = now - delay - np.arange(memory)
+                row.append(response @ (chebval(x[past], unit) * stretch[past]))
+        out[t] = row
+    return out, ensemble.torque[0, ensemble.core]
+
+
+def least_squares(x, y):
+    """Columns at unit standard deviation, the first of ones, with a slight ridge."""
+    scaled = x / np.append(1.0, x[:, 1:].std(axis=0))
+    solution = np.linalg.solve(scaled.T @ scaled + 1e-6 * len(x) * np.eye(x.shape[1]), scaled.T @ y)
+    return solution / np.append(1.0, x[:, 1:].std(axis=0))
+
+
+def test_folds_and_predictions_are_those_of_a_plain_version(noisy):
+    method = tv.ScheduledIRF(order=1, reflex_order=1, filters=3, memory=0.6, max_lag=0.02)
+    model = method.identify(noisy)
+    columns, torque = slowly(noisy, 2, 5, 60, 3, np.exp(-1 / 3))
+    known = np.isfinite(columns).all(axis=1)
+    x, y = columns[known], torque[known]
+    plain = least_squares(x, y)
+    predicted = model.predict(noisy)[0]
+    assert not np.isfinite(predicted[~known]).any()
+    np.testing.assert_allclose(predicted[known], x @ plain, atol=1e-9)
+    held_out = []
+    for fold in np.split(np.arange(len(y)), np.arange(1, 5) * len(y) // 5):
+        others = np.setdiff1d(np.arange(len(y)), fold)
+        left = y[fold] - x[fold] @ least_squares(x[others], y[others])
+        held_out.append(100 * (1 - left.var() / y[fold].var()))
+    assert model.diagnostics.details["vaf_folds"] == pytest.approx(np.mean(held_out), abs=1e-6)
+    assert model.diagnostics.details["vaf_worst_fold"] == pytest.approx(min(held_out), abs=1e-6)
+    assert model.diagnostics.details["vaf"] == pytest.approx(100 * (1 - (y - x @ plain).var() / y.var()), abs=1e-6)
+
+
+def test_an_angle_that_counts_from_elsewhere_adds_stiffness_to_the_torque_at_rest(noiseless):
+    own, far = (
+        tv.ScheduledImpedance(rest_order=2).identify(each) for each in (noiseless, changed(noiseless, offset=0.3))
+    )
+    np.testing.assert_allclose(far.at(GRID)["stiffness"].values, own.at(GRID)["stiffness"].values, rtol=1e-6)
+    # The mean of the record is not where the joint is at rest, either: that costs little, but not nothing.
+    mean = tv.ScheduledImpedance().identify(noiseless)
+    assert 0.05 < np.abs(mean.at(GRID)["stiffness"].values - STIFFNESS(GRID)).max() < 1
+
+
+def changed(ensemble, factor=1.0, shift=0.0, offset=0.0):
+    channels = {"scheduling": factor * ensemble.channels["scheduling"] + shift}
+    recorded = ensemble.recorded_angle + offset
+    return dataclasses.replace(ensemble, angle=ensemble.angle + offset, recorded_angle=recorded, channels=channels)
+
+
+@pytest.mark.parametrize("change", [{"factor": -57.3, "shift": 90.0}, {"offset": 0.4}])
+def test_units_and_zero_of_the_variable_and_of_the_angle_do_not_matter(noisy, found, change):
+    other = tv.ScheduledIRF().identify(changed(noisy, **change))
+    for name in ("stiffness", "viscosity", "inertia", "reflex_gain"):
+        own, same = found.estimates[name], other.estimates[name]
+        np.testing.assert_allclose(same.values, own.values, rtol=1e-6, atol=1e-6)
+        np.testing.assert_allclose(same.standard_error.values, own.standard_error.values, rtol=1e-4)
+    assert other.diagnostics.details["vaf_folds"] == pytest.approx(found.diagnostics.details["vaf_folds"])
+
+
+def test_realizations_that_follow_each_other_are_one_record(noisy, found):
+    whole = tv.Recording(
+        noisy.angle[0],
+        noisy.torque[0],
+        100.0,
+        channels={"scheduling": noisy.channels["scheduling"][0]},
+        recorded_angle=noisy.recorded_angle[0],
+    )
+    cut = tv.preprocess.segment(whole, 2.0, 0.5)
+    model = tv.ScheduledIRF().identify(cut)
+    own, same = (each.at(GRID)["stiffness"] for each in (found, model))
+    assert (np.abs(same.values - own.values) < 0.5 * own.standard_error.values).all()
+    np.testing.assert_allclose(same.standard_error.values, own.standard_error.values, rtol=0.3)
+    predicted = model.predict(cut)
+    assert np.isnan(predicted[0, :30]).all()  # 0.81 s are needed, of which 0.5 s are context
+    assert np.isfinite(predicted[1:]).all()
+
+
+def test_beyond_the_range_that_was_seen_nothing_is_invented(noisy, found):
+    with pytest.warns(tv.DataQualityWarning, match="scheduling is beyond the -0.4 to 0.2"):
+        beyond = found.predict(changed(noisy, shift=0.1))
+    assert np.isfinite(beyond[0, 40:]).all()
+    edge = found.at([found.structure.limits[1], 5.0])["stiffness"].values
+    assert edge[0] == edge[1]
+
+
+def test_values_of_the_variable_that_one_fold_alone_has_are_told():
+    told = r"scheduling is above -0.137 in the fifth of 5 parts of the record only, for 100 % of it"
+    with (
+        pytest.warns(tv.DataQualityWarning, match=told),
+        pytest.warns(tv.DataQualityWarning, match="below -0.263 in the first"),
+    ):
+        tv.ScheduledImpedance(reflex=False).identify(simulated(20.0, 20.0, schedule=Polynomial([-0.3, 0.01])))
+
+
+def test_the_order_is_chosen_by_what_folds_predict(noisy):
+    choice = tv.ScheduledImpedance(order=0, reflex_order=0).tuned(noisy)
+    assert choice.method.order >= 2
+    assert choice.evidence.gain > 5
+    assert len(choice.evidence.values) == 7
+    assert choice.evidence.values[0] < 70 < choice.evidence.values.max()
+
+
+def test_models_travel_and_are_told_whole(noisy, found):
+    travelled = pickle.loads(pickle.dumps(found))
+    np.testing.assert_array_equal(travelled.predict(noisy), found.predict(noisy))
+    dataset = found.to_xarray(noisy)
+    assert dataset.scheduled_stiffness.dims == ("scheduling",)
+    assert dataset.scheduled_reflex_gain_standard_error.attrs["units"] == "N m s/rad"
+    assert {"torque_intrinsic", "torque_reflex"} <= set(dataset)
+
+
+@pytest.mark.parametrize(
+    ("create", "message"),
+    [
+        (lambda: tv.ScheduledIRF(order=-1), "order must be a whole number from 0 on, got -1"),
+        (lambda: tv.ScheduledIRF(filters=0), "filters must be a whole number from 1 on"),
+        (lambda: tv.ScheduledIRF(delay=-0.1), "delay must be a finite number from 0 on"),
+        (lambda: tv.ScheduledIRF(variable=3), "expected the name of a channel as variable"),
+        (lambda: tv.ScheduledIRF(max_lag=0.0), "max_lag must be positive"),
+        (lambda: tv.methods.parse("lpv:order=two"), "order must be a whole number"),
+    ],
+)
+def test_wrong_settings_are_refused(create, message):
+    with pytest.raises(tv.InputError, match=message):
+        create()
+
+
+def test_what_does_not_apply_is_skipped_with_the_reason(noisy):
+    still = dataclasses.replace(noisy, channels={"scheduling": np.full(noisy.angle.shape, 0.3)})
+    assert tv.ScheduledIRF().skip(still) == ("scheduling is 0.3 at all times; a joint can only follow what changes")
+    short = tv.Ensemble(
+        noisy.angle[:, :120],
+        noisy.torque[:, :120],
+        100.0,
+        channels={"scheduling": noisy.channels["scheduling"][:, :120]},
+    )
+    assert re.search("cut with more context", tv.ScheduledIRF().skip(short))
+    with pytest.raises(tv.InputError, match="too few for 55 coefficients"):
+        tv.ScheduledIRF(memory=0.4).identify(short)

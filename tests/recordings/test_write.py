@@ -1,3 +1,4 @@
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -40,13 +41,15 @@ def test_an_unknown_ending_is_refused(tmp_path):
 @pytest.mark.filterwarnings("ignore:no band:tvsysid.errors.DataQualityWarning")
 def test_models_are_read_back(tmp_path, ensemble_of):
     ensemble = ensemble_of(150.0)
+    rising = np.broadcast_to(np.linspace(0.0, 1.0, ensemble.angle.shape[1]), ensemble.angle.shape)
+    ensemble = dataclasses.replace(ensemble, channels={"scheduling": rising})
     methods = {key: tv.methods.create(key) for key, kind in tv.methods.METHODS.items() if not kind.perturbation}
     models = {key: method.identify(ensemble) for key, method in methods.items()}
     write_models(tmp_path / "models.nc", models, ensemble)
     with xr.open_datatree(tmp_path / "models.nc", engine="h5netcdf") as tree:
         assert set(tree.children) == set(models)
         for key, model in models.items():
-            np.testing.assert_array_equal(tree[key].stiffness.values, model.stiffness)
+            np.testing.assert_array_equal(tree[key].stiffness.values, model.estimates["stiffness"].values)
             assert tree[key].stiffness.attrs["units"] == "N m/rad"
             assert tree[key].attrs["method"] == model.method
             for quantity, estimate in model.estimates.items():

@@ -14,25 +14,28 @@ from tvsysid.methods import base, shared
 from tvsysid.methods.adaptive import tables
 from tvsysid.methods.adaptive.averaging import Averaged, averaged
 from tvsysid.methods.adaptive.evidence import Line
-from tvsysid.methods.adaptive.mixture import Candidate
+from tvsysid.methods.adaptive.mixture import Candidate, Mixture
 from tvsysid.methods.adaptive.model import AdaptiveModel, MixtureError
 from tvsysid.methods.adaptive.moments import (
+    SHORTEST,
     A,
     Constants,
+    Derived,
     Signals,
     U,
     V,
     constants,
     floored,
+    gram_of,
     with_torque_less,
 )
 from tvsysid.methods.adaptive.noise import Misfit, Scatter, alike, misfit, scatter, scores
 from tvsysid.methods.adaptive.prior import Axis
+from tvsysid.methods.adaptive.reflex import WithReflex, with_reflex
 from tvsysid.models import Diagnostics
 from tvsysid.signals import Array, Ensemble
 
 LEAST, LONGEST = 4, 3000  # realizations at least, samples of one at most
-SHORTEST = 16  # samples of a realization that have derivatives, at least
 ROUNDS = 2  # of stiffness beside a viscosity that changes
 EXCITED_BELOW = 5.0  # Hz
 
@@ -59,7 +62,7 @@ class AdaptiveRegression(base.Method):
 
     def skip(self, ensemble: Ensemble) -> str | None:
         """Too few realizations, or samples of one."""
-        known = Signals.of(ensemble).known
+        known = ensemble.samples - 2 * base.missing_edge(shared.HALF_WIDTH, ensemble)
         if len(ensemble) < LEAST:
             return f"it needs at least {LEAST} realizations, got {len(ensemble)}; kbr does with one"
         if known < SHORTEST:
@@ -72,7 +75,10 @@ class AdaptiveRegression(base.Method):
         return None
 
     def _identify(self, ensemble: Ensemble) -> AdaptiveModel:
-        return Identification(ensemble).model(repr(self))
+        reflex = with_reflex(ensemble)
+        if reflex is not None and reflex.values.shape[2] >= SHORTEST and reflex.values.shape[1] >= LEAST:
+            return Identification(ensemble, reflex).model(repr(self))
+        return Identification(ensemble, Derived.of(ensemble)).model(repr(self))
 
     def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
         return EXCITED_BELOW, base.EXCITED_ABOVE
@@ -92,36 +98,28 @@ class Stiffness(NamedTuple):
 class Identification:
     """An ensemble, reduced to its moments at each time."""
 
-    def __init__(self, ensemble: Ensemble) -> None:
-        self.ensemble, self.signals = ensemble, Signals.of(ensemble)
-        self.gram = self.signals.gram()
-        enough = ensemble.samples - 2 * self.signals.missing(low=True) >= SHORTEST
-        self.low = self.signals.gram(low=True) if enough else self.gram
-        self.independent = shared.independent_realizations(ensemble)
+    def __init__(self, ensemble: Ensemble, signals: Signals) -> None:
+        self.ensemble, self.signals = ensemble, signals
+        self.gram, self.low = gram_of(signals), gram_of(signals, low=True)
+        self.independent = signals.realizations[1]
         followed = 1 - len(ensemble.runs) / len(ensemble)
-        periodic = followed >= 0.5 and not self.signals.missing()
+        periodic = followed >= 0.5 and not any(signals.edges)
         self.axis = Axis(len(self.gram), periodic)
         self.power = floored(self.gram[:, U, U])
 
     def stiffness(self, viscosity: Array | None, variance: Array | None) -> Stiffness:
         """Stiffness beside a constant viscosity, or beside one (time,) that is known with a variance."""
         times, gram = self.axis.times, self.gram
+        cut = (times - len(self.low)) // 2
+        found = constants(self.low, self.signals, None if viscosity is None else viscosity[cut : times - cut])
+        steady = np.repeat(found.values[:, None], times, axis=1)
         if viscosity is not None:
-            cut = (times - len(self.low)) // 2
-            found = constants(self.low, self.independent, viscosity[cut : times - cut])
-            beside = np.concatenate([[0.0], found.values])
-            covariance = np.pad(found.covariance, ((1, 0), (1, 0)))
-            steady = np.stack([viscosity, *(np.full(times, value) for value in found.values)])
-            found = Constants(beside, covariance)
-        else:
-            found = constants(self.low, self.independent)
-            steady = np.repeat(found.values[:, None], times, axis=1)
+            steady[0] = viscosity
         mixed = gram[:, U, 1:-1] / self.power[:, None]
         seen = gram[:, U, -1] / self.power - np.einsum("tk,kt->t", mixed, steady)
         coefficients = np.concatenate([seen[None], steady])
         known = scores(self.signals, coefficients)
-        counts = len(self.ensemble), self.independent
-        rate, periodic = self.ensemble.sampling_rate, self.axis.periodic
+        counts, rate, periodic = self.signals.realizations, self.signals.rate, self.axis.periodic
         scatters = (
             scatter(gram, known[0], counts, rate, periodic),
             scatter(gram, known[1], counts, rate, periodic),
@@ -151,9 +149,7 @@ class Identification:
         others = mixed[:, A:-1]
         error += others @ steady.covariance[1:, 1:] @ others.T
         if beside.misfit.inertia:
-            error += alike(len(gram), self.ensemble.sampling_rate) * (
-                beside.misfit.inertia * np.outer(mixed[:, A], mixed[:, A])
-            )
+            error += alike(len(gram), self.signals.rate) * (beside.misfit.inertia * np.outer(mixed[:, A], mixed[:, A]))
         total = float(np.sum(seen * power) / np.sum(power))
         size = max(abs(total), 1e-6 * float(np.sqrt(np.mean(gram[:, -1, -1]) / np.mean(power))))
         return averaged(Line.of(self.axis, seen, error, size), mostly_constant=True)
@@ -170,35 +166,46 @@ class Identification:
         return self._model(name, stiffness, viscosity)
 
     def _model(self, name: str, stiffness: Stiffness, viscosity: Averaged) -> AdaptiveModel:
-        ensemble, missing = self.ensemble, self.signals.missing()
+        ensemble, edges = self.ensemble, self.signals.edges
         unit = self.signals.scale[1] / self.signals.scale[0]
         freedom = [each.freedom for each in stiffness.scatter]
-        known = np.ones(self.axis.times)
-        inertia = stiffness.constants.values[1]
-        sure = math.sqrt(max(stiffness.constants.covariance[1, 1], 0.0))
         many = max(1.0, (self.independent - 1) * len(self.low) - 2)
+        seen_viscosity, inertia = viscosity.mixture, stiffness.constants.values[1]
+        variance = stiffness.constants.covariance[1, 1]
+        reflex = self.signals if isinstance(self.signals, WithReflex) else None
+        if reflex is not None:
+            seen_viscosity = reflex.viscosity(seen_viscosity, stiffness.constants)
+            inertia, variance = reflex.inertia(stiffness.constants)
+        sure = np.full(self.axis.times, math.sqrt(max(variance, 0.0)))
         errors = {
-            "stiffness": _mixture_error(stiffness.averaged, missing, unit, freedom[0]),
-            "viscosity": _mixture_error(viscosity, missing, unit, freedom[1]),
-            "inertia": StandardError(base.padded(known * sure * unit, missing), np.array(many), 0.0),
+            "stiffness": _mixture_error(stiffness.averaged.mixture, stiffness.averaged.arc(), edges, unit, freedom[0]),
+            "viscosity": _mixture_error(seen_viscosity, viscosity.arc(), edges, unit, freedom[1]),
+            "inertia": StandardError(base.padded(sure * unit, *edges), np.array(many), 0.0),
         }
-        impedance = unit * np.stack([stiffness.values, viscosity.mixture.mean(), known * inertia], axis=1)
-        over_time = base.padded(impedance, missing).T
+        values = stiffness.values, seen_viscosity.mean(), np.full(self.axis.times, inertia)
+        impedance = unit * np.stack(values, axis=1)
+        over_time = base.padded(impedance, *edges).T
+        estimates = shared.impedance_estimates(over_time[0], over_time[1], over_time[2], errors)
         details = {
-            "second_order_agreement": self._agreement(impedance),
             "constant_stiffness": stiffness.averaged.probability(is_constant),
             "constant_viscosity": viscosity.probability(is_constant),
             "periodic": float(self.axis.periodic),
+            "reflex_shown": float(reflex is not None),
         }
+        if reflex is None:
+            details["second_order_agreement"] = self._agreement(impedance)
+        else:
+            estimates["reflex_gain"] = reflex.beside.estimates["reflex_gain"]
         both = {"stiffness": stiffness.averaged, "viscosity": viscosity}
         rate = ensemble.sampling_rate
         return AdaptiveModel(
             method=name,
             sampling_rate=rate,
             time=ensemble.time,
-            estimates=shared.impedance_estimates(over_time[0], over_time[1], over_time[2], errors),
-            switches=tuple(row for each in both.items() for row in tables.switches(*each, unit, missing, rate)),
+            estimates=estimates,
+            switches=tuple(row for each in both.items() for row in tables.switches(*each, unit, edges[0], rate)),
             smoothness=tuple(row for each in both.items() for row in tables.smoothness(*each, unit, rate)),
+            beside=None if reflex is None else reflex.beside,
             diagnostics=Diagnostics(
                 tables.parameters(stiffness.averaged) + tables.parameters(viscosity) + 1,
                 warnings=tuple(self._warnings(stiffness)),
@@ -224,8 +231,7 @@ def is_constant(candidate: Candidate) -> bool:
     return candidate.sizes is None and candidate.smooth.roughness.kind == "none"
 
 
-def _mixture_error(found: Averaged, missing: int, unit: float, freedom: float) -> MixtureError:
-    mixture = found.mixture
+def _mixture_error(mixture: Mixture, arc: float, edges: tuple[int, int], unit: float, freedom: float) -> MixtureError:
     scaled = mixture._replace(means=mixture.means * unit, variances=mixture.variances * unit**2)
-    spread = base.padded(np.sqrt(scaled.variance()), missing)
-    return MixtureError(spread, np.array(freedom), found.arc(), mixture=scaled)
+    spread = base.padded(np.sqrt(scaled.variance()), *edges)
+    return MixtureError(spread, np.array(freedom), arc, mixture=scaled)

@@ -10,6 +10,7 @@ from scipy.special import stdtr
 
 from tvsysid.estimates import StandardError
 from tvsysid.methods.adaptive.mixture import Mixture
+from tvsysid.methods.shared.pathways import TwoPathwayModel
 from tvsysid.models import Labelled, Model
 from tvsysid.numerics import Array
 from tvsysid.numerics.bands import critical_value, simultaneous_value
@@ -92,15 +93,22 @@ class AdaptiveModel(Model):
 
     .. math:: y(t) = k(t)\,\theta + b(t)\,\dot\theta + I\,\ddot\theta
 
-    ``switches`` and ``smoothness`` are tables of what was found, with probabilities; :meth:`plot` shows them.
+    ``switches`` and ``smoothness`` are tables of what was found, with probabilities. Where a reflex is shown, the
+    model ``beside`` has its pathway, and the intrinsic response of which stiffness and viscosity are a part.
     """
 
     switches: tuple[Switch, ...] = ()
     smoothness: tuple[Smoothness, ...] = ()
+    beside: TwoPathwayModel | None = None
 
     def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
-        impedance = (self.stiffness, self.viscosity, self.inertia)
-        return {"intrinsic": np.asarray(sum(map(np.multiply, impedance, ensemble.derivatives())))}
+        signals = ensemble.derivatives()
+        if self.beside is None:
+            impedance = (self.stiffness, self.viscosity, self.inertia)
+            return {"intrinsic": np.asarray(sum(map(np.multiply, impedance, signals)))}
+        found = self.beside.pathways(ensemble)
+        more = (self.stiffness - self.beside.stiffness, self.viscosity - self.beside.viscosity)
+        return found | {"intrinsic": found["intrinsic"] + more[0] * signals[0] + more[1] * signals[1]}
 
     def _identified(self) -> tuple[Labelled, Labelled]:
         return {**_columns("switch", self.switches), **_columns("smoothness", self.smoothness)}, {}

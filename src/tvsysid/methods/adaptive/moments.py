@@ -3,94 +3,119 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, field
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from scipy.signal import firwin
 
+from tvsysid.methods.base import missing_edge
+from tvsysid.methods.shared.residuals import independent_realizations
 from tvsysid.numerics import Array
 from tvsysid.numerics.differentiation import HALF_WIDTH, derivative_weights
 from tvsysid.numerics.moments import convolve_lags
 from tvsysid.signals import Ensemble
 
 LOW_BAND = firwin(21, 0.6)  # what aliasing and decimation leave alone
-SHARE = 0.6  # of the samples that are independent in the low band
+LOW_SHARE = 0.6  # of the samples that are independent in the low band
+SHORTEST = 16  # samples of a realization that have derivatives, at least
 HELD = 2**16  # samples whose derivatives are held at once
 STILL = 1e-9  # share of the mean power below which an angle is still
 U, V, A = range(3)  # angle, velocity, acceleration; further regressors follow, the torque is last
 
 
-@dataclass(frozen=True, eq=False)
-class Signals:
-    """Angle, its derivatives, further regressors and the torque, made anew for a block of realizations at a time.
+class Signals(Protocol):
+    """Signals of realizations: the angle, its velocity and acceleration, any further regressors, and the torque.
 
-    The filters of the derivatives do without ``missing`` samples at either end, those of the low band without
-    ``missing_low``. Angle and torque count in their root mean squares, so that no unit matters.
-    ``further`` are regressors (column, realization, context + time + context) beside the angle's.
+    At a ``rate`` in Hz, the angle's and the torque in units of ``scale``. ``edges`` are the samples at either end of a
+    realization that are missing; ``realizations`` how many there are, and how many are independent. A ``share`` of the
+    samples that the constants are found from is independent; ``holds`` (constant,) is how strongly priors hold them.
+    """
+
+    @property
+    def rate(self) -> float: ...  # noqa: D102  # pragma: no cover
+    @property
+    def edges(self) -> tuple[int, int]: ...  # noqa: D102  # pragma: no cover
+    @property
+    def scale(self) -> tuple[float, float]: ...  # noqa: D102  # pragma: no cover
+    @property
+    def realizations(self) -> tuple[int, int]: ...  # noqa: D102  # pragma: no cover
+    @property
+    def share(self) -> float: ...  # noqa: D102  # pragma: no cover
+    @property
+    def holds(self) -> Array: ...  # noqa: D102  # pragma: no cover
+
+    def blocks(self, low: bool = False) -> Iterator[Array]:
+        """Signals (signal, realization, time) of some realizations after the other, or what the constants are from."""
+        ...  # pragma: no cover
+
+
+@dataclass(frozen=True, eq=False)
+class Derived:
+    """Angle and torque of an ensemble and the angle's derivatives, made anew for a block of realizations at a time.
+
+    They count in root mean squares, so that no unit matters.
     """
 
     ensemble: Ensemble
     scale: tuple[float, float]
-    further: Array
+    realizations: tuple[int, int]
+    share: float = LOW_SHARE
+    holds: Array = field(default_factory=lambda: np.zeros(2))
 
     @classmethod
-    def of(cls, ensemble: Ensemble, further: Array | None = None) -> Signals:
+    def of(cls, ensemble: Ensemble) -> Derived:
         """Of an ensemble."""
         rms = [float(np.sqrt(np.mean(np.square(x)))) for x in (ensemble.angle, ensemble.torque)]
-        none = np.zeros((0, *ensemble.angle.shape))
-        return cls(ensemble, (rms[0], rms[1]), none if further is None else further)
-
-    def missing(self, low: bool = False) -> int:
-        """Samples at either end of a realization without derivatives."""
-        return max(0, HALF_WIDTH + low * (len(LOW_BAND) // 2) - self.ensemble.context)
+        return cls(ensemble, (rms[0], rms[1]), (len(ensemble), independent_realizations(ensemble)))
 
     @property
-    def known(self) -> int:
-        """Samples of a realization that have derivatives."""
-        return self.ensemble.samples - 2 * self.missing()
+    def rate(self) -> float:
+        """In Hz."""
+        return self.ensemble.sampling_rate
+
+    @property
+    def edges(self) -> tuple[int, int]:
+        """Samples at either end without derivatives."""
+        return (missing_edge(HALF_WIDTH, self.ensemble),) * 2
 
     def blocks(self, low: bool = False) -> Iterator[Array]:
-        """Signals (signal, realization, time) of some realizations after the other."""
-        ensemble, missing = self.ensemble, self.missing(low)
+        """Signals of the whole band, or of the low one."""
+        ensemble = self.ensemble
         reach = HALF_WIDTH + low * (len(LOW_BAND) // 2)
-        first, stop = ensemble.context + missing, ensemble.context + ensemble.samples - missing
+        missing = missing_edge(reach, ensemble)
+        if low and ensemble.samples - 2 * missing < SHORTEST:
+            yield from self.blocks()
+            return
+        near = slice(ensemble.context + missing - reach, ensemble.context + ensemble.samples - missing + reach)
         filters = derivative_weights() * ensemble.sampling_rate ** np.arange(3.0)[:, None]
         if low:
             filters = np.stack([np.convolve(each, LOW_BAND) for each in filters])
-        smooth = filters[0]
         length = max(1, HELD // ensemble.samples)
         for start in range(0, len(ensemble), length):
-            rows = slice(start, start + length)
-            angle, torque = ensemble.angle[rows], ensemble.torque[rows]
-            out = np.empty((4 + len(self.further), len(angle), stop - first))
-            near = slice(first - reach, stop + reach)
+            angle, torque = (x[start : start + length, near] for x in (ensemble.angle, ensemble.torque))
+            out = np.empty((4, len(angle), angle.shape[1] - 2 * reach))
             for place, taps in enumerate(filters):
-                out[place] = self._filtered(angle[:, near], taps, place == 0 and not low)
-            for place, column in enumerate(self.further):
-                out[3 + place] = self._filtered(column[rows, near], smooth, not low)
-            out[-1] = self._filtered(torque[:, near], smooth, not low)
-            out[:3] /= self.scale[0]
-            out[-1] /= self.scale[1]
+                out[place] = _filtered(angle, taps / self.scale[0])
+            out[-1] = _filtered(torque, filters[0] / self.scale[1])
             yield out
 
-    @staticmethod
-    def _filtered(values: Array, taps: Array, plain: bool) -> Array:
-        reach = len(taps) // 2
-        times = values.shape[1] - 2 * reach
-        if plain:
-            return values[:, reach : reach + times]
-        return convolve_lags(values, np.broadcast_to(taps, (times, len(taps))))
 
-    def gram(self, low: bool = False) -> Array:
-        """Sums over realizations of products of the signals at each time, (time, signal, signal)."""
-        total = None
-        for block in self.blocks(low):
-            at_times = np.ascontiguousarray(block.transpose(2, 0, 1))
-            part = at_times @ at_times.transpose(0, 2, 1)
-            total = part if total is None else total + part
-        assert total is not None
-        return np.asarray(total)
+def _filtered(values: Array, taps: Array) -> Array:
+    reach = len(taps) // 2
+    times = values.shape[1] - 2 * reach
+    if np.count_nonzero(taps) == 1:
+        return np.asarray(values[:, reach : reach + times] * taps[reach])
+    return convolve_lags(values, np.broadcast_to(taps, (times, len(taps))))
+
+
+def gram_of(signals: Signals, low: bool = False) -> Array:
+    """Sums over realizations of products of the signals at each time, (time, signal, signal)."""
+    total: Array | float = 0.0
+    for block in signals.blocks(low):
+        at_times = np.ascontiguousarray(block.transpose(2, 0, 1))
+        total = total + at_times @ at_times.transpose(0, 2, 1)
+    return np.asarray(total)
 
 
 class Constants(NamedTuple):
@@ -106,22 +131,26 @@ def without_angle(gram: Array) -> Array:
     return np.asarray(gram[:, 1:, 1:] - gram[:, 1:, U, None] * gram[:, None, U, 1:] / power[:, None, None])
 
 
-def constants(gram: Array, realizations: int, viscosity: Array | None = None) -> Constants:
-    """Coefficients of the low band, with a stiffness that is free at each time; ``viscosity`` (time,) if it is known.
+def constants(gram: Array, signals: Signals, viscosity: Array | None = None) -> Constants:
+    """Constants beside a stiffness that is free at each time; ``viscosity`` (time,) if it is known.
 
-    A decimated acceleration is partly folded, which makes an inertia of the whole band 3 % too large.
+    From products in the low band: a decimated acceleration is partly folded, which makes an inertia of the whole band
+    3 % too large.
     """
-    times = len(gram)
+    times, known = len(gram), viscosity is not None
     if viscosity is not None:
         gram = with_torque_less(gram, V, viscosity)
-    free = without_angle(gram)[:, (viscosity is not None) :, (viscosity is not None) :].sum(axis=0)
-    count = len(free) - 1
-    size = np.sqrt(np.maximum(np.diag(free)[:-1], np.finfo(float).tiny))
-    inverse = np.linalg.pinv(free[:-1, :-1] / np.outer(size, size), rcond=1e-10, hermitian=True) / np.outer(size, size)
+    free = without_angle(gram)[:, known:, known:].sum(axis=0)
+    own = free[:-1, :-1] + np.diag(signals.holds[known:]) / signals.share
+    size = np.sqrt(np.maximum(np.diag(own), np.finfo(float).tiny))
+    inverse = np.linalg.pinv(own / np.outer(size, size), rcond=1e-10, hermitian=True) / np.outer(size, size)
     values = inverse @ free[:-1, -1]
-    left = max(float(free[-1, -1] - values @ free[:-1, -1]), 0.0)
-    covariance = inverse * left / max(realizations * times - times - count, 1.0) / SHARE
-    return Constants(values, covariance)
+    left = max(float(free[-1, -1] - 2 * values @ free[:-1, -1] + values @ free[:-1, :-1] @ values), 0.0)
+    variance = left / max(signals.realizations[1] * times - times - len(values), 1.0)
+    if not known:
+        return Constants(values, inverse * variance / signals.share)
+    covariance = np.pad(inverse * variance / signals.share, ((1, 0), (1, 0)))
+    return Constants(np.concatenate([[0.0], values]), covariance)
 
 
 def with_torque_less(gram: Array, place: int, coefficients: Array) -> Array:

@@ -32,7 +32,7 @@ class Scores(NamedTuple):
 def scores(signals: Signals, coefficients: Array) -> tuple[Scores, Scores]:
     """Scores of angle and velocity with what ``coefficients`` (signal, time) leave of the torque."""
     times = coefficients.shape[1]
-    lags = min(round(COLOUR * signals.ensemble.sampling_rate), times - 1)
+    lags = min(round(COLOUR * signals.rate), times - 1)
     sums = np.zeros((2, 2, times, lags + 1))
     powers = np.zeros((2, times))
     for block in signals.blocks():

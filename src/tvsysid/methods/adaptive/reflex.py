@@ -1,0 +1,101 @@
+"""A stretch reflex beside an adaptive stiffness: its coefficients are constants more, if there is one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from tvsysid.errors import InputError
+from tvsysid.methods.adaptive.mixture import Mixture
+from tvsysid.methods.adaptive.moments import Constants
+from tvsysid.methods.cascade.cascade import JointCascade
+from tvsysid.methods.cascade.choice import Search
+from tvsysid.methods.cascade.regressors import intrinsic_filters
+from tvsysid.methods.cascade.result import Chosen, model, second_order_fit
+from tvsysid.methods.cascade.shape import TERMS
+from tvsysid.methods.shared.pathways import TwoPathwayModel
+from tvsysid.numerics import Array
+from tvsysid.quality.reflexes import reflex_test_of
+from tvsysid.quality.statistics import LEAST_REALIZATIONS
+from tvsysid.signals import Ensemble
+
+
+@dataclass(frozen=True, eq=False)
+class WithReflex:
+    """Signals of a joint with a reflex.
+
+    Behind angle, velocity and acceleration follow the angle's differences of higher order (the intrinsic response lasts
+    40 ms to either side), the reflex's columns, and their derivatives by its shape, all as ``values`` (signal,
+    realization, time) of the realizations and times whose history is known.
+    """
+
+    values: Array
+    rate: float
+    edges: tuple[int, int]
+    share: float
+    holds: Array
+    beside: TwoPathwayModel
+    readout: Array
+    scale: tuple[float, float] = (1.0, 1.0)
+
+    @property
+    def realizations(self) -> tuple[int, int]:
+        """How many, and one less: the mean is subtracted."""
+        return self.values.shape[1], self.values.shape[1] - 1
+
+    def blocks(self, low: bool = False) -> Iterator[Array]:
+        """All of them: the differences take up what decimation does to the acceleration."""
+        yield self.values
+
+    def viscosity(self, mixture: Mixture, constants: Constants) -> Mixture:
+        """Of a second-order fit to the whole intrinsic response, from the mixture of its velocity's coefficient."""
+        own, further = self.readout[1, 1], self.readout[1, 3:]
+        rest = slice(2, 2 + len(further))
+        added = float(further @ constants.values[rest])
+        sure = float(further @ constants.covariance[rest, rest] @ further)
+        return mixture._replace(means=own * mixture.means + added, variances=own**2 * mixture.variances + sure)
+
+    def inertia(self, constants: Constants) -> tuple[float, float]:
+        """Of the same fit, with its variance."""
+        weights = self.readout[2, 2:]
+        rest = slice(1, 1 + len(weights))
+        return float(weights @ constants.values[rest]), float(weights @ constants.covariance[rest, rest] @ weights)
+
+    @classmethod
+    def of(cls, search: Search, chosen: Chosen, beside: TwoPathwayModel) -> WithReflex | None:
+        """Of what the joint fit found; None if too little of its history is known."""
+        problem, found = chosen.fit.problem, chosen.fit.found
+        data = problem.data
+        known = data.fitted.sum(axis=1)
+        rows = known == known.max()
+        times = np.flatnonzero(data.fitted[rows].all(axis=0))
+        if not len(times) or np.ptp(times) + 1 != len(times):
+            return None
+        further = [problem.columns(found.shape), problem.slopes(found), data.torque[None]]
+        values = np.concatenate([data.signals, *further])[:, rows][:, :, times[0] : times[-1] + 1]
+        first = data.bases[0].shape[1] + data.bases[1].shape[1] + 1
+        weights = (found.scale / found.spread)[first:] ** 2
+        noise = found.solved.noise_variance
+        slopes = [noise / TERMS[name].spread ** 2 for name in problem.free]
+        holds = np.concatenate([[0.0, 0.0], weights, slopes])
+        rate = search.ensemble.sampling_rate
+        lags = search.lags
+        readout = second_order_fit(np.arange(-lags, lags + 1) / rate) @ intrinsic_filters(lags, rate).T
+        edges = (int(times[0]), data.torque.shape[1] - int(times[-1]) - 1)
+        return cls(np.ascontiguousarray(values), rate, edges, data.share, holds, beside, readout)
+
+
+def with_reflex(ensemble: Ensemble) -> WithReflex | None:
+    """Signals of a joint with a reflex, if one is shown by realizations that were not fitted to."""
+    if len(ensemble) < LEAST_REALIZATIONS:
+        return None
+    try:
+        if not reflex_test_of(ensemble).shown:
+            return None
+        method = JointCascade()
+        search, fits, chosen = method.solved(ensemble)
+    except InputError:  # realizations are too short
+        return None
+    return WithReflex.of(search, chosen, model(repr(method), search, fits, chosen)) if chosen.shown else None

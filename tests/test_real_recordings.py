@@ -153,12 +153,14 @@ def test_tonic_stiffness_without_its_reflex(recordings_folder, muscle):
     assert 0.005 < model.inertia.mean() < 0.02
 
 
+@pytest.mark.filterwarnings("ignore:cascade. the intrinsic response:tvsysid.errors.DataQualityWarning")
 def test_walking_has_a_small_reflex(walking):
-    with pytest.warns(tv.DataQualityWarning, match="the threshold is hardly identified"):
+    with pytest.warns(tv.DataQualityWarning, match="viscosity is negative over"):
         model = tv.JointCascade().identify(walking)
     details = model.diagnostics.details
     assert details["reflex_shown"] == 1
-    assert details["vaf_held_out"] == pytest.approx(96, abs=0.5)
+    assert details["threshold"] == 0  # none predicts better
+    assert details["vaf_held_out"] == pytest.approx(96, abs=0.2)
     assert 25 < model.stiffness.mean() < 32
     assert model.time[np.argmax(model.stiffness)] == pytest.approx(0.69, abs=0.1)
 

@@ -9,10 +9,19 @@ from scipy.linalg import toeplitz
 import tvsysid as tv
 from tvsysid.methods.cascade.bands import covariance_of
 from tvsysid.methods.cascade.evidence import Family, Moments, Prior, solve, tuned
-from tvsysid.methods.cascade.regressors import Data, Reflex, Shape, deviations, intrinsic_filters, lagged_signals
+from tvsysid.methods.cascade.regressors import (
+    Data,
+    Reflex,
+    Shape,
+    deviations,
+    intrinsic_filters,
+    lagged_signals,
+    unresolved,
+)
 from tvsysid.methods.cascade.result import second_order_fit
 from tvsysid.methods.cascade.shape import Problem, moved, place_of
 from tvsysid.numerics.bases import FourierSeries
+from tvsysid.numerics.decimation import keep_every
 
 RATE, TIMES, HISTORY, LAGS = 100.0, 60, 50, 4
 GAIN = tv.simulate.SineWave(8.0, 4.0, offset=-0.5)
@@ -73,6 +82,24 @@ def test_a_second_order_response_is_read_from_its_weights():
     lags = np.arange(-LAGS, LAGS + 1) / RATE
     weights = np.array([80.0, 2.0, 0.015]) @ intrinsic_filters(LAGS, RATE)[:3]
     np.testing.assert_allclose(second_order_fit(lags) @ weights, [80.0, 2.0, 0.015], rtol=3e-3)
+
+
+def test_fast_movement_has_its_derivatives_although_it_is_decimated_to_a_slow_one():
+    # 62 Hz is 38 Hz at 100 Hz; what passes the decimation filter is known from the angle that passes.
+    time = np.arange(3000) / 1000
+    derivatives = [np.sin(2 * np.pi * 62 * time), (2 * np.pi * 62) * np.cos(2 * np.pi * 62 * time)]
+    derivatives.append(-((2 * np.pi * 62) ** 2) * derivatives[0])
+    low = [keep_every(each[None], 10) for each in derivatives]
+    signals, _ = lagged_signals(low[0], 0, LAGS, RATE)
+    fast = unresolved(derivatives[0].reshape(1, -1, 10), LAGS, RATE)
+    inside = slice(10, -10)
+    for order in (1, 2):
+        found = signals[order] + fast[order - 1]
+        error, without = (np.abs(each - low[order])[:, inside].max() for each in (found, signals[order]))
+        assert error < 5e-3 * without
+    slow = np.sin(2 * np.pi * 5 * time).reshape(1, -1, 10)
+    assert np.abs(unresolved(slow, LAGS, RATE)).max() < 3e-3 * (2 * np.pi * 5) ** 2
+    np.testing.assert_array_equal(unresolved(slow[..., :1], LAGS, RATE), 0)
 
 
 @pytest.mark.parametrize("damping", [0.3, 1.0, 2.0])

@@ -81,41 +81,42 @@ def test_its_probabilities_are_those_of_plain_least_squares(monkeypatch, random)
     drives = [each - each.mean(axis=0) for each in (positive, negative)]
     times = np.arange(33, 110)
     turns = 2 * np.pi * (times - 10) / 100
-    heights = [np.maximum(0, 1 - abs(np.arange(4, 34) - place) / (29 / 7)) for place in np.linspace(4, 33, 8)]
+    places = np.linspace(4, 33, 8)
+    usual = np.exp(-0.8 * 16 * (places - 4) / 100) * np.sin(0.6 * 16 * (places - 4) / 100)
+    response = [np.interp(lag, places, usual) for lag in range(4, 34)]
 
-    def rows(number, drive):
+    def rows(number, late):
         motion = [angle[number, times - lag] for lag in range(-4, 5)]
         varying = [
             each[number, times] * wave for each in (angle, sum(drives)) for wave in (np.cos(turns), np.sin(turns))
         ]
-        late = [
-            sum(height[lag - 4] * drive[number, times - lag] for lag in range(4, 34))
-            for height in heights
-            if drive is not None
-        ]
-        return np.stack([*motion, *varying, *late], axis=1)
+        answers = [sum(response[lag - 4] * drive[number, times - lag] for lag in range(4, 34)) for drive in late]
+        return np.stack([*motion, *varying, *answers], axis=1)
 
-    def errors(drive):
-        left = []
+    def predicted(*late):
+        answers = []
         for number in range(12):
             others = [other for other in range(12) if other // 4 != number // 4]
-            design = np.concatenate([rows(other, drive) for other in others])
+            design = np.concatenate([rows(other, late) for other in others])
             weights = np.linalg.lstsq(design, np.concatenate([torque[other, times] for other in others]), rcond=None)[0]
-            left.append(np.sum((torque[number, times] - rows(number, drive) @ weights) ** 2))
-        return np.array(left)
+            answers.append(rows(number, late) @ weights)
+        return np.array(answers)
 
-    none, *both = (errors(drive) for drive in (None, *drives))
-    best, other = both if found.direction == 1 else both[::-1]
+    none, linear, both, *directed = (predicted(*late) for late in ((), (sum(drives),), drives, drives[:1], drives[1:]))
+    measured = torque[:, times]
+    ratio = [np.sum((measured - each) ** 2, axis=1) for each in directed]
+    assert found.direction == np.sign(np.sum(np.log(ratio[1] / ratio[0])))
 
-    def gain(worse):
-        scores = np.log(worse / best)
+    def added(simple, further):
+        left = measured - simple
+        scores = np.sum(left * (further - simple), axis=1) / np.sum(left**2, axis=1)
         return scores.mean(), scores.std(ddof=1) / np.sqrt(12)
 
-    (over_none, error), (over_other, other_error) = gain(none), gain(other)
+    (over_none, error), (over_linear, other_error) = added(none, directed[found.direction < 0]), added(linear, both)
     assert found.over_none == pytest.approx(min(1, 2 * stdtr(11, -over_none / error)), rel=1e-5)
-    assert found.over_other == pytest.approx(stdtr(11, -over_other / other_error), rel=1e-5)
-    least = min(over_none - 1.79588 * error, over_other - 1.79588 * other_error)
-    assert found.share == pytest.approx(1 - np.exp(-least), rel=1e-4)
+    assert found.over_linear == pytest.approx(stdtr(11, -over_linear / other_error), rel=1e-5)
+    least = min(over_none - 1.79588 * error, over_linear - 1.79588 * other_error)
+    assert found.share == pytest.approx(least, rel=1e-4)
 
 
 def test_what_is_too_short_or_does_not_move_is_not_taken_for_a_reflex(random):

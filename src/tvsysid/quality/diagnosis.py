@@ -198,7 +198,7 @@ def diagnose(ensemble: Ensemble) -> Diagnosis:
     free in bins of 50 ms, is fitted to the deviations from the mean over realizations. The fit reveals wrong
     units, signs and rates; its residual feedback and lost signals; how both vary over realizations drift and
     misalignment. Models with and without one reveal reflexes. A finding must be beyond its limit. Where noise can reach
-    that, it must also be significant (p < 0.00001; reflexes twice p < 0.001), by the scatter over
+    that, it must also be significant (p < 0.00001; reflexes twice p < 0.0001), by the scatter over
     realizations, so that noise may have any colour; the rest counts what noise does not do, or states a size.
     docs/diagnosis.md says which check is of which kind.
 

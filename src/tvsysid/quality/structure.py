@@ -73,8 +73,8 @@ def reflex(data: FittedEnsemble) -> Seen:
     one_path, two_paths = test.stiffness
     what = (
         f"{'positive' if test.direction > 0 else 'negative'} velocity predicts at least {_percent(test.share)} of the "
-        f"residual torque {1000 * SOONEST:.0f} to {1000 * LATEST:.0f} ms later, more than no reflex "
-        f"(p = {test.over_none:.1g}) and than the other direction (p = {test.over_other:.1g}); the mean stiffness is "
+        f"residual torque {1000 * SOONEST:.0f} to {1000 * LATEST:.0f} ms later, which neither no reflex does "
+        f"(p = {test.over_none:.1g}) nor one that is linear (p = {test.over_linear:.1g}); the mean stiffness is "
         f"{one_path:.3g} N·m/rad with the reflex's torque in it, {two_paths:.3g} without"
     )
     if two_paths > 0:

@@ -14,7 +14,7 @@ from tvsysid.errors import InputError
 from tvsysid.methods import base
 from tvsysid.methods.cascade import result
 from tvsysid.methods.cascade.choice import SETTLED, Candidate, Drives, Search, by_evidence
-from tvsysid.methods.cascade.regressors import Data, lagged_signals
+from tvsysid.methods.cascade.regressors import Data, lagged_signals, unresolved
 from tvsysid.methods.shared.pathways import TwoPathwayModel, history, velocity_of
 from tvsysid.numerics.bases import FourierSeries
 from tvsysid.numerics.stretch import decimated, stretch
@@ -75,8 +75,8 @@ class JointCascade(base.Method):
     to (:func:`tvsysid.quality.reflexes.reflex_test`); of fewer than eight, the evidence. Where none is shown, the model
     is one without, and ``reflex_gain`` says with its band what the data leave room for.
 
-    A threshold that is hardly better than none (by two standard errors) is taken as 0; the bands count that it is not
-    known.
+    A threshold is taken as 0 unless with it realizations are predicted better that were not fitted to (p < 0.05); the
+    bands count that it is not known.
 
     The bands count the noise's colour, the priors' pull and the uncertain shape. At jumps, which a Fourier series
     rounds off, the truth lies outside.
@@ -150,6 +150,7 @@ class JointCascade(base.Method):
         rate, lags = ensemble.sampling_rate, base.fitting_lags("JointCascade", self.max_lag, ensemble)
         period = ensemble.duration if self.period is None else self.period
         signals, known = lagged_signals(ensemble.angle, ensemble.context, lags, rate)
+        signals[1:3] += unresolved(ensemble.angle_as_recorded, lags, rate)[..., ensemble.core]
         drives = self._drives(ensemble)
         fitted = known & _settled(ensemble, next(iter(drives.values()))(0.0))
         if not fitted.any():

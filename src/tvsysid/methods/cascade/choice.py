@@ -25,9 +25,8 @@ SETTLED = 0.45  # seconds of what drives a reflex that must be known before a sa
 HISTORY = 0.75  # seconds of it that are used where they were recorded
 FOLDS = 3  # of realizations, taken in turn, each predicted from the others
 USUAL = (16.0, 0.8, 0.0)  # frequency in rad/s, damping and threshold of a reflex that is not shown
-CERTAIN = 10.0  # log evidence by which a reflex must be better than the rest to be shown
-HARDLY = 2.0  # log evidence by which a threshold must be better than none: two standard errors
-LIKELY = 0.05  # probability below which what changes is taken to do so
+CERTAIN = 10.0  # log evidence by which a reflex must be better than none, and than the rest, to be shown
+LIKELY = 0.05  # probability below which what changes is taken to do so, and a threshold to be one
 
 Drives = Mapping[str, Callable[[float], Array]]  # by threshold, (realization, context + time + context)
 
@@ -105,7 +104,7 @@ class Search(NamedTuple):
         """
         problems = {name: self.problem(name, data) for name in shapes}
         found = {name: problem.at(shapes[name]) for name, problem in problems.items()}
-        best = max(found, key=lambda name: found[name].objective)
+        best = max(found, key=lambda name: found[name].objective + CERTAIN * (name == "none"))
         left = data.torque - np.sum(problems[best].torques(found[best]), axis=0)
         seen = data.fitted.all(axis=0)
         if not seen.any():
@@ -130,18 +129,19 @@ class Search(NamedTuple):
         return Candidate(problem, found, held_out(problem, found, folds) if len(folds) > 1 else one)
 
     def refined(self, name: str, fits: Mapping[str, Candidate]) -> Candidate:
-        """Best solution with a reflex; without a threshold where that is hardly worse.
+        """Best solution with a reflex; without a threshold unless it predicts better with one.
 
         The threshold stays among the free numbers: bands count that it is not known.
         """
         problem = fits[name].problem
         found = problem.refined(fits[name].found.shape)
-        if "threshold" in problem.free and found.shape.threshold > 0:
-            others = tuple(each for each in problem.free if each != "threshold")
-            without = replace(problem, free=others).refined(found.shape._replace(threshold=0.0))
-            if found.objective - without.objective < HARDLY:
-                found = without
-        return self.judged(problem, found)
+        best = self.judged(problem, found)
+        if "threshold" not in problem.free or found.shape.threshold == 0:
+            return best
+        others = tuple(each for each in problem.free if each != "threshold")
+        without = replace(problem, free=others).refined(found.shape._replace(threshold=0.0))
+        simple = self.judged(problem, without)
+        return best if _better({name: best}, {name: simple}) else simple
 
     def unshown(self, name: str, fits: Mapping[str, Candidate]) -> Candidate:
         """Solution with a reflex that nothing shows: it has the usual shape, and no threshold."""

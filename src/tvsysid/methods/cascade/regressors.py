@@ -11,14 +11,18 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
+from scipy.ndimage import correlate1d
 from scipy.signal import lfilter
 
 from tvsysid.methods.cascade.evidence import Moments
 from tvsysid.numerics import Array
 from tvsysid.numerics.bases import FourierSeries
+from tvsysid.numerics.decimation import TAPS
 from tvsysid.numerics.differentiation import derivative_weights
+from tvsysid.numerics.stretch import decimated
 
 BAND = 0.6  # share of the Nyquist frequency over which so few lags give velocity and acceleration to 0.3 %
+HALF_WIDTH = 8  # samples to either side from which velocity and acceleration follow at the recorded rate
 HIGHEST = 8  # order of difference of the angle up to which the intrinsic response is free
 
 
@@ -232,3 +236,26 @@ def lagged_signals(angle: Array, context: int, lags: int, rate: float) -> tuple[
     known = np.zeros(signals.shape[2], dtype=bool)
     known[missing : len(known) - missing] = True
     return np.ascontiguousarray(signals), known
+
+
+def unresolved(recorded: Array, lags: int, rate: float) -> Array:
+    """What velocity and acceleration have beyond those of so few lags of the decimated angle: (2, realization, time).
+
+    They are derivatives of the angle as ``recorded`` (realization, time, sample), decimated as the torque was, so that
+    the torque of fast movements is followed where decimation takes it for a slower one's (aliases). Zero where a filter
+    reaches beyond the samples.
+    """
+    samples = recorded.shape[-1]
+    out = np.zeros((2, *recorded.shape[:2]))
+    reach = max(lags, -(-(HALF_WIDTH + TAPS // 2) // samples))
+    inside = slice(reach, recorded.shape[1] - reach)
+    if samples == 1 or inside.stop <= inside.start:
+        return out
+    angle = recorded.reshape(len(recorded), -1)
+    few = intrinsic_filters(lags, rate)[:, ::-1]
+    many = derivative_weights(HALF_WIDTH, BAND)[:, ::-1]
+    slow = decimated(angle, samples)
+    for order in (1, 2):
+        fast = decimated(correlate1d(angle, many[order] * (rate * samples) ** order), samples)
+        out[order - 1, :, inside] = (fast - correlate1d(slow, few[order]))[:, inside]
+    return out

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -11,11 +12,11 @@ import numpy as np
 from tvsysid.estimates import UNITS, Estimate
 from tvsysid.methods.cascade.bands import Covariance, covariance_of
 from tvsysid.methods.cascade.choice import SETTLED, Candidate, Search
-from tvsysid.methods.cascade.regressors import intrinsic_filters
+from tvsysid.methods.cascade.regressors import intrinsic_filters, unresolved
 from tvsysid.methods.cascade.shape import LOGARITHMIC, TERMS, Found, Problem, place_of
 from tvsysid.methods.shared.pathways import Drive, Measured, Stretch, TwoPathwayModel
-from tvsysid.models import Diagnostics
-from tvsysid.signals import Array
+from tvsysid.models import Diagnostics, Labelled
+from tvsysid.signals import Array, Ensemble
 
 FITTED = (0.5, 15.0)  # Hz, over which viscosity and inertia are those of the intrinsic response
 APART = 0.1  # share by which the stiffness of that fit may differ from the response's sum
@@ -32,6 +33,30 @@ class Chosen(NamedTuple):
     emg: str | None
 
 
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class JointCascadeModel(TwoPathwayModel):
+    """Both pathways, and what the torque of fast movements has beyond the impulse response.
+
+    ``fast_response`` are viscosity and inertia (time, 2) for the velocity and acceleration that the decimated angle
+    does not have (:func:`tvsysid.methods.cascade.regressors.unresolved`), if the ensemble keeps the angle as recorded.
+    """
+
+    fast_response: Array
+
+    def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
+        found = super()._pathways(ensemble)
+        fast = unresolved(ensemble.angle_as_recorded, len(self.lags) // 2, self.sampling_rate)
+        further = np.einsum("td,drt->rt", self.fast_response, fast[..., ensemble.core])
+        if ensemble.mean_subtracted:
+            further -= further.mean(axis=0)
+        return found | {"intrinsic": found["intrinsic"] + further}
+
+    def _identified(self) -> tuple[Labelled, Labelled]:
+        variables, coordinates = super()._identified()
+        variables["fast_response"] = (("time", "derivative"), self.fast_response)
+        return variables, coordinates | {"derivative": (("derivative",), [1, 2])}
+
+
 def second_order_fit(lags: Array) -> Array:
     """Weights (quantity, lag) that give stiffness, viscosity and inertia of a response's weights at lags in s.
 
@@ -44,13 +69,14 @@ def second_order_fit(lags: Array) -> Array:
 
 
 class Intrinsic(NamedTuple):
-    """Weights (time, lag) of lagged angles, and the mean stiffness of a second-order fit to them.
+    """Weights (time, lag) of lagged angles, those of derivatives, and the mean stiffness of a second-order fit to them.
 
     What is ``estimated``: its name, its values (time,), and the features (time, coefficient) that give them, with the
     first coefficient.
     """
 
     weights: Array
+    fast: Array
     fitted_stiffness: float
     estimated: list[tuple[str, Array, tuple[Array, int]]]
 
@@ -61,7 +87,8 @@ class Intrinsic(NamedTuple):
         coefficients = found.coefficients[: len(problem.data.own.cross)]
         ends = np.cumsum([functions.shape[1] for functions in bases])
         parts = np.split(coefficients, ends[:-1])
-        weights = np.asarray(sum(np.outer(a @ c, f) for a, c, f in zip(bases, parts, filters, strict=True)))
+        over_time = [a @ c for a, c in zip(bases, parts, strict=True)]
+        weights = np.asarray(sum(np.outer(a, f) for a, f in zip(over_time, filters, strict=True)))
         readout = second_order_fit(np.arange(-lags, lags + 1) / rate) @ filters.T  # (quantity, signal)
         every = [np.concatenate([a * r for a, r in zip(bases, row, strict=True)], axis=1) for row in readout]
         first = int(ends[0])
@@ -71,7 +98,7 @@ class Intrinsic(NamedTuple):
             "inertia": (every[2][:, first:], first),
         }
         values = [(name, f @ coefficients[at : at + f.shape[1]], (f, at)) for name, (f, at) in features.items()]
-        return cls(weights, float((every[0] @ coefficients).mean()), values)
+        return cls(weights, np.stack(over_time[1:3], axis=1), float((every[0] @ coefficients).mean()), values)
 
 
 def model(method: str, search: Search, fits: Mapping[str, Candidate], chosen: Chosen) -> TwoPathwayModel:
@@ -98,7 +125,7 @@ def model(method: str, search: Search, fits: Mapping[str, Candidate], chosen: Ch
     details = _details(search, fits, chosen, torques, reflex_sure) | {"stiffness_fitted": intrinsic.fitted_stiffness}
     texts = tuple(_warnings(search, chosen, details, estimates))
     nan = np.where(known, 1.0, np.nan)[:, None]
-    return TwoPathwayModel(
+    return JointCascadeModel(
         method=method,
         sampling_rate=rate,
         time=ensemble.time,
@@ -108,6 +135,7 @@ def model(method: str, search: Search, fits: Mapping[str, Candidate], chosen: Ch
         reflex_response=response * nan * rate,
         reflex_lags=reflex_lags,
         drive=_drive(chosen),
+        fast_response=intrinsic.fast,
         diagnostics=Diagnostics(used.found.solved.effective, warnings=texts, details=details),
     )
 
@@ -202,6 +230,7 @@ def _warnings(
             f"the intrinsic response is not that of a second-order joint: its sum gives a mean stiffness of {mean:.1f} "
             f"N·m/rad, a second-order fit from 0.5 to 15 Hz {fitted:.1f}; take the difference as an uncertainty"
         )
+    yield from _negative_viscosity(estimates["viscosity"])
     gain = estimates["reflex_gain"]
     known = gain.values[np.isfinite(gain.values)]
     error = gain.standard_error
@@ -209,4 +238,14 @@ def _warnings(
     if not details["constant"] and 1.96 * np.nanmax(error.values) > np.ptp(known):
         yield (
             "the reflex gain's change over time is not identified: its band is wider than its range; only its mean is"
+        )
+
+
+def _negative_viscosity(viscosity: Estimate) -> Iterator[str]:
+    upper = viscosity.band()[1]
+    share = np.mean(upper[np.isfinite(upper)] < 0)
+    if share > 0:
+        yield (
+            f"viscosity is negative over {100 * share:.0f} % of the time, band and all, as no joint's is: there the "
+            "realizations differ in more than the perturbation, or it moves the joint too little"
         )

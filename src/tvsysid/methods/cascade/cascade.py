@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from tvsysid.errors import InputError
 from tvsysid.methods import base
 from tvsysid.methods.cascade import result
-from tvsysid.methods.cascade.choice import SETTLED, Candidate, Drives, Search, by_evidence
-from tvsysid.methods.cascade.regressors import Data, lagged_signals, unresolved
+from tvsysid.methods.cascade.choice import HISTORY, SETTLED, Candidate, Drives, Search, by_evidence
+from tvsysid.methods.cascade.regressors import Data, deviations, lagged_signals, unresolved
 from tvsysid.methods.shared.pathways import TwoPathwayModel, history, velocity_of
 from tvsysid.numerics.bases import FourierSeries
 from tvsysid.numerics.stretch import decimated, stretch
@@ -152,7 +152,7 @@ class JointCascade(base.Method):
         signals, known = lagged_signals(ensemble.angle, ensemble.context, lags, rate)
         signals[1:3] += unresolved(ensemble.angle_as_recorded, lags, rate)[..., ensemble.core]
         drives = self._drives(ensemble)
-        fitted = known & _settled(ensemble, next(iter(drives.values()))(0.0))
+        fitted = known & _settled(ensemble)
         if not fitted.any():
             raise InputError(
                 f"JointCascade: a reflex needs to know {SETTLED:g} s of what went before, realizations have "
@@ -179,13 +179,15 @@ class JointCascade(base.Method):
     def _drives(self, ensemble: Ensemble) -> Drives:
         """What may drive the reflex, by name."""
         if self.emg is not None:
-            signal = ensemble.signal(self.emg)
+            signal = _past(ensemble, ensemble.signal(self.emg))
             return {"emg": lambda threshold: signal}
         velocity, ratio = velocity_of(ensemble)
-        plain = decimated(velocity, ratio)
+        plain = _past(ensemble, decimated(velocity, ratio))
 
         def rectified(direction: int) -> Callable[[float], Array]:
-            return lru_cache(maxsize=4)(lambda threshold: stretch(velocity, ratio, threshold, direction))
+            return lru_cache(maxsize=8)(
+                lambda threshold: _past(ensemble, stretch(velocity, ratio, threshold, direction))
+            )
 
         return {"linear": lambda threshold: plain} | {name: rectified(s) for name, s in DIRECTIONS.items()}
 
@@ -214,8 +216,14 @@ class JointCascade(base.Method):
             )
 
 
-def _settled(ensemble: Ensemble, drive: Array) -> NDArray[np.bool_]:
+def _past(ensemble: Ensemble, values: Array) -> Array:
+    """Values with their history (realization, history + time), as deviations from the mean; 0 where not recorded."""
+    rows = history(ensemble, values, round(HISTORY * ensemble.sampling_rate))
+    return deviations(rows, np.isfinite(rows))
+
+
+def _settled(ensemble: Ensemble) -> NDArray[np.bool_]:
     """Samples (realization, time) before which enough is known of what drives a reflex."""
     needed = round(SETTLED * ensemble.sampling_rate)
-    known = np.isfinite(history(ensemble, drive, needed)).cumsum(axis=1)
+    known = np.isfinite(history(ensemble, ensemble.angle, needed)).cumsum(axis=1)
     return known[:, needed:] > needed

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +12,6 @@ from numpy.typing import NDArray
 
 from tvsysid.methods.cascade.regressors import Data, Reflex, Shape
 from tvsysid.methods.cascade.shape import Found, Problem, first_shapes, held_out
-from tvsysid.methods.shared.pathways import history
 from tvsysid.numerics import Array
 from tvsysid.numerics.bases import FourierSeries
 from tvsysid.numerics.noise import white_share
@@ -28,7 +26,7 @@ USUAL = (16.0, 0.8, 0.0)  # frequency in rad/s, damping and threshold of a refle
 CERTAIN = 10.0  # log evidence by which a reflex must be better than none, and than the rest, to be shown
 LIKELY = 0.05  # probability below which what changes is taken to do so, and a threshold to be one
 
-Drives = Mapping[str, Callable[[float], Array]]  # by threshold, (realization, context + time + context)
+Drives = Mapping[str, Callable[[float], Array]]  # by threshold, deviations (realization, history + time)
 
 
 class Candidate(NamedTuple):
@@ -73,13 +71,8 @@ class Search(NamedTuple):
         if name == "none":
             return Problem.of(data, None, ())
         basis = FourierSeries(self.harmonics if data.varies else 0)
-        reflex = Reflex(partial(self.rows, name), basis, self.period, self.ensemble.sampling_rate, data.fitted)
+        reflex = Reflex(self.drives[name], basis, self.period, self.ensemble.sampling_rate, data.fitted)
         return Problem.of(data, reflex, self.free[name] if free is None else free)
-
-    def rows(self, name: str, threshold: float) -> Array:
-        """What drives a reflex, with its history (realization, history + time)."""
-        samples = round(HISTORY * self.ensemble.sampling_rate)
-        return history(self.ensemble, self.drives[name](threshold), samples)
 
     def fits(self, constant: bool | None) -> dict[str, Candidate]:
         """Solution with each reflex, and without one; None chooses whether they are constant."""

@@ -185,8 +185,8 @@ class Shape(NamedTuple):
 class Reflex:
     """Columns of the reflex pathway: what drives it, times functions of time, behind delay and muscle.
 
-    ``drive`` gives the rows (realization, history + time) for a threshold, NaN where nothing was recorded; ``basis`` is
-    that of the gain over a ``period`` in s.
+    ``drive`` gives the rows (realization, history + time) for a threshold, as deviations from their mean over
+    realizations, 0 where nothing was recorded; ``basis`` is that of the gain over a ``period`` in s.
     """
 
     drive: Callable[[float], Array]
@@ -194,11 +194,6 @@ class Reflex:
     period: float
     rate: float
     fitted: NDArray[np.bool_]
-
-    def rows(self, threshold: float) -> Array:
-        """What drives the pathway, as deviations from its mean over realizations; 0 where it is not known."""
-        rows = self.drive(threshold)
-        return deviations(rows, np.isfinite(rows))
 
     def functions(self, shape: Shape, times: int) -> Array:
         """Functions of the gain (time, function) at the times of arrival of so many last samples of the drive."""
@@ -208,13 +203,13 @@ class Reflex:
 
     def columns(self, shape: Shape) -> Array:
         """Regressors (function, realization, time), as deviations from their mean over realizations."""
-        rows = self.rows(shape.threshold)
+        rows = self.drive(shape.threshold)
         functions = self.functions(shape, rows.shape[1])
         return self._behind(rows[None] * functions.T[:, None], shape)
 
     def torque(self, shape: Shape, coefficients: Array) -> Array:
         """Sum of the columns times coefficients, (realization, time)."""
-        rows = self.rows(shape.threshold)
+        rows = self.drive(shape.threshold)
         return self._behind(rows * (self.functions(shape, rows.shape[1]) @ coefficients), shape)
 
     def _behind(self, driven: Array, shape: Shape) -> Array:

@@ -25,6 +25,7 @@ from .methods import EnsembleSpectral as EnsembleSpectral
 from .methods import Input as Input
 from .methods import JointCascade as JointCascade
 from .methods import KernelRegression as KernelRegression
+from .methods import ModalDecomposition as ModalDecomposition
 from .methods import ParallelCascade as ParallelCascade
 from .methods import ScheduledImpedance as ScheduledImpedance
 from .methods import ScheduledIRF as ScheduledIRF

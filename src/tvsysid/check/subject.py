@@ -14,8 +14,9 @@ import numpy as np
 from tvsysid import simulate
 from tvsysid.errors import DataQualityWarning, describe_error
 from tvsysid.estimates import plain_array
+from tvsysid.methods import found_as
 from tvsysid.methods.apply import apply
-from tvsysid.methods.base import Input, inputs_of, perturbation_of
+from tvsysid.methods.base import Input, inputs_of, special
 from tvsysid.preprocess import decimate, segment
 from tvsysid.signals import Array, Ensemble, Recording
 
@@ -45,13 +46,13 @@ class Case(NamedTuple):
 
 
 @cache
-def simulated_case(name: str, inputs: tuple[Input, ...], perturbation: str = "") -> Case:
+def simulated_case(name: str, inputs: tuple[Input, ...], perturbation: str = "", joint: str = "") -> Case:
     """Case of this name on a system with the channels of these inputs; the same one for every method.
 
-    The perturbation is that of this name, filtered noise without one.
+    The perturbation and the system are those of these names and settings, filtered noise and what fits without any.
     """
     if name == "without context":
-        whole = simulated_case("other rate", inputs, perturbation)
+        whole = simulated_case("other rate", inputs, perturbation, joint)
         seen = whole.ensemble
         cores = {each: seen.signal(each)[:, seen.core] for each in ("angle", "torque", *seen.channels)}
         recorded = None if seen.recorded_angle is None else seen.recorded_angle[:, seen.core]
@@ -60,7 +61,9 @@ def simulated_case(name: str, inputs: tuple[Input, ...], perturbation: str = "")
         return whole._replace(ensemble=bare)
     duration, profile, rate, period, seed = CASES[name]
     system = simulate.ReflexJoint(stiffness=profile) if name == "reflex" else _system(profile, inputs)
-    kind = simulate.PERTURBATIONS[perturbation or "noise"]
+    if joint:
+        system = replace(found_as(joint, simulate.SYSTEMS, "system"), stiffness=profile)
+    kind = found_as(perturbation or "noise", simulate.PERTURBATIONS, "perturbation")
     simulation = system.simulate(duration, perturbation=kind, snr_db=SNR, seed=seed, rate=8 * rate)
     recording = replace(simulation.recording, channels=_channels(simulation.recording, inputs))
 
@@ -121,9 +124,9 @@ class Subject:
         return simulated_case(name, *self.needs)
 
     @property
-    def needs(self) -> tuple[tuple[Input, ...], str]:
-        """Inputs of the method, and the perturbation that it needs, if it needs a special one."""
-        return inputs_of(self.method), perturbation_of(self.method)
+    def needs(self) -> tuple[tuple[Input, ...], str, str]:
+        """Inputs of the method, and the perturbation and the system that it serves, if they are special."""
+        return inputs_of(self.method), special(self.method, "perturbation"), special(self.method, "system")
 
     def identify(self, ensemble: Ensemble) -> Any:
         """Whatever it returns."""

@@ -82,10 +82,10 @@ def simulate(
 
     Example: `tvsysid simulate P1-noise.mat --participant 1`
     """
+    from tvsysid.methods import found_as
     from tvsysid.recordings import write_simulation
     from tvsysid.simulate import PERTURBATIONS, PROFILES, SYSTEMS
     from tvsysid.simulate.simulation import checked_simulation
-    from tvsysid.study.settings import found_as
 
     if file.exists() and not overwrite:
         raise InputError(f"{file} exists already; give another name, or --overwrite")

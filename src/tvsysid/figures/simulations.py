@@ -84,8 +84,9 @@ def bias_against(what: str, rows: pd.DataFrame, title: str = "") -> Figure:
     ``what`` the quantity is, with its unit; the rows have columns method, size (of the quantity), value and
     standard_error (N·m/rad).
     """
-    figure, grid = panels(1, 1, 4.6, 3.8, title)
-    axes, looks = grid[0, 0], lines(unique(rows.method))
+    looks = lines(unique(rows.method))
+    figure, grid = panels(1, 1, 4.6, max(3.8, 2.6 + 0.22 * len(looks)), title)
+    axes = grid[0, 0]
     axes.axhline(0, color=TRUTH, linestyle="--", linewidth=1.0)
     for number, (method, (hue, style)) in enumerate(looks.items()):
         line = rows[rows.method == method].sort_values("size")

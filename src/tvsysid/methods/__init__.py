@@ -10,6 +10,7 @@ from tvsysid.methods.eirf import EnsembleIRF
 from tvsysid.methods.ensemble_cascade import EnsembleCascade
 from tvsysid.methods.esm import EnsembleSpectral
 from tvsysid.methods.kbr.kbr import KernelRegression
+from tvsysid.methods.modal import ModalDecomposition
 from tvsysid.methods.parallel_cascade import ParallelCascade
 from tvsysid.methods.plugins import (
     DEFAULT_METHODS,
@@ -17,6 +18,7 @@ from tvsysid.methods.plugins import (
     clashes,
     create,
     describe,
+    found_as,
     from_text,
     key_of,
     label_of,
@@ -48,6 +50,7 @@ __all__ += [
     "JointCascade",
     "KernelRegression",
     "Method",
+    "ModalDecomposition",
     "ParallelCascade",
     "ShortDataSegments",
     "Tuned",
@@ -56,5 +59,5 @@ __all__ += [
     "create",
     "describe",
 ]
-__all__ += ["deviating_channels", "from_text", "key_of", "label_of", "load", "names", "parse", "reason_to_skip"]
-__all__ += ["ScheduledIRF", "ScheduledImpedance", "SkirtDecomposition", "SubspaceCascade", "typed"]
+__all__ += ["deviating_channels", "found_as", "from_text", "key_of", "label_of", "load", "names", "parse"]
+__all__ += ["ScheduledIRF", "ScheduledImpedance", "SkirtDecomposition", "SubspaceCascade", "reason_to_skip", "typed"]

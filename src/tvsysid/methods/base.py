@@ -69,9 +69,10 @@ class Method(ABC):
     time_invariant: ClassVar[bool] = False  # whether it takes the joint as constant
     takes_deviations: ClassVar[bool] = False  # whether it subtracts the mean over realizations by itself
     uses_recorded_angle: ClassVar[bool] = False  # whether it uses the angle at the rate at which it was recorded
-    perturbation: ClassVar[str] = (
-        ""  # the only kind that it serves, by its name in simulate.PERTURBATIONS; any if empty
-    )
+    # The only kinds of perturbation and of simulated joint that it serves, by names and settings as a study takes them;
+    # any, where these are empty.
+    perturbation: ClassVar[str] = ""
+    system: ClassVar[str] = ""
 
     def identify(self, ensemble: Ensemble) -> Model:
         """Identify the impedance of the joint from realizations of one repeated behaviour, mean subtracted.
@@ -179,9 +180,9 @@ def inputs_of(method: object) -> tuple[Input, ...]:
     return tuple(inputs)
 
 
-def perturbation_of(method: object) -> str:
-    """Name of the only perturbation that a method says it serves; empty if it serves any."""
-    return str(said_by(method, "perturbation", "the name of a perturbation, such as 'multisine'", str))
+def special(method: object, what: Literal["perturbation", "system"]) -> str:
+    """Name of the only kind of perturbation or system that a method says it serves; empty if it serves any."""
+    return str(said_by(method, what, f"the name of a {what}, with settings if need be", str))
 
 
 def reason_to_skip(method: object, ensemble: Ensemble) -> str | None:

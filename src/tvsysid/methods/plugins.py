@@ -22,7 +22,7 @@ import numpy as np
 from tvsysid.errors import InputError, describe_error, one_line
 from tvsysid.methods.adaptive.adaptive import AdaptiveRegression
 from tvsysid.methods.apply import Identifies
-from tvsysid.methods.base import Method, inputs_of, perturbation_of
+from tvsysid.methods.base import Method, inputs_of, special
 from tvsysid.methods.basis_cascade import BasisCascade
 from tvsysid.methods.birf import BasisIRF
 from tvsysid.methods.cascade.cascade import JointCascade
@@ -30,6 +30,7 @@ from tvsysid.methods.eirf import EnsembleIRF
 from tvsysid.methods.ensemble_cascade import EnsembleCascade
 from tvsysid.methods.esm import EnsembleSpectral
 from tvsysid.methods.kbr.kbr import KernelRegression
+from tvsysid.methods.modal import ModalDecomposition
 from tvsysid.methods.parallel_cascade import ParallelCascade
 from tvsysid.methods.scheduled.methods import ScheduledImpedance, ScheduledIRF
 from tvsysid.methods.sds import ShortDataSegments
@@ -55,6 +56,7 @@ METHODS: dict[str, type[Method]] = {
         ScheduledIRF,
         ScheduledImpedance,
         SkirtDecomposition,
+        ModalDecomposition,
     )
 }
 
@@ -190,6 +192,18 @@ def from_text(text: str, what: str, usual: Any = None) -> Any:
     return _made(key, target, values, what)
 
 
+def found_as(value: Any, known: Mapping[str, Any], what: str) -> Any:
+    """Object that a setting stands for: a known name or ``module:Object``, with settings if need be, or itself."""
+    if not isinstance(value, str):
+        return value
+    if value in known:
+        return known[value]
+    key, _, rest = value.partition(":")
+    if not rest or (key not in known and "=" in rest.partition(":")[0]):
+        raise InputError(f"unknown {what} {key!r}; expected one of {', '.join(known)}, or your own as module:Object")
+    return from_text(value, what, known.get(key))
+
+
 def load(name: str, what: str = "object") -> Any:
     """Class or object ``package.module:Object``, as it is; imports its module.
 
@@ -276,7 +290,7 @@ def describe(key: str) -> Description:
 
 def _purpose(method: object) -> str:
     """What a method is for, by the signals that it needs and the pathways that it tells apart."""
-    if perturbation_of(method):
+    if special(method, "perturbation"):
         return "special perturbations"
     kinds = {item.kind for item in inputs_of(method)}
     if "reference" in kinds:

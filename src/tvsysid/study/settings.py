@@ -14,7 +14,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Val
 
 from tvsysid.errors import InputError, plain_text
 from tvsysid.estimates import UNITS
-from tvsysid.methods import from_text, parse
+from tvsysid.methods import parse
 from tvsysid.methods.apply import checked_name
 from tvsysid.methods.base import names_said, scheduled_by
 
@@ -174,18 +174,6 @@ def spawn_key(text: str) -> list[int]:
     """Key of a stream of random numbers of its own."""
     digest = hashlib.sha256(text.encode()).digest()
     return [int.from_bytes(digest[i : i + 4], "little") for i in range(0, 16, 4)]
-
-
-def found_as(value: Any, known: Mapping[str, Any], what: str) -> Any:
-    """Object that a setting stands for: a known name or ``module:Object``, with settings if need be, or itself."""
-    if not isinstance(value, str):
-        return value
-    if value in known:
-        return known[value]
-    key, _, rest = value.partition(":")
-    if not rest or (key not in known and "=" in rest.partition(":")[0]):
-        raise InputError(f"unknown {what} {key!r}; expected one of {', '.join(known)}, or your own as module:Object")
-    return from_text(value, what, known.get(key))
 
 
 def _explained(error: ValidationError, kind: type[BaseModel]) -> str:

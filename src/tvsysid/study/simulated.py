@@ -16,7 +16,7 @@ from pydantic import Field, field_validator, model_validator
 
 from tvsysid.errors import InputError, describe_error
 from tvsysid.estimates import IMPEDANCE
-from tvsysid.methods import DEFAULT_METHODS, label_of, parse
+from tvsysid.methods import DEFAULT_METHODS, found_as, label_of, parse
 from tvsysid.signals import Array, Ensemble
 from tvsysid.simulate import (
     PERTURBATIONS,
@@ -29,7 +29,7 @@ from tvsysid.simulate import (
     Simulation,
     System,
 )
-from tvsysid.study.settings import AnyMethod, Listed, Settings, StudySettings, Whole, found_as, spawn_key, unique
+from tvsysid.study.settings import AnyMethod, Listed, Settings, StudySettings, Whole, spawn_key, unique
 from tvsysid.study.trial import Setting, true_values
 
 VISCOSITIES = ("constant", "covarying")

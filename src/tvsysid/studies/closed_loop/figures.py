@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 from tvsysid.figures import Illustration, bias_against, coverage_over_time, method_comparison
 from tvsysid.figures.results import OVER_TIME, unique
 from tvsysid.figures.words import TRAITS, count
-from tvsysid.methods.plugins import from_text
+from tvsysid.methods import from_text
 from tvsysid.simulate import SYSTEMS, CompliantActuator
+from tvsysid.studies.closed_loop.presets import IMPOSED
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -48,11 +49,12 @@ def loop_figures(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illust
     shown: dict[str, Illustration] = {}
     for noise, rows in traits.groupby("noise"):
         usual = rows[(rows.profile == rows.profile.iloc[0]) & (rows.duration_s == rows.duration_s.min())]
-        if usual["size"].nunique() > 1:
-            shown[f"bias-{noise:g}Hz"] = _bias(summary, usual["size"], f"noise up to {noise:g} Hz")
+        soft = usual["size"][usual["size"] < IMPOSED]
+        if soft.nunique() > 1:
+            shown[f"bias-{noise:g}Hz"] = _bias(summary, soft, f"noise up to {noise:g} Hz")
         middle = usual.index[len(usual) // 3]
         title = f"Open and closed methods: noise up to {noise:g} Hz"
-        labels, mine = list(rows.index), summary[summary.scenario.isin(rows.index)]
+        labels, mine = list(usual.index), summary[summary.scenario.isin(usual.index)]
         data = results[OVER_TIME].sel(scenario=labels, quantity=["stiffness"], method_key=unique(mine.method))
         text = (
             f"A column for each method. Upper rows, over one realization of {middle}: estimated stiffness, mean and "
@@ -72,7 +74,7 @@ def loop_figures(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illust
 def _bias(summary: pd.DataFrame, sizes: pd.Series, what: str) -> Illustration:
     rows = summary[(summary.metric == "mean_bias") & summary.scenario.isin(sizes.index)].dropna(subset=["value"])
     rows = rows.assign(size=rows.scenario.map(sizes)).sort_values("size", kind="stable")
-    title = f"What a compliant actuator does to the stiffness: {what}"
+    title = f"Stiffness on a compliant actuator, {what}"
     said = [
         f"{method}: {', '.join(f'{each.value:.1f} at {each.size:g}' for each in line.itertuples())}."
         for method, line in rows.groupby("method", sort=False)

@@ -31,7 +31,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "snr_db": (SNR[40.0],),
         "system": tuple(system(actuator, 40.0) for actuator in (*ACTUATORS, IMPOSED)),
         "methods": (*OPEN, *CLOSED),
-        "trials": 10,
+        "trials": 20,
         "subtract_mean": True,
         "also": (
             {"snr_db": (SNR[5.0],), "system": tuple(system(actuator, 5.0) for actuator in (*ACTUATORS, IMPOSED))},

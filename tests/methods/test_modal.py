@@ -1,0 +1,64 @@
+"""Modal decomposition: what a joint that rings tells, and words where none does."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import tvsysid as tv
+from tvsysid.methods import found_as
+from tvsysid.simulate import PERTURBATIONS, SYSTEMS, Constant, FilteredNoise, Pulses
+
+MODAL = tv.ModalDecomposition()
+IMPULSES = Pulses(duration=0.02, interval=1.0)
+
+
+def hit(perturbation=IMPULSES, snr_db=30.0, duration=40.0, **changes):
+    joint = replace(found_as(MODAL.system, SYSTEMS, "system"), **({"stiffness": Constant(100.0)} | changes))
+    recording = joint.simulate(duration, perturbation=perturbation, snr_db=snr_db, seed=1).recording
+    return tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
+
+
+@pytest.fixture(scope="module")
+def ringing():
+    return hit()
+
+
+def test_a_joint_that_rings_tells_its_stiffness(ringing):
+    for ensemble in (ringing, tv.preprocess.subtract_mean(ringing)):
+        model = MODAL.identify(ensemble)
+        known = np.isfinite(model.stiffness)
+        assert known.mean() > 0.9
+        # The window is known to take 1.5 N·m/rad of stiffness and 0.2 N·m·s/rad of viscosity at this damping.
+        assert np.abs(model.stiffness[known] - 100.0).mean() < 3.0
+        assert np.mean(model.viscosity[known]) == pytest.approx(1.12, abs=0.05)
+        np.testing.assert_allclose(model.inertia[known], 0.1, rtol=2e-3)
+        lower, upper = model.estimates["stiffness"].band()
+        banded = np.isfinite(lower)
+        assert banded.mean() > 0.7
+        assert (lower[banded] < upper[banded]).all()
+
+
+def test_an_inertia_that_is_known_scales_the_impedance(ringing):
+    known, double = (tv.ModalDecomposition(inertia=each).identify(ringing) for each in (0.1, 0.2))
+    np.testing.assert_allclose(double.stiffness, 2 * known.stiffness)
+
+
+@pytest.mark.parametrize(
+    ("perturbation", "changes", "message"),
+    [
+        (PERTURBATIONS["noise"], {}, r"the torque is no impulses with rests between them: its peaks take \d+ % of"),
+        (PERTURBATIONS["pulses"], {}, r"the torque is no impulses with rests between them"),
+        (IMPULSES, {"viscosity": 5.0}, r"the joint does not ring: its damping ratio is 0.79 \(100 N·m/rad, 5 N·m·s"),
+    ],
+)
+def test_what_it_does_not_serve_is_said_in_words(perturbation, changes, message):
+    with pytest.raises(tv.InputError, match=message):
+        MODAL.identify(hit(perturbation, **changes))
+    recording = tv.simulate.Joint().simulate(20, perturbation=FilteredNoise(), snr_db=10, seed=1).recording
+    imposed = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
+    assert "no impulses" in MODAL.skip(imposed)
+
+
+def test_it_passes_every_check():
+    assert [f"{each.name}: {each.message}" for each in tv.check_method(MODAL) if not each.passed] == []

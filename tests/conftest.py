@@ -124,6 +124,12 @@ def undrawn(monkeypatch):
 
 
 @pytest.fixture
+def few_groups(monkeypatch):
+    """What aligning does is found from fewer identifications; `test_alignment.py` has all."""
+    monkeypatch.setattr("tvsysid.study.alignment.GROUPS", 3)
+
+
+@pytest.fixture
 def random():
     return np.random.default_rng(12345)
 

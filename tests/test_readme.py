@@ -43,9 +43,8 @@ def test_python_example_runs(tmp_path, monkeypatch):
     assert np.isfinite(names["model"].stiffness).all()
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("quick_workers")
 def test_python_study_runs(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("tvsysid.study.workers.cores", lambda: 1)
     monkeypatch.chdir(tmp_path)
     page = (Path(__file__).parents[1] / "docs" / "own-method.md").read_text(encoding="utf-8")
     method = re.search(r"^```python\n(.+?)\n^```", page, re.MULTILINE | re.DOTALL)[1]

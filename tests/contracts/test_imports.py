@@ -77,23 +77,21 @@ def test_headings_of_docstrings_stand_above_their_lines():
         assert not re.search(r"\w +-{3,}$|^ *-{5,} *\w", file.read_text(encoding="utf-8"), re.MULTILINE), file
 
 
-def test_import_is_light():
-    program = (
-        "import sys, tvsysid;"
-        "print({'matplotlib', 'zarr', 'dask', 'xarray', 'scipy', 'pandas', 'jinja2'} & set(sys.modules) or 'light')"
-    )
-    shown = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout
-    assert shown.strip() == "light", shown
-
-
 @pytest.mark.slow
-def test_identification_needs_no_pictures_tables_and_stores():
-    program = (
-        "import sys; import tvsysid as tv; tv.ShortDataSegments(); tv.simulate.Joint; tv.metrics.vaf;"
-        "print({'matplotlib', 'zarr', 'dask', 'xarray', 'pandas'} & set(sys.modules) or 'light')"
-    )
+def test_identification_and_diagnosis_need_no_pictures_tables_and_stores():
+    program = """
+import sys, tvsysid as tv
+heavy = {"matplotlib", "zarr", "dask", "xarray", "pandas", "jinja2"}
+print("import", {"scipy", *heavy} & set(sys.modules) or "light")
+tv.ShortDataSegments(), tv.simulate.Joint, tv.metrics.vaf
+print("identification", heavy & set(sys.modules) or "light")
+import numpy as np
+x = np.random.default_rng(0).normal(size=(10, 100))
+repr(tv.diagnose(tv.Ensemble(x, x + 1, 100.0)))
+print("diagnosis", heavy & set(sys.modules) or "light")
+"""
     shown = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout
-    assert shown.strip() == "light", shown
+    assert shown.splitlines() == ["import light", "identification light", "diagnosis light"]
 
 
 def test_no_public_name_is_that_of_the_module_that_has_it():

@@ -40,26 +40,11 @@ def words_of(command):
     return words
 
 
-def run(folder, *words):
-    variables = {"PYTHONPATH": str(PACKAGE), "PYTHONIOENCODING": "utf-8", "OPENBLAS_NUM_THREADS": "1"}
-    return subprocess.run(
-        [sys.executable, *words],
-        cwd=folder,
-        env=os.environ | variables,
-        capture_output=True,
-        encoding="utf-8",
-        check=False,
-        timeout=300,
-    )
-
-
-@pytest.mark.slow
-def test_the_method_passes_as_the_page_shows(folder):
-    # -P as for an installed command, which does not search the current folder by itself.
-    done = run(folder, "-P", "-m", "tvsysid.cli", *words_of(CHECK))
-    assert done.returncode == 0, done.stdout + done.stderr
+def test_the_method_passes_as_the_page_shows(tvsysid, folder):
+    code, out, err = tvsysid(*words_of(CHECK))
+    assert code == 0, out + err
     (shown,) = blocks("text")
-    for line, said in zip(done.stdout.splitlines(), shown.splitlines(), strict=True):
+    for line, said in zip(out.splitlines(), shown.splitlines(), strict=True):
         # The figures may differ in their last digit from one machine to another.
         assert re.sub(r"\d+(\.\d+)?", "#", line) == re.sub(r"\d+(\.\d+)?", "#", said)
         assert "✗" not in line
@@ -68,7 +53,7 @@ def test_the_method_passes_as_the_page_shows(folder):
 @pytest.mark.usefixtures("undrawn")
 def test_the_method_is_in_the_benchmark(tvsysid, folder):
     command = re.sub(r"--trials \d+", "--trials 2", BENCHMARK)
-    code, out, err = tvsysid(*words_of(command), "--duration", "40", "--perturbation", "noise", "--workers", "2")
+    code, out, err = tvsysid(*words_of(command), "--duration", "40", "--perturbation", "noise", "--workers", "1")
     assert code == 0, out + err
     table = pd.read_csv(folder / "sliding" / "summary.csv")
     total = table[(table.metric == "total_error") & (table.quantity == "stiffness")].set_index("method").value
@@ -78,10 +63,20 @@ def test_the_method_is_in_the_benchmark(tvsysid, folder):
 
 @pytest.mark.slow
 def test_the_script_compares_the_object(folder):
-    script = SCRIPT.replace("trials=5", 'trials=2, duration_s=[40], perturbation=["noise"]')
+    """In a Python of its own, which starts a worker for the only trial."""
+    script = SCRIPT.replace("trials=5", 'trials=1, duration_s=[40], perturbation=["noise"]')
     assert script != SCRIPT
     (folder / "compare.py").write_text(script, encoding="utf-8")
-    done = run(folder, "compare.py")
+    variables = {"PYTHONPATH": str(PACKAGE), "PYTHONIOENCODING": "utf-8", "OPENBLAS_NUM_THREADS": "1"}
+    done = subprocess.run(
+        [sys.executable, "compare.py"],
+        cwd=folder,
+        env=os.environ | variables,
+        capture_output=True,
+        encoding="utf-8",
+        check=False,
+        timeout=300,
+    )
     assert done.returncode == 0, done.stderr
     assert "SlidingFit(window=0.1)" in done.stdout
 

@@ -1,25 +1,19 @@
-"""The tutorials, typed as they stand, but for the number of bootstraps.
+"""The tutorials, as they stand, but for the number of bootstraps.
 
-The script has a Python of its own, as it is typed; the commands are run in this process.
+All in this process: `test_own_method.py` has a script in a Python of its own.
 """
 
-import os
 import re
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 
 import pandas as pd
 import pytest
 import xarray as xr
 
-import tvsysid as tv
-
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("few_groups")]
 
 DOCS = Path(__file__).parents[2] / "docs"
-PACKAGE = Path(tv.__file__).parents[1]
 
 
 def blocks(page, language):
@@ -31,20 +25,6 @@ def blocks(page, language):
 def fewer(text, bootstraps):
     """Three bootstraps, for haste."""
     return text.replace(bootstraps, bootstraps.replace("10", "3"))
-
-
-def run(folder, words):
-    variables = {"PYTHONPATH": str(PACKAGE), "PYTHONIOENCODING": "utf-8", "OPENBLAS_NUM_THREADS": "1"}
-    done = subprocess.run(
-        [sys.executable, *words],
-        cwd=folder,
-        env=os.environ | variables,
-        capture_output=True,
-        encoding="utf-8",
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
 
 
 def words_of(line):
@@ -65,9 +45,7 @@ def test_the_python_tutorial_runs(folder):
     codes = [fewer(code, "bootstraps=10") for code in blocks("tutorial-python.md", "python")]
     main = codes[0].split('if __name__ == "__main__":')[1]
     assert len([line for line in main.splitlines() if line.strip()]) <= 10
-    (folder / "study.py").write_text(codes[0], encoding="utf-8")
-    run(folder, ["study.py"])
-    for code in codes[1:]:
+    for code in codes:
         exec(code, {"__name__": "__main__"})
     for name in ("figure7.pdf", "figure8.pdf", "figure9.pdf"):
         assert (folder / name).read_bytes().startswith(b"%PDF")

@@ -1,11 +1,9 @@
 """Methods that do what no method should spoil no other, and are reported with what they did."""
 
 import os
-import subprocess
 import sys
 import time
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -67,6 +65,7 @@ def test_this_process_is_as_it_was(results):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("quick_workers")
 def test_one_that_hangs_in_a_worker_is_ended_there_and_resuming_tries_it_again(tmp_path):
     study = Study(**SETTINGS, methods=["sds", hostile.HangsInNativeCode(), hostile.Interrupts()])
     for workers in (2, 1):
@@ -77,28 +76,26 @@ def test_one_that_hangs_in_a_worker_is_ended_there_and_resuming_tries_it_again(t
 
 
 @pytest.mark.slow
-def test_all_that_it_started_ends_with_the_process_that_asked(tmp_path):
+def test_all_that_it_started_ends_with_the_process_that_asked(forking):
     """Killed in the middle of a hang."""
-    script = tmp_path / "script.py"
-    script.write_text(
-        "import sys\n"
-        f"sys.path[:0] = {[str(Path(__file__).parents[2])]!r}\n"
-        "from tests.conftest import ensemble_of\n"
-        "from tests.study import hostile\n"
-        "import tvsysid as tv\n"
-        "tv.compare(ensemble_of(), ['sds', hostile.LeavesFork(), hostile.LeavesThread()])\n"
-        "from tvsysid.methods.forkserver import _servers\n"
-        "print(*(each.process for each in _servers[0].children.values()), _servers[0].program.pid, flush=True)\n"
-        "tv.compare(ensemble_of(), ['sds', hostile.Hangs()])\n"
-    )
-    with subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, text=True) as program:
-        pids = [int(word) for word in program.stdout.readline().split()]
-        assert len(pids) == 3
-        program.kill()
+    here, there = forking.Pipe()
+    program = forking.Process(target=leaves_processes_and_hangs, args=(there,))
+    program.start()
+    pids = here.recv()
+    assert len(pids) == 3
+    program.kill()
+    program.join()
     until = time.monotonic() + 10
     while any(map(is_alive, pids)) and time.monotonic() < until:
         time.sleep(0.05)
     assert not any(map(is_alive, pids))
+
+
+def leaves_processes_and_hangs(pipe):
+    tv.compare(ensemble_of(), ["sds", hostile.LeavesFork(), hostile.LeavesThread()])
+    (server,) = forkserver._servers
+    pipe.send([*(each.process for each in server.children.values()), server.program.pid])
+    tv.compare(ensemble_of(), ["sds", hostile.Hangs()])
 
 
 def is_alive(process):

@@ -62,6 +62,7 @@ def test_a_trial_is_what_its_parts_give(results):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("quick_workers")
 def test_the_number_of_workers_changes_no_number(results):
     same(run(Study(**SMALL), workers=2), results)
 

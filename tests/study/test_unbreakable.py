@@ -10,12 +10,14 @@ import subprocess
 import sys
 import threading
 import time
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 import pytest
 from tests.study.conftest import TIMES
 
+from tvsysid import cli
 from tvsysid.study import Study, read_results, run
 
 pytestmark = pytest.mark.slow
@@ -54,7 +56,7 @@ def interruptible():
 
 
 def start(folder, *words):
-    """Start the command line in a process group of its own."""
+    """Start the command line in an interpreter, and a process group, of its own."""
     return subprocess.Popen(
         [sys.executable, "-m", "tvsysid.cli", *WORDS, *words],
         cwd=folder,
@@ -64,6 +66,39 @@ def start(folder, *words):
         stderr=subprocess.PIPE,
         text=True,
     )
+
+
+class Forked:
+    """The command line in a process group of its own, forked, which takes less time than to start an interpreter."""
+
+    def __init__(self, forking, folder, *words):
+        self.errors = folder / "errors.txt"
+        self.process = forking.Process(target=command, args=(folder, self.errors, words))
+        self.process.start()
+        self.pid = self.process.pid
+
+    def communicate(self, timeout):
+        self.process.join(timeout)
+        self.returncode = self.process.exitcode
+        return "", self.errors.read_text()
+
+
+def command(folder, errors, words):
+    os.setsid()
+    interruptible()
+    os.chdir(folder)
+    os.dup2(os.open(errors, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), 2)
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    sys.argv = ["tvsysid", *WORDS, *words]
+    cli.main()
+
+
+def dask(folder, name, words):
+    """Be a scheduler or a worker of Dask."""
+    os.chdir(folder)
+    for number in (1, 2):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), number)
+    import_module(f"distributed.cli.dask_{name}").main(words, standalone_mode=False)
 
 
 def trials_in(folder):
@@ -130,10 +165,13 @@ def test_killed_at_six_random_moments_and_gone_on_with(tmp_path, start_study, un
     assert not list(tmp_path.rglob("*.partial"))
 
 
-def test_interrupted_with_a_key_and_gone_on_with(tmp_path, uninterrupted):
+def test_interrupted_with_a_key_and_gone_on_with(tmp_path, forking, uninterrupted):
     # A key interrupts workers too where a method hangs, below.
-    for number, workers in ((signal.SIGINT, "1"), (signal.SIGTERM, "2")):
-        process = start(tmp_path, "--workers", workers)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if number == signal.SIGINT:
+            process = Forked(forking, tmp_path, "--workers", "1")
+        else:
+            process = start(tmp_path, "--workers", "2")
         already = trials_in(tmp_path)
         wait_for(lambda: trials_in(tmp_path) > already + 10)  # noqa: B023
         os.killpg(process.pid, number) if number == signal.SIGINT else process.send_signal(number)
@@ -149,7 +187,7 @@ def test_interrupted_with_a_key_and_gone_on_with(tmp_path, uninterrupted):
     resumed_to_the_last_bit(tmp_path, uninterrupted)
 
 
-def test_a_method_that_hangs_can_be_interrupted(tmp_path):
+def test_a_method_that_hangs_can_be_interrupted(tmp_path, forking):
     (tmp_path / "hanging.py").write_text(
         "import pathlib, time\n"
         "class Mine:\n"
@@ -157,7 +195,7 @@ def test_a_method_that_hangs_can_be_interrupted(tmp_path):
         "        pathlib.Path('begun').touch()\n"
         "        time.sleep(3600)\n"
     )
-    process = start(tmp_path, "--method", "hanging:Mine")
+    process = Forked(forking, tmp_path, "--method", "hanging:Mine", "--workers", "2")
     wait_for((tmp_path / "begun").exists)
     workers = children_of(process.pid)
     began = time.monotonic()
@@ -182,18 +220,21 @@ def test_a_second_process_on_one_store_is_refused(tvsysid, tmp_path, start_study
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_a_dask_worker_killed_in_mid_run(tvsysid, tmp_path, uninterrupted):
+def test_a_dask_worker_killed_in_mid_run(tvsysid, tmp_path, forking, uninterrupted):
     pytest.importorskip("distributed")
-    dask = [sys.executable, "-m", "dask"]
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": tmp_path}
     place = tmp_path / "scheduler.json"
-    servers = [
-        subprocess.Popen([*dask, "scheduler", "--port", "0", "--no-dashboard", "--scheduler-file", place], **quiet)
-    ]
+    words = ["--scheduler-file", str(place), "--no-dashboard"]
+    servers = []
+
+    def start_dask(name, *more):
+        servers.append(forking.Process(target=dask, args=(tmp_path, name, [*words, *more])))
+        servers[-1].start()
+
     try:
+        start_dask("scheduler", "--port", "0")
         wait_for(place.exists)
-        worker = [*dask, "worker", "--scheduler-file", place, "--no-nanny", "--nthreads", "1", "--no-dashboard"]
-        servers += [subprocess.Popen(worker, **quiet) for _ in range(2)]
+        for _ in range(2):
+            start_dask("worker", "--no-nanny", "--nthreads", "1")
         address = json.loads(place.read_text())["address"]
         from distributed import Client
 
@@ -211,11 +252,11 @@ def test_a_dask_worker_killed_in_mid_run(tvsysid, tmp_path, uninterrupted):
         assert tvsysid(*WORDS, "--scheduler", address)[0] == 0
         killer.join()
         assert killed_at[0] < TOTAL
-        assert servers[2].poll() is None
+        assert servers[2].is_alive()
     finally:
         for server in servers:
             server.kill()
-            server.wait()
+            server.join()
     same_to_the_last_bit(tmp_path, uninterrupted)
 
 

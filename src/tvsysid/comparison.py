@@ -103,6 +103,23 @@ class Comparison(Frozen):
             tables.append(pd.DataFrame(columns | {"time_varying_vaf": self.time_varying_vaf[label]}))
         return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
 
+    def over_variables(self) -> pd.DataFrame:
+        """A row for each method, quantity and value of a variable that it was estimated over, with its 95 % band."""
+        import pandas as pd  # noqa: PLC0415  # heavy
+
+        tables = []
+        for label, model in self.models.items():
+            for name, estimate in model.estimates.items():
+                if len(estimate.axes) > 1 or estimate.axes[0] not in model.coordinates:
+                    continue
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore", DataQualityWarning)  # that there is none
+                    lower, upper = estimate.band()
+                about: dict[str, object] = {"method": label, "variable": estimate.axes[0]}
+                about |= {"value": model.coordinates[estimate.axes[0]], "quantity": name, "unit": estimate.unit}
+                tables.append(pd.DataFrame(about | {"estimate": estimate.values, "lower": lower, "upper": upper}))
+        return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
+
 
 def compare(
     ensemble: Ensemble,
@@ -216,10 +233,10 @@ def _bands_of(label: str, model: Model) -> dict[str, tuple[Array, Array]]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DataQualityWarning)  # that there is none
         for name, estimate in model.estimates.items():
-            if estimate.axes == ("time",):
-                bands[name] = estimate.band()
-            elif estimate.axes == ("realization", "time"):
-                bands[name] = (np.full(len(model.time), np.nan),) * 2
+            if estimate.axes in {("time",), ("realization", "time")}:
+                lower, upper = estimate.band()
+                alone = estimate.values.size == len(model.time)  # of several realizations there is none of the mean
+                bands[name] = (lower.ravel(), upper.ravel()) if alone else (np.full(len(model.time), np.nan),) * 2
     return bands
 
 

@@ -5,6 +5,8 @@ import pandas as pd
 import pytest
 import xarray as xr
 
+import tvsysid as tv
+
 pytestmark = pytest.mark.usefixtures("undrawn")
 
 METHODS = '''
@@ -141,3 +143,32 @@ def test_warnings_with_brackets_are_printed_as_they_are(tvsysid, tmp_path):
     assert "warning: " in err
     assert "[/bold]angle" in err
     assert (tmp_path / "[b]out" / "stiffness.csv").is_file()
+
+
+def test_a_joint_that_follows_a_variable_needs_no_period(tvsysid):
+    joint = tv.simulate.ScheduledJoint(
+        relation=np.polynomial.Polynomial([28.9, 155.0, 310.0]),
+        variable="ankle",
+        variation=0.0,
+        schedule=tv.simulate.SineWave(-0.1, 0.3, 10.0),
+    )
+    recording = joint.simulate(30, perturbation=tv.simulate.FilteredNoise(), snr_db=15, seed=1, rate=500).recording
+    np.savez("moving.npz", angle=recording.angle, torque=recording.torque, ankle=recording.channels["ankle"])
+    signals = ("moving.npz", "--angle", "angle", "--torque", "torque", "--rate", 500, "--decimate", 100)
+    code, _, err = tvsysid("identify", *signals)
+    assert (code, "--period is missing: the duration of one repetition" in err) == (2, True)
+    code, out, err = tvsysid("identify", *signals, "--scheduling", "ankle", "--out", "found")
+    assert code == 0, err
+    assert "1 realization" in out
+    assert "of five folds held out" in out
+    table = pd.read_csv("found/scheduled.csv")
+    assert set(table.method) == {"lpv", "lpvkbi"}
+    stiffness = table[(table.quantity == "scheduled_stiffness") & (table.method == "lpvkbi")]
+    truth = joint.relation(stiffness.value.to_numpy())
+    assert np.abs(stiffness.estimate - truth).max() < 3
+    assert (stiffness.lower < stiffness.estimate).all()
+    over_time = pd.read_csv("found/stiffness.csv")
+    assert over_time[["stiffness_lower", "stiffness_upper"]].notna().all(axis=None)
+    with xr.open_datatree("found/models.nc", engine="h5netcdf") as tree:
+        assert tree["lpv"].scheduled_stiffness.dims == ("scheduling",)
+        assert tree["lpv"].torque_reflex.shape == (1, 3000 + 100)

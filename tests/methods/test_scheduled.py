@@ -235,3 +235,12 @@ def test_what_does_not_apply_is_skipped_with_the_reason(noisy):
     assert re.search("cut with more context", tv.ScheduledIRF().skip(short))
     with pytest.raises(tv.InputError, match="too few for 55 coefficients"):
         tv.ScheduledIRF(memory=0.4).identify(short)
+
+
+def test_what_was_found_is_drawn_above_how_often_there_was_data(noisy, found):
+    figure = tv.figures.scheduled_estimates({"lpv": found}, noisy, "scheduling")
+    drawn = {axes.get_ylabel(): axes for axes in figure.axes}
+    np.testing.assert_array_equal(
+        drawn["scheduled stiffness (N·m/rad)"].lines[0].get_ydata(), found.estimates["scheduled_stiffness"].values
+    )
+    assert sum(bar.get_height() for bar in drawn["time spent there (s)"].patches) == pytest.approx(noisy.duration)

@@ -13,6 +13,7 @@ import typer
 from tvsysid.cli import options
 from tvsysid.cli.console import progress, remark, say, say_written, show_table, shown_warnings
 from tvsysid.cli.running import check_folder
+from tvsysid.errors import InputError
 from tvsysid.limits import TIME_LIMIT
 
 if TYPE_CHECKING:
@@ -20,10 +21,12 @@ if TYPE_CHECKING:
     from tvsysid.signals import Recording
 
 DEFAULT_METHODS = ["eirf", "sds", "birf", "esm", "kbr"]  # those of tvsysid.methods.names(), which takes long to import
+SCHEDULED_METHODS = ["lpv", "lpvkbi"]  # with a scheduling variable
+PIECES = 2.0  # seconds of the realizations in which a delay is looked for where there is no period
 SLOW_RATE = 250.0  # Hz from which on identifying without decimation takes minutes
 REFLEX = {"delay": "s", "frequency": "rad/s", "damping": "", "threshold": "rad/s"}  # units of what shapes a reflex
 EXPLAINED = {"vaf": "torque explained", "vaf_intrinsic": "by the intrinsic pathway", "vaf_reflex": "by the reflex"}
-EXPLAINED |= {"vaf_held_out": "of realizations held out"}
+EXPLAINED |= {"vaf_held_out": "of realizations held out", "vaf_folds": "of five folds held out"}
 
 
 def identify(
@@ -33,7 +36,15 @@ def identify(
     angle: Annotated[str, options.ANGLE],
     torque: Annotated[str, options.TORQUE],
     rate: Annotated[float, options.RATE],
-    period: Annotated[float, options.PERIOD],
+    period: Annotated[float | None, options.PERIOD] = None,
+    scheduling: Annotated[
+        str | None,
+        options.option(
+            "CHANNEL",
+            "Channel with a variable that the joint follows; the methods are then lpv and lpvkbi unless given. Without "
+            "--period, all of the record is one realization.",
+        ),
+    ] = None,
     decimate: options.DecimateOption = None,
     channel: options.ChannelOption = [],
     columns: options.ColumnsOption = "contiguous",
@@ -66,6 +77,9 @@ def identify(
     input or a reference loses its mean as angle and torque do; a scheduling variable keeps it. A method that cannot
     serve the recording is skipped, and the reason is printed. One that fails spoils no other; the exit code is then 1.
 
+    A joint that follows a measured variable needs no period: with `--scheduling` and without `--period`, all of the
+    record is one realization. The variable is read under the name `scheduling`.
+
     With `--align-channels`, the delay of the torque is estimated as by `tvsysid inspect --diagnose`. One that is found
     is corrected before decimation, and printed with what it did to inertia and viscosity. The figure's title states
     it, and `delay_removed` (in s) in `models.nc`.
@@ -81,32 +95,50 @@ def identify(
 
     - `stiffness.png` and `.pdf`: stiffness, viscosity and inertia over time, with their bands;
 
+    - where something is estimated over a variable, `scheduled.csv` (method, variable, value, quantity, unit, estimate
+    and 95 % band), and `scheduled.png` and `.pdf` with a histogram of the variable;
+
     - with `--tune`, `tuning.csv`, `.png` and `.pdf`: the settings that were tried, and how well each did.
 
     Example: `tvsysid identify ankle.mat --angle pos --torque tq --rate 1000 --decimate 100 --period 2 --torque-sign -1`
 
     Example: `tvsysid identify ankle.mat --angle pos --torque tq --rate 1000 --decimate 100 --period 2
     --channel emg=EMG_SOL --method mymethod:Scheduled`
+
+    Example: `tvsysid identify ankle.mat --angle pos --torque tq --rate 1000 --decimate 100 --scheduling ankle_angle`
     """
+    import numpy as np
+
     from tvsysid import preprocess
     from tvsysid.comparison import compare
     from tvsysid.figures import identified_impedance, save
+    from tvsysid.figures.words import count
     from tvsysid.methods import deviating_channels, parse
     from tvsysid.recordings import whole_file, write_models
 
+    if period is None and scheduling is None:
+        raise InputError(
+            "--period is missing: the duration of one repetition of the behaviour; without repetitions, give the "
+            "channel with a variable that the joint follows (--scheduling)"
+        )
+    if scheduling is not None:
+        channel = [*channel, f"scheduling={scheduling}"]
+        method = SCHEDULED_METHODS if method == DEFAULT_METHODS else method
     chosen = [parse(label) for label in method]
     check_folder(out)
     with shown_warnings():
         recording = options.read(file, angle, torque, rate, columns, torque_sign, angle_unit, start, channel)
         if align_channels:
-            recording = _aligned(recording, period, context)
+            recording = _aligned(recording, period or PIECES, context)
         if decimate is not None:
             recording = preprocess.decimate(recording, decimate)
         if recording.sampling_rate > SLOW_RATE:
             text = "may take minutes; --decimate 100 is usual, and enough for a joint"
             remark("note", f"identifying at {recording.sampling_rate:g} Hz {text}")
         deviating = [name for name in deviating_channels(chosen) if name in recording.channels]
-        ensemble = preprocess.subtract_mean(preprocess.segment(recording, period, context), deviating)
+        ensemble = preprocess.segment(recording, period, context)
+        if len(ensemble) > 1 or period is not None:
+            ensemble = preprocess.subtract_mean(ensemble, deviating)
         say(f"{file.name}: {ensemble!r}")
         with progress("identifying") as advance:
             found = compare(ensemble, method, tune=tune, progress=advance, time_limit=time_limit)
@@ -117,16 +149,21 @@ def identify(
     with whole_file(out / "stiffness.csv") as table:
         found.over_time().to_csv(table, index=False, float_format="%.6g")
     write_models(out / "models.nc", {label.replace("/", "_"): each for label, each in found.models.items()}, ensemble)
-    title = f"{file.name}: {len(ensemble)} realizations of {period:g} s, with 95 % bands"
+    title = f"{file.name}: {count(len(ensemble), 'realization')} of {ensemble.duration:g} s, with 95 % bands"
     if ensemble.delay_removed:
         title += f"; {_taken(ensemble.delay_removed)}"
-    figure = identified_impedance(found.models, found.time_varying_vaf, title)
+    unknown = np.full(ensemble.samples, np.nan)  # over realizations, of which there must be several
+    vaf = found.time_varying_vaf if len(ensemble) > 1 else dict.fromkeys(found.models, unknown)
+    figure = identified_impedance(found.models, vaf, title)
     for ending in ("png", "pdf"):
         save(figure, out / f"stiffness.{ending}")
+    scheduled = _write_scheduled(found, out, title)
     _show_impedance(found)
     _show_further(found)
     _show_reflex(found)
-    say_written(out, ["stiffness.csv", "models.nc", "stiffness.png", "stiffness.pdf", *_write_tuning(found, out)])
+    say_written(
+        out, ["stiffness.csv", "models.nc", "stiffness.png", "stiffness.pdf", *scheduled, *_write_tuning(found, out)]
+    )
     if found.failed:
         raise typer.Exit(1)
 
@@ -220,6 +257,25 @@ def _show_reflex(found: Comparison) -> None:
         remark(
             "warning", f"a reflex is taken for stiffness by {', '.join(one_path)}: {reflex.what}; {reflex.fault.remedy}"
         )
+
+
+def _write_scheduled(found: Comparison, out: Path, title: str) -> list[str]:
+    """Write what was estimated over variables, and draw it over the first of them; returns the names of the files."""
+    from tvsysid.figures import save, scheduled_estimates
+    from tvsysid.recordings import whole_file
+
+    table = found.over_variables()
+    if table.empty:
+        return []
+    with whole_file(out / "scheduled.csv") as file:
+        table.to_csv(file, index=False, float_format="%.6g")
+    variable = str(table.variable[0])
+    if variable not in found.ensemble.channels:
+        return ["scheduled.csv"]
+    figure = scheduled_estimates(found.models, found.ensemble, variable, title)
+    for ending in ("png", "pdf"):
+        save(figure, out / f"scheduled.{ending}")
+    return ["scheduled.csv", "scheduled.png", "scheduled.pdf"]
 
 
 def _write_tuning(found: Comparison, out: Path) -> list[str]:

@@ -10,6 +10,7 @@ from tvsysid.figures.participants import participant_in_detail, stiffness_of_par
 from tvsysid.figures.preparation import preparation_steps
 from tvsysid.figures.recorded import recorded_channels, recorded_signals
 from tvsysid.figures.saving import Illustration, Picture, draw_all, drawn, helpers, save, share_out
+from tvsysid.figures.scheduling import scheduled_estimates
 from tvsysid.figures.simulations import bias_against, coverage_over_time, error_against_amount, impulse_responses
 from tvsysid.figures.spread import error_against_truth, variance_and_spread
 from tvsysid.figures.style import lines
@@ -26,5 +27,12 @@ __all__ = [
 ]
 __all__ += ["drawn", "error_against_amount", "error_against_truth", "helpers", "identified_impedance"]
 __all__ += ["impulse_responses", "lines", "method_comparison", "participant_in_detail", "preparation_steps"]
-__all__ += ["recorded_channels", "recorded_signals", "save", "share_out", "stiffness_of_participants"]
+__all__ += [
+    "recorded_channels",
+    "recorded_signals",
+    "save",
+    "scheduled_estimates",
+    "share_out",
+    "stiffness_of_participants",
+]
 __all__ += ["stiffness_with_bands", "tuning_curves", "variance_and_spread"]

@@ -42,17 +42,19 @@ def identified_impedance(models: Mapping[str, Model], vaf: Mapping[str, Array], 
     largest = figure.add_subplot(grid[: 2 * len(beside), 0])
     below = figure.add_subplot(grid[2 * len(beside) :, 0], sharex=largest)
     looks = style.lines(list(models))
-    _quantity(largest, "stiffness", models)
+    draw_quantity(largest, "stiffness", models)
     largest.tick_params(labelbottom=False)
     for label, model in models.items():
         hue, dash = looks[label]
         below.plot(model.time, vaf[label], color=hue, linestyle=dash, linewidth=1.4)
+    if not any(np.isfinite(vaf[label]).any() for label in models):
+        style.remark(below, "takes several realizations")
     below.set_ylabel("time-varying VAF (%)")
     below.set_ylim(0, 102)
     below.set_xlabel(style.REALIZATION_TIME)
     for place, name in enumerate(beside):
         axes = figure.add_subplot(grid[3 * place : 3 * place + 3, 1])
-        over = _quantity(axes, name, models)
+        over = draw_quantity(axes, name, models)
         axes.set_xlabel(style.REALIZATION_TIME if over == "time" else over)
         if over == "time":
             axes.sharex(largest)
@@ -65,7 +67,7 @@ def identified_impedance(models: Mapping[str, Model], vaf: Mapping[str, Array], 
     return figure
 
 
-def _quantity(axes: Axes, name: str, models: Mapping[str, Model]) -> str:
+def draw_quantity(axes: Axes, name: str, models: Mapping[str, Model]) -> str:
     """Draw what every model says of a quantity; return the axis that it is over."""
     shown, unit, over = [np.array([np.nan])], UNITS.get(name, ""), "time"
     for (label, model), (hue, dash) in zip(models.items(), style.lines(list(models)).values(), strict=True):
@@ -78,10 +80,10 @@ def _quantity(axes: Axes, name: str, models: Mapping[str, Model]) -> str:
             over = estimate.axes[-1]
             values, where = np.atleast_2d(estimate.values).mean(axis=0), np.asarray(model.coordinates[over])
         band = None
-        if estimate.values.ndim == 1:
+        if estimate.values.size == len(values):  # no mean over realizations
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", DataQualityWarning)  # that there is none
-                band = estimate.band()
+                band = [limit.ravel() for limit in estimate.band()]
         style.curve_with_band(axes, where, values, band, hue, linestyle=dash, label=label)
         shown.append(values)
     axes.set_ylabel(f"{name.replace('_', ' ')} ({unit_name(unit)})")

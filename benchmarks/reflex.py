@@ -14,6 +14,7 @@ import math
 import sys
 import time
 import warnings
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -40,6 +41,15 @@ Array = NDArray[np.float64]
 SINE = SineWave()
 GAIN = SineWave(8.0, 4.0, offset=-0.5)
 SNR = 10.0
+
+
+@dataclass(frozen=True)
+class PositionReflex(StretchReflex):
+    """Answers the angle in the place of the velocity: 1 rad as 10 rad/s."""
+
+    def stretch(self, velocity: Array, rate: float, early: float = 0.0) -> Array:
+        """As :meth:`StretchReflex.stretch`, of the angle's movement since the start."""
+        return super().stretch(10 * np.cumsum(velocity) / rate, rate, early)
 
 
 class Case(NamedTuple):
@@ -70,6 +80,7 @@ CASES = {
         "muscle changes",
         ReflexJoint(SINE, reflex_gain=GAIN, reflex=StretchReflex(frequency=SineWave(15.6, 4.0))),
     ),
+    "X": Case("of position", ReflexJoint(SINE, reflex_gain=GAIN, reflex=PositionReflex())),
     "T": Case("threshold .1", ReflexJoint(SINE, reflex_gain=GAIN, reflex=StretchReflex(threshold=0.1))),
     "W": Case(
         "slow muscle, late",

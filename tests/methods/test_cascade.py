@@ -267,6 +267,14 @@ def test_both_pathways_are_found(case):
     assert model.inertia.mean() == pytest.approx(0.02, rel=0.06)
 
 
+def test_a_constant_fit_of_a_joint_that_changes_is_said_to_be_one():
+    with pytest.warns(tv.DataQualityWarning, match="cascade: stiffness or viscosity change over a realization"):
+        model = tv.JointCascade(constant=True).identify(simulated("A", 40)[0])
+    assert np.ptp(model.stiffness) == 0
+    assert not tv.JointCascade().time_invariant
+    assert tv.JointCascade(harmonics=(0, 0, 0)).time_invariant
+
+
 def test_no_reflex_is_invented():
     ensemble, truth = simulated("C", 40)
     with pytest.warns(tv.DataQualityWarning, match="cascade: no reflex is shown"):

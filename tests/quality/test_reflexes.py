@@ -72,6 +72,15 @@ def test_real_ankles_in_contraction_have_a_reflex(recordings, record, stiffness,
     assert low < test.stiffness[1] < high < test.stiffness[0]
 
 
+@pytest.mark.parametrize("gain", [0.0, 4.0])
+def test_a_joint_that_changes_is_told_from_one_that_does_not(gain):
+    for profile, changing in ((tv.simulate.SineWave(), True), (tv.simulate.Constant(100.0), False)):
+        system = tv.simulate.ReflexJoint(profile, reflex_gain=gain)
+        recording = system.simulate(40.0, perturbation=tv.simulate.PRBS(), snr_db=10, seed=1).recording
+        ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
+        assert reflexes.changes(ensemble) == changing
+
+
 def test_its_probabilities_are_those_of_plain_least_squares(monkeypatch, random):
     """12 realizations, each third predicted from the others."""
     monkeypatch.setattr(reflexes, "BLOCKS", 3)

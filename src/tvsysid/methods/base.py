@@ -17,6 +17,7 @@ from tvsysid.errors import DataQualityWarning, InputError, describe_error, plain
 from tvsysid.models import Model
 from tvsysid.numerics.spectra import power_shares
 from tvsysid.quality.catalogue import FAULTS
+from tvsysid.quality.reflexes import changes
 from tvsysid.quality.statistics import LEAST_POWER, MOSTLY_NEGATIVE, mean_left, still_samples
 from tvsysid.signals import Ensemble
 
@@ -97,6 +98,7 @@ class Method(ABC):
             *model.diagnostics.warnings,
             *self._own_warnings(ensemble),
             *_common_warnings(ensemble, model, *self._needed_band(ensemble), self.takes_deviations),
+            *(_changing(ensemble) if self.time_invariant else ()),
         )
         details = {**model.diagnostics.details, **aligned(ensemble)}
         diagnostics = replace(model.diagnostics, warnings=texts, seconds=perf_counter() - started, details=details)
@@ -276,6 +278,19 @@ def check_choice(method: object, name: str, allowed: object) -> None:
 AGREES = 95.0  # second-order agreement in per cent below which a joint is not of second order; simulated ones reach 99
 CERTAIN = 2.0  # standard errors by which it must lie lower
 EXCITED_ABOVE = 1.0  # Hz above which viscosity and inertia show beside a joint's stiffness at all
+
+
+def _changing(ensemble: Ensemble) -> Iterator[str]:
+    """What is to be said of a joint that changes, where the method takes it as constant."""
+    try:
+        changing = changes(ensemble)
+    except InputError:  # realizations are too short to see it
+        return
+    if changing:
+        yield (
+            "stiffness or viscosity change over a realization (p < 0.0001), and this method takes the joint as "
+            "constant: what it finds is some mean; use one that follows changes"
+        )
 
 
 def _common_warnings(

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
 from scipy.special import stdtr, stdtrit
 
 from tvsysid.errors import InputError
@@ -19,6 +20,7 @@ ENOUGH = 1e-4  # probability below which it is not taken for chance
 SURE = 0.95  # probability with which the share that a reflex predicts is larger than the one given
 BLOCKS = 5  # of neighbouring realizations, each predicted from the others: slow noise is alike in neighbours
 HARMONICS = 8  # of the realization's duration with which stiffness and viscosity vary
+SLOWEST = 2  # harmonics by which a change is found
 REACH = 0.04  # s to either side that the intrinsic response lasts
 SOONEST, LATEST, SHAPES = 0.04, 0.33, 8  # lags in s of the reflex's response, and the triangles that make it up
 USUAL_MUSCLE = (16.0, 0.8)  # frequency in rad/s and damping of the muscle of the reflex that is tested for
@@ -51,14 +53,16 @@ class ReflexTest(NamedTuple):
 class _Moments(NamedTuple):
     """Second moments in each realization of regressors (grams), with the torque (moments), and of the torque (squares).
 
-    The first regressors are the joint's, ``mean`` of which gives its mean stiffness; then come those of late answers to
-    positive velocity, and to negative velocity: the triangles, from which any response is made.
+    The first regressors are the joint's, ``mean`` of which gives its mean stiffness, modulated by these
+    ``harmonics`` of the realization's duration; then come those of late answers to positive velocity, and to negative
+    velocity: the triangles, from which any response is made.
     """
 
     grams: Array
     moments: Array
     squares: Array
     mean: Array
+    harmonics: NDArray[np.int64]
 
     def columns(self, *late: Array) -> Array:
         """Columns of a model, as mixtures of the regressors: the joint's, and these of the late answers."""
@@ -101,11 +105,28 @@ def reflex_test_of(ensemble: Ensemble) -> ReflexTest:
 
     As :func:`reflex_test`, of the deviations from the mean over realizations.
     """
+    return _reflex_test(_moments_of(ensemble))
+
+
+def changes(ensemble: Ensemble) -> bool:
+    """Whether stiffness or viscosity change over a realization, by the first harmonics of it, beside any reflex.
+
+    Tested as :func:`reflex_test` does, with the same error where realizations are too short.
+    """
+    sums = _moments_of(ensemble)
+    every = sums.columns(*_answers())
+    constant, changing = (
+        sums.weights_of_others(np.delete(every, np.flatnonzero(sums.harmonics > most), axis=1)) for most in (0, SLOWEST)
+    )
+    return _above_zero(sums.added(constant, changing))[0] < ENOUGH
+
+
+def _moments_of(ensemble: Ensemble) -> _Moments:
     order, recorded = np.concatenate(ensemble.runs), ensemble.angle_as_recorded
     velocity, ratio = recorded_velocity(recorded[order], ensemble.sampling_rate), recorded.shape[-1]
     stretches = stretch(velocity, ratio), stretch(velocity, ratio, direction=-1)
     angle, torque = ((each - each.mean(axis=0))[order] for each in (ensemble.angle, ensemble.torque))
-    return reflex_test(angle, torque, stretches, ensemble.core, ensemble.sampling_rate)
+    return _moments(angle, torque, stretches, ensemble.core, ensemble.sampling_rate)
 
 
 def reflex_test(angle: Array, torque: Array, stretches: tuple[Array, Array], core: slice, rate: float) -> ReflexTest:
@@ -142,9 +163,11 @@ def reflex_test(angle: Array, torque: Array, stretches: tuple[Array, Array], cor
     ----------
     Clark & West 2007, J. Econometrics 138, 291-311: nested models by what they predict.
     """
-    sums = _moments(angle, torque, stretches, core, rate)
-    usual = _usual_response()
-    positive, negative = np.concatenate([usual, 0 * usual]), np.concatenate([0 * usual, usual])
+    return _reflex_test(_moments(angle, torque, stretches, core, rate))
+
+
+def _reflex_test(sums: _Moments) -> ReflexTest:
+    positive, negative = _answers()
     models = [(), (positive + negative,), (positive, negative), (positive,), (negative,)]
     none, linear, both, *directed = (sums.weights_of_others(sums.columns(*late)) for late in models)
     errors = [sums.errors(weights) for weights in directed]
@@ -162,11 +185,12 @@ def reflex_test(angle: Array, torque: Array, stretches: tuple[Array, Array], cor
     )
 
 
-def _usual_response() -> Array:
-    """Heights of the triangles that make up the response of a usual muscle."""
+def _answers() -> tuple[Array, Array]:
+    """Heights of the triangles of both velocities that make up a usual muscle's answer to the one, and to the other."""
     frequency, damping = USUAL_MUSCLE
     late = np.linspace(0, LATEST - SOONEST, SHAPES)
-    return np.asarray(np.exp(-damping * frequency * late) * np.sin(frequency * math.sqrt(1 - damping**2) * late))
+    usual = np.exp(-damping * frequency * late) * np.sin(frequency * math.sqrt(1 - damping**2) * late)
+    return np.concatenate([usual, 0 * usual]), np.concatenate([0 * usual, usual])
 
 
 def predicts_better(errors: Array, others: Array) -> tuple[float, float]:
@@ -217,7 +241,8 @@ def _moments(angle: Array, torque: Array, stretches: tuple[Array, Array], core: 
         varying = [waves * angle[each, times, None], waves * velocity[each]]
         rows = np.concatenate([near[each], *varying, *(drive[each] @ triangles for drive in late)], axis=1)
         grams[each], moments[each] = rows.T @ rows, torque[each, times] @ rows
-    return _Moments(grams, moments, np.sum(torque[:, times] ** 2, axis=1), mean)
+    harmonics = np.concatenate([np.zeros(wide, dtype=np.int64), np.tile(np.arange(1, HARMONICS + 1), 4)])
+    return _Moments(grams, moments, np.sum(torque[:, times] ** 2, axis=1), mean, harmonics)
 
 
 def _windows(signal: Array, width: int, first: int, stop: int) -> Array:

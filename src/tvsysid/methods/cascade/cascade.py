@@ -135,6 +135,11 @@ class JointCascade(base.Method):
         if self.emg is not None:
             object.__setattr__(self, "inputs", (base.Input(self.emg, "input", "V"),))
 
+    @property
+    def time_invariant(self) -> bool:  # type: ignore[override]
+        """Whether the settings take the joint as constant."""
+        return self.constant is True or not any(self.harmonics[:2])
+
     def _identify(self, ensemble: Ensemble) -> TwoPathwayModel:
         return result.model(repr(self), *self.solved(ensemble))
 

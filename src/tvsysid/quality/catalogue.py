@@ -293,7 +293,7 @@ FAULTS: dict[str, Fault] = {
     "reflex": Fault(
         "A reflex answers stretch",
         "share of the residual torque that velocity of one direction 40 to 330 ms earlier predicts at least (with 95 % "
-        "certainty), beyond that of the other",
+        "certainty), beyond what both directions do alike",
         0.1,
         "%",
         "methods with one pathway take the reflex's torque for the joint's own: stiffness and inertia come out too "

@@ -29,9 +29,8 @@ def test_a_joint_that_rings_tells_its_stiffness(ringing):
         model = MODAL.identify(ensemble)
         known = np.isfinite(model.stiffness)
         assert known.mean() > 0.9
-        # The window is known to take 1.5 N·m/rad of stiffness and 0.2 N·m·s/rad of viscosity at this damping.
         assert np.abs(model.stiffness[known] - 100.0).mean() < 3.0
-        assert np.mean(model.viscosity[known]) == pytest.approx(1.12, abs=0.05)
+        assert np.mean(model.viscosity[known]) == pytest.approx(1.3, rel=0.06)
         np.testing.assert_allclose(model.inertia[known], 0.1, rtol=2e-3)
         lower, upper = model.estimates["stiffness"].band()
         banded = np.isfinite(lower)

@@ -316,7 +316,10 @@ def test_description():
     assert (mine.title, mine.assumptions) == ("My fit", ("All is well.",))
     assert mine.settings[:3] == ("window = 0.1", "order = 3", "band = (0.0, 20.0)")
     assert describe("needy").settings == ("window (must be given)", "order (must be given)")
-    assert describe("mine_for_tests:Plain") == ("Plain", "repeated behaviour", (), ("gain = 1.0", "label = 'none'"))
+    assert describe("mine_for_tests:Plain") == (
+        *("Plain", "repeated behaviour", (), ("stiffness", "viscosity", "inertia"), ()),
+        ("gain = 1.0", "label = 'none'"),
+    )
     assert describe("ready").settings == ()
 
 

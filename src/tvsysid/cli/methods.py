@@ -7,22 +7,27 @@ from tvsysid.errors import InputError
 
 
 def methods() -> None:
-    """List the methods by what they are for, with their assumptions and settings."""
-    from tvsysid.methods import clashes, describe, names
+    """List the methods by what they are for, with what they need, report and assume, and their settings."""
+    from tvsysid.methods import CLOSED_LOOP, clashes, describe, names
 
     groups: dict[str, list[tuple[str, ...]]] = {}
-    for key in names():
+    for text in (*names(), *CLOSED_LOOP):
         try:
-            title, purpose, assumptions, settings = describe(key)
+            told = describe(text)
         except InputError as error:
-            groups.setdefault("Cannot be loaded", []).append((key, str(error), "", ""))
+            groups.setdefault("Cannot be loaded", []).append((text, str(error), "", ""))
             continue
-        row = (key, title, "\n".join(f"- {text}" for text in assumptions), "\n".join(settings))
-        groups.setdefault(f"For {purpose}", []).append(row)
-    for group, rows in groups.items():
-        show_table(group, ["key", "method", "assumes", "settings and defaults"], rows, "llll", lines=True)
+        needs = f"\nneeds {'; '.join(told.needs)}" if told.needs else ""
+        about = f"{told.title}{needs}\nreports {', '.join(told.reports)}"
+        row = (text.replace(":", ":\n").replace(",", ",\n"), about, "\n".join(f"- {each}" for each in told.assumptions))
+        groups.setdefault(f"For {told.purpose}", []).append((*row, "\n".join(told.settings)))
+    order = [f"For {each}" for each in ("repeated behaviour", "two pathways", "closed loops")]
+    for group in (*order, *(each for each in groups if each not in order)):
+        headings = ["key", "method", "assumes", "settings and defaults"]
+        show_table(group, headings, groups[group], "llll", lines=True)
     say(
-        "Durations are in s, frequencies in Hz. Settings follow the key: sds:window=0.2,max_lag=0.1\n"
+        "Beside realizations of angle and torque. Durations are in s, frequencies in Hz. Settings follow the key: "
+        "sds:window=0.2,max_lag=0.1\n"
         "kbr also takes preset=simulation (the default) or preset=experiment: the paper's settings for either study.\n"
         "A method of your own is module:Class or module:Class:setting=value; tvsysid check-method checks it."
     )

@@ -13,6 +13,7 @@ from tvsysid.methods.kbr.kbr import KernelRegression
 from tvsysid.methods.modal import ModalDecomposition
 from tvsysid.methods.parallel_cascade import ParallelCascade
 from tvsysid.methods.plugins import (
+    CLOSED_LOOP,
     DEFAULT_METHODS,
     METHODS,
     clashes,
@@ -34,6 +35,7 @@ from tvsysid.methods.subspace_cascade import SubspaceCascade
 from tvsysid.methods.tuning.evidence import Evidence, Tuned
 
 __all__ = [
+    "CLOSED_LOOP",
     "DEFAULT_METHODS",
     "METHODS",
     "AdaptiveRegression",

@@ -20,9 +20,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tvsysid.errors import InputError, describe_error, one_line
+from tvsysid.estimates import IMPEDANCE
 from tvsysid.methods.adaptive.adaptive import AdaptiveRegression
 from tvsysid.methods.apply import Identifies
-from tvsysid.methods.base import Method, inputs_of, special
+from tvsysid.methods.base import Method, inputs_of, names_said, said_by, scheduled_by, special
 from tvsysid.methods.basis_cascade import BasisCascade
 from tvsysid.methods.birf import BasisIRF
 from tvsysid.methods.cascade.cascade import JointCascade
@@ -67,6 +68,12 @@ DEFAULT_METHODS = (
     "esm",
     "kbr",
 )  # of one pathway, for repeated behaviour: what people begin with
+CLOSED_LOOP = (
+    "sds:reference=disturbance",
+    "esm:stiffness=fit,reference=disturbance",
+    "birf:reference=disturbance",
+    "kbr:reference=disturbance,weighting=residual",
+)  # methods as they serve a joint in closed loop, whose disturbance is the channel of this name
 GROUP = "tvsysid.methods"  # of entry points under which a package offers its methods
 VERBS = {  # what an object of each kind must have, and how it is written
     "method": ("identify", "identify(self, ensemble) that returns a model with stiffness and predict(ensemble)"),
@@ -77,10 +84,12 @@ VERBS = {  # what an object of each kind must have, and how it is written
 
 
 class Description(NamedTuple):
-    """What there is to say about a method: what it is for, and settings as ``name = default``."""
+    """What there is to say about a method: what it is for, needs and reports; settings as ``name = default``."""
 
     title: str
     purpose: str
+    needs: tuple[str, ...]
+    reports: tuple[str, ...]
     assumptions: tuple[str, ...]
     settings: tuple[str, ...]
 
@@ -269,9 +278,15 @@ def key_of(text: str) -> str:
     return _split(text)[0]
 
 
-def describe(key: str) -> Description:
-    """Title, assumptions and settings of a method, as far as it states them; key and errors as for :func:`create`."""
-    target = _target(key, "method")
+def describe(text: str) -> Description:
+    """Title, assumptions and settings of a method, as far as it states them; text and errors as for :func:`parse`.
+
+    Examples
+    --------
+    >>> describe("birf:reference=disturbance")[1:3]
+    ('closed loops', ("the disturbance that was applied (channel 'disturbance')",))
+    """
+    target = _target(key_of(text), "method")
     kind = target if isinstance(target, type) else type(target)
     stated = getattr(target, "assumptions", ())
     assumptions = stated if isinstance(stated, Iterable) and not isinstance(stated, str) else [stated]
@@ -279,13 +294,14 @@ def describe(key: str) -> Description:
     made = None
     if isinstance(target, type):
         with suppress(InputError):  # it needs settings that have no default
-            made = create(key)
+            made = parse(text)
         for name, item in _settings_of(target)[0].items():
             default = getattr(made, name, item.default)
             settings.append(f"{name} (must be given)" if item.default is item.empty else f"{name} = {default!r}")
-    purpose = _purpose(target if made is None else made)
+    method = target if made is None else made
     title = str(getattr(target, "title", kind.__name__))
-    return Description(title, purpose, tuple(map(str, assumptions)), tuple(settings))
+    about = _purpose(method), _needs(method), _reports(method)
+    return Description(title, *about, tuple(map(str, assumptions)), tuple(settings))
 
 
 def _purpose(method: object) -> str:
@@ -294,10 +310,34 @@ def _purpose(method: object) -> str:
         return "special perturbations"
     kinds = {item.kind for item in inputs_of(method)}
     if "reference" in kinds:
-        return "closed loop"
+        return "closed loops"
     if "scheduling" in kinds:
-        return "behaviour that follows a measured variable"
+        return "a measured variable that is followed"
     return "two pathways" if len(getattr(method, "pathway_names", ())) > 1 else "repeated behaviour"
+
+
+NEEDS = {
+    "reference": "the disturbance that was applied (channel {0.name!r})",
+    "scheduling": "a scheduling variable (channel {0.name!r})",
+    "input": "the channel {0.name!r}, in {0.unit}",
+}
+
+
+def _needs(method: object) -> tuple[str, ...]:
+    """What a method needs beside angle and torque of realizations."""
+    needs = [NEEDS[item.kind].format(item) for item in inputs_of(method)]
+    if perturbed := special(method, "perturbation"):
+        needs.append(f"a perturbation of this kind: {perturbed}")
+    if said_by(method, "contiguous", "true or false", bool):
+        needs.append("realizations that follow each other")
+    return (*needs, "EMG, if emg= names its channel") if getattr(method, "emg", "") is None else tuple(needs)
+
+
+def _reports(method: object) -> tuple[str, ...]:
+    """Quantities that a method estimates, and pathways."""
+    several = len(getattr(method, "pathway_names", ())) > 1
+    quantities = dict.fromkeys((*IMPEDANCE, *names_said(method, "quantities"), *scheduled_by(method)))
+    return (*quantities, *(["the torque of each pathway"] if several else []))
 
 
 def _target(key: str, what: str) -> Any:

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from tvsysid.methods import CLOSED_LOOP
+
 OPEN = ("sds", "esm:stiffness=fit", "birf", "kbr", "kbr:weighting=residual")
-CLOSED = (
-    "sds:reference=disturbance",
-    "esm:stiffness=fit,reference=disturbance",
-    "birf:reference=disturbance",
-    "kbr:reference=disturbance,weighting=residual",
-)
+CLOSED = CLOSED_LOOP
 """Of the methods above, in their order, but for ``kbr`` with white weighting."""
 ACTUATORS = (30.0, 100.0, 300.0, 1000.0)  # N·m/rad
 IMPOSED = 1e5  # N·m/rad, so stiff that the loop counts as open

@@ -1,0 +1,97 @@
+"""What is said of closed loops, against made-up figures; and a study of them, drawn."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from tvsysid import studies
+from tvsysid.studies import closed_loop, reflex, van_de_ruit_2021
+from tvsysid.studies.closed_loop.claims import scenario
+from tvsysid.studies.closed_loop.presets import ACTUATORS, CLOSED, IMPOSED, LONG, OPEN, SNR
+from tvsysid.study import Study, by_full_name, run, score, summarize
+
+METHODS = (*OPEN, *CLOSED)
+METRICS = ("mean_bias", "random_error", "coverage")
+SCENARIOS = [scenario(actuator, noise) for noise in SNR for actuator in (*ACTUATORS, IMPOSED)]
+SCENARIOS.append(scenario(100.0, 5.0, LONG))
+
+
+def as_told(place, method, metric):
+    """What would bear out every claim."""
+    slow = "noise_bandwidth=40" not in place.system
+    if metric == "mean_bias":
+        return (-24.0 if slow else -2.0) if method in OPEN else 0.5
+    if metric == "coverage":
+        return 94.0
+    return 5.0 if slow and "weighting" in method else 10.0
+
+
+def verdicts(told=as_told, scenarios=SCENARIOS, trials=10):
+    value = np.array([[[told(s, method, metric) for metric in METRICS] for method in METHODS] for s in scenarios])
+    replicates = value[..., None] * (1 + 0.01 * np.random.default_rng(1).standard_normal((*value.shape, 200)))
+    dims = ("scenario", "method_key", "metric")
+    scores = xr.Dataset(
+        {
+            "value": (dims, value),
+            "replicates": ((*dims, "draw"), replicates),
+            "trials": (dims[:2], np.full(value.shape[:2], trials)),
+        },
+        coords={"scenario": [s.label for s in scenarios], "method_key": list(METHODS), "metric": list(METRICS)},
+    )
+    return closed_loop.judge(scores)
+
+
+def changed(method, metric, value, where=SCENARIOS):
+    def told(place, *what):
+        return value if what == (method, metric) and place in where else as_told(place, *what)
+
+    return told
+
+
+SOFT = [place for place in SCENARIOS if f"actuator_stiffness={IMPOSED:g}" not in place.system]
+SLOW = [place for place in SOFT if "noise_bandwidth=5" in place.system and place.duration_s != LONG]
+WIDE = [place for place in SOFT if "noise_bandwidth=40" in place.system]
+
+
+def test_claims_hold_where_figures_are_as_told():
+    table = verdicts()
+    assert set(table.verdict) == {"holds"}, table[["claim", "verdict", "finding"]].to_string()
+    assert set(verdicts(trials=5).verdict) == {"undecided"}
+    assert set(verdicts(scenarios=[SCENARIOS[0]._replace(perturbation="other")]).verdict) == {"not studied"}
+
+
+@pytest.mark.parametrize(
+    ("told", "claim"),
+    [
+        (changed("sds", "mean_bias", -9.0, SLOW[:1]), "Without a reference slow noise"),
+        (changed("birf", "mean_bias", -12.0, SCENARIOS[-1:]), "A longer record does not mend it"),
+        (changed("kbr", "mean_bias", -9.0, WIDE), "Noise up to 40 Hz at 10 dB"),
+        (changed(CLOSED[2], "mean_bias", -9.0, SLOW), "A reference frees of it"),
+        (changed(CLOSED[3], "coverage", 70.0), "The bands of kbr with a reference"),
+        (changed(CLOSED[1], "random_error", 30.0), "Where the angle is imposed"),
+        (changed("kbr:weighting=residual", "random_error", 10.0), "Weighting by the residual"),
+    ],
+)
+def test_one_figure_speaks_against_each_claim(told, claim):
+    table = verdicts(told).set_index("claim").verdict
+    wrong = table.index[table == "does not hold"]
+    assert len(wrong) == 1
+    assert wrong[0].startswith(claim)
+
+
+def test_a_study_of_loops_is_drawn_and_held_against_them():
+    preset = closed_loop.PRESETS["closed-loop"]
+    given = {name: preset[name] for name in ("stiffness", "perturbation", "subtract_mean")}
+    systems = [each.system for each in (WIDE[0], WIDE[1])]
+    results = run(Study(**given, system=systems, duration_s=20, trials=2, methods=["birf", CLOSED[2]]), workers=1)
+    assert studies.published(results) is closed_loop.LITERATURE
+    assert reflex.published(results) is None
+    summary = by_full_name(summarize(score(results)))
+    shown = closed_loop.loop_figures(results, summary)
+    assert list(shown) == ["bias-40Hz", "comparison-40Hz", "coverage-40Hz"]
+    axes = shown["bias-40Hz"].draw().axes[0]
+    assert [float(tick.get_text()) for tick in axes.get_xticklabels()] == [30, 100]
+    assert f"{CLOSED[2]}: " in shown["bias-40Hz"].description
+    assert shown["comparison-40Hz"].draw().axes[0].lines
+    assert shown["coverage-40Hz"].draw().axes[0].lines
+    assert van_de_ruit_2021.preset("closed-loop", studies.PRESETS, trials=2).trials == 2

@@ -3,6 +3,7 @@
 import gc
 import multiprocessing
 import os
+import shutil
 import signal
 import sys
 from contextlib import nullcontext
@@ -22,6 +23,11 @@ from tvsysid.estimates import IMPEDANCE
 # those that tests start.
 threadpool_limits(1)
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+# Studies write thousands of small files, each synchronized with its disk: less work where files live in memory.
+MEMORY = "/dev/shm"
+if os.access(MEMORY, os.W_OK) and shutil.disk_usage(MEMORY).free > 2 * 2**30:
+    os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", MEMORY)
 
 settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=25)
 settings.load_profile("repeatable")
@@ -126,7 +132,7 @@ def undrawn(monkeypatch):
 @pytest.fixture
 def few_groups(monkeypatch):
     """What aligning does is found from fewer identifications; `test_alignment.py` has all."""
-    monkeypatch.setattr("tvsysid.study.alignment.GROUPS", 3)
+    monkeypatch.setattr("tvsysid.study.alignment.GROUPS", 3)  # as in `study/recorded/conftest.py`
 
 
 @pytest.fixture

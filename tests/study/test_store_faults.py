@@ -242,7 +242,7 @@ class Misfortunes(RuleBasedStateMachine):
 
     @initialize()
     def begin(self):
-        self.folder = Path(tempfile.mkdtemp())
+        self.folder = Path(tempfile.mkdtemp(dir=os.environ.get("PYTEST_DEBUG_TEMPROOT")))
         self.path = self.folder / "results.zarr"
 
     def teardown(self):

@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 import xarray as xr
 from scipy.io import savemat
-from tests.study.recorded.conftest import READING, SHORT, SMALL, trial, write_trials
+from tests.study.recorded.conftest import GROUPS, READING, SHORT, SMALL, trial, write_trials
 
 import tvsysid as tv
 from tvsysid.preprocess import block_weights, bootstrap_weights
-from tvsysid.study import Experiment, of_quantity, prepared_recordings, read_results, run, summarize
+from tvsysid.study import Experiment, alignment, of_quantity, prepared_recordings, read_results, run, summarize
 from tvsysid.study.contents import RECORDINGS
+
+pytestmark = pytest.mark.usefixtures("few_groups")
 
 TIMES = ["seconds", "checksums"]
 
@@ -186,12 +188,17 @@ def test_a_doubt_is_told_once_with_how_often_it_was_met(small):
     assert "(4 of 4 draws)" in text
 
 
+def run_small(path, workers):
+    alignment.GROUPS = GROUPS
+    run(Experiment(**SMALL), store=path, workers=workers)
+
+
 @pytest.mark.slow
 def test_killed_at_any_moment_it_goes_on_with_the_same_results(small, tmp_path, forking):
     path = tmp_path / "results.zarr"
     random = np.random.default_rng(0)
     for workers in (1, 2, 1):
-        process = forking.Process(target=run, args=(Experiment(**SMALL),), kwargs={"store": path, "workers": workers})
+        process = forking.Process(target=run_small, args=(path, workers))
         process.start()
         before = tasks_in(path)
         while tasks_in(path) == before and process.exitcode is None:  # it is under way when a task is done

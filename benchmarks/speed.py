@@ -20,7 +20,7 @@ import sys
 import tracemalloc
 import warnings
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from time import perf_counter, process_time
@@ -49,6 +49,7 @@ RAW_RATE = 1000.0
 PERIOD = 2.0
 DURATION = 600.0
 BAND_DURATION = 150.0
+MOVING = 106.0
 TENFOLD = 6000.0
 LAGS = 12
 HALF = 5
@@ -99,6 +100,8 @@ def cases() -> Iterator[Case]:
     for name, method in (("kbr", tv.KernelRegression()), ("kbr, decaying kernel", decaying)):
         for duration in (20.0, 40.0):
             yield Case(name, method, duration, partial(plain_kbr, method=method), long=duration > 20)
+    yield Case("lpv", tv.ScheduledIRF(), MOVING)
+    yield Case("lpvkbi", tv.ScheduledImpedance(), MOVING)
 
 
 def methods_table(quick: bool) -> Table:
@@ -239,7 +242,9 @@ def simulation(duration: float, perturbation: Any = None) -> tv.simulate.Simulat
 
 
 def simulated(duration: float) -> tv.Ensemble:
-    return tv.preprocess.segment(tv.preprocess.decimate(simulation(duration).recording, RATE), PERIOD)
+    recording = simulation(duration).recording
+    slowly = {"scheduling": np.sin(2 * np.pi * 0.1 * recording.time)}
+    return tv.preprocess.segment(tv.preprocess.decimate(replace(recording, channels=slowly), RATE), PERIOD)
 
 
 def bare_simulation(duration: float, perturbation: Any) -> None:
@@ -256,11 +261,15 @@ def bare_simulation(duration: float, perturbation: Any) -> None:
 
 
 def needed_product(method: tv.methods.Method, ensemble: tv.Ensemble) -> Call:
-    """Second moments over realizations; for the kernel regression, the Gram matrix of its regressors."""
+    """Second moments over realizations; for methods with regressors, their Gram matrix."""
     if isinstance(method, tv.KernelRegression):
         columns = 3 * method.identify(ensemble).kernel.columns + plain.EXTERNAL_TERMS
         bins = round((method.band[1] - method.band[0]) * len(ensemble) * ensemble.duration) + 1
         regressors = np.random.default_rng(1).standard_normal((columns, 2 * bins))
+        return lambda: regressors @ regressors.T
+    if isinstance(method, tv.ScheduledIRF | tv.ScheduledImpedance):
+        columns = round(method.identify(ensemble).diagnostics.parameters)
+        regressors = np.random.default_rng(1).standard_normal((columns, len(ensemble) * ensemble.samples))
         return lambda: regressors @ regressors.T
     used = slice(ensemble.context - REACH, ensemble.context + ensemble.samples + REACH)
     u = np.ascontiguousarray(ensemble.angle[:, used])

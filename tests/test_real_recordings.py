@@ -209,6 +209,44 @@ def test_stiffness_rises_with_the_ankle_angle(moving):
 
 
 @pytest.fixture(scope="module")
+def ankle(moving):
+    """All of the record as one realization, decimated in two steps, as one lets torque of 50 Hz pass."""
+    signals = {"angle": "io.posPert1", "torque": "io.tqPert1", "channels": {"scheduling": SCHEDULING}}
+    recording = tv.read_recording(moving, sampling_rate=1000, torque_sign=-1, **signals)
+    return tv.preprocess.segment(tv.preprocess.decimate(tv.preprocess.decimate(recording, 200), 100), None)
+
+
+ANGLES = np.array([-0.40, -0.30, -0.20, -0.10, 0.0, 0.10, 0.20])
+# Stiffness with two standard deviations, by independent fits.
+FOLLOWS = {
+    "lpv": ([14.9, 8.1, 7.7, 13.6, 26.0, 44.7, 69.8], [2.0, 1.2, 1.4, 1.5, 1.4, 1.8, 3.2], 92.0),
+    "lpvkbi": ([14.9, 7.8, 7.3, 13.4, 26.1, 45.4, 71.2], [1.9, 1.1, 1.2, 1.3, 1.2, 1.5, 2.9], 91.0),
+    "lpv:reflex=false": ([20.3, 12.8, 13.0, 21.1, 36.9, 60.6, 92.1], [1.9, 1.0, 1.1, 1.2, 1.2, 1.6, 2.9], 81.5),
+}
+
+
+@pytest.mark.parametrize("key", FOLLOWS)
+def test_a_moving_ankle_follows_its_angle(ankle, key):
+    expected, deviation, least = FOLLOWS[key]
+    with pytest.warns(tv.DataQualityWarning, match=r"scheduling is below -0.306 in the third of 5 parts of the record"):
+        model = tv.methods.parse(key).identify(ankle)
+    assert model.diagnostics.details["vaf_folds"] > least
+    found = model.at(ANGLES)
+    assert (np.abs(found["stiffness"].values - expected) < 2 * np.array(deviation)).all()
+    if "reflex_gain" in found:
+        assert model.diagnostics.details["direction"] == 1
+        np.testing.assert_allclose(found["reflex_gain"].values, [3.0, 3.1, 3.5, 4.1, 4.8, 5.7, 6.8], atol=0.8)
+
+
+def test_an_order_that_is_too_high_for_a_moving_ankle_is_told(ankle):
+    with (
+        pytest.warns(tv.DataQualityWarning, match="the order is too high for this record"),
+        pytest.warns(tv.DataQualityWarning, match="in the third of 5 parts"),
+    ):
+        tv.ScheduledImpedance(order=5, reflex_order=5).identify(ankle)
+
+
+@pytest.fixture(scope="module")
 def walker(recordings_folder):
     """Experiment on 40 of the walking record's cycles: eirf with short lags, for these are few."""
     short = {"name": "eirf", "method": "eirf:max_lag=0.04"}

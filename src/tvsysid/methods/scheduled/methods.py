@@ -26,6 +26,7 @@ POOR = 60.0  # per cent of the torque's variance held out below which the model 
 LOST = 5.0  # per cent by which folds held out may be worse than the fit itself
 ORDINALS = ("first", "second", "third", "fourth", "fifth")
 MISSING = 0.5  # share of the samples that may have no past
+FAR = 0.05  # share of the variable's range by which a fold must go beyond that of the others to be worth a warning
 ALONE = 0.02  # share of a fold's samples that the others' range may lack
 
 
@@ -286,15 +287,16 @@ def _explained(torque: Array, part: Array) -> float:
 
 
 def _warnings(fit: Fit, details: dict[str, float]) -> Iterator[str]:
-    rows, name = fit.rows, fit.structure.variable
+    rows, (low, high), name = fit.rows, fit.structure.limits, fit.structure.variable
     for number, fold in enumerate(rows.folds):
         own, others = rows.variable[fold], np.delete(rows.variable, fold)
-        for beyond, words in ((own < others.min(), "below"), (own > others.max(), "above")):
-            if np.mean(beyond) > ALONE:
-                limit = others.min() if words == "below" else others.max()
+        ends = ("below", others.min() - own, others.min()), ("above", own - others.max(), others.max())
+        for words, beyond, limit in ends:
+            share = float(np.mean(beyond > 0))
+            if share > ALONE and beyond.max() > FAR * (high - low):
                 yield (
                     f"{name} is {words} {limit:.3g} in the {ORDINALS[number]} of {FOLDS} parts of the record only, for "
-                    f"{100 * np.mean(beyond):.0f} % of it: nothing else says how the joint is there"
+                    f"{100 * share:.0f} % of it: nothing else says how the joint is there"
                 )
     if details["vaf"] - details["vaf_folds"] > LOST:
         yield (

@@ -227,18 +227,20 @@ def joint_of(duration, lag=0.0, **settings):
     return tv.preprocess.segment(tv.preprocess.decimate(behind, 100), 2.0, 0.5)
 
 
+LIGHT = (("inertia", 1e-12),)
+
+
+@functools.cache
+def tuned_to_a_joint(order, joint):
+    return tv.KernelRegression(order=order).tuned(joint_of(40, **dict(joint)))
+
+
 @slow
 @pytest.mark.parametrize(
-    ("order", "given", "joint"),
-    [
-        (2, 0, {}),
-        (1, 2, {"inertia": 1e-12}),
-        (1, 0, {"inertia": 1e-12}),
-        (0, 2, {"inertia": 1e-12, "viscosity": 0.0}),
-    ],
+    ("order", "given", "joint"), [(2, 0, ()), (1, 2, LIGHT), (1, 0, LIGHT), (0, 2, (*LIGHT, ("viscosity", 0.0)))]
 )
 def test_as_many_terms_as_the_joint_has(order, given, joint):
-    tuned, evidence = tv.KernelRegression(order=given).tuned(joint_of(40, **joint))
+    tuned, evidence = tuned_to_a_joint(given, joint)
     assert (tuned.order, tuned.lag) == (order, 0.0)
     assert {f"order {other}" for other in range(3) if other != given} <= set(evidence.lines)
 
@@ -264,15 +266,14 @@ def test_a_lag_of_the_torque_is_found():
 
 @slow
 def test_an_order_or_a_lag_must_be_clearly_better(monkeypatch):
-    ensemble = joint_of(40, inertia=1e-12)
-    evidence = tv.KernelRegression().tuned(ensemble).evidence
+    evidence = tuned_to_a_joint(2, LIGHT).evidence
     gain = evidence.values[evidence.chosen] - max(
         value for value, settings in zip(evidence.values, evidence.tried, strict=True) if settings["order"] == 2
     )
     assert evidence.settings["order"] == 1
     assert gain > CLEARLY
     monkeypatch.setattr("tvsysid.methods.kbr.search.CLEARLY", gain + 0.1)
-    assert tv.KernelRegression().tuned(ensemble).method.order == 2
+    assert tv.KernelRegression().tuned(joint_of(40, **dict(LIGHT))).method.order == 2
 
 
 @slow

@@ -6,10 +6,9 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from tests.experimental import claims, exclusions_of, experiment_of, fail, results_of, summary_of
-from tests.report.conftest import ALIGNED, HOSTILE
+from tests.report.conftest import ALIGNED, HOSTILE, pictures
 from tests.report.elements import Elements, section, table
 
-from tvsysid.figures import draw_all
 from tvsysid.report import problems, write_experiment_report
 from tvsysid.report.alignment import notable, sentence
 from tvsysid.report.experiment import metrics, outcome, recordings
@@ -174,7 +173,7 @@ def test_an_unfinished_study_says_so(tmp_path):
     made.results["checksums"].loc[{"analysis": "esm-150"}] = 0
     summary = made.summary[~((made.summary.method == "esm") & (made.summary.realizations == 150))]
     for name, rows, words in (("some", summary, "of which none failed"), ("none", summary[:0], "There is none yet.")):
-        figures = draw_all(experiment_figures(made.results, rows, {}, {}))
+        figures = pictures(experiment_figures(made.results, rows, {}, {}))
         path = tmp_path / f"{name}.html"
         write_experiment_report(path, made.results, rows, claims(), made.exclusions, figures)
         text = Elements(path.read_text()).of("main")[0][1]
@@ -227,7 +226,7 @@ def test_when_everything_failed(tmp_path):
     made = experiment_of(methods=("sds", "esm"))
     failed = fail(made.results, "InputError: nothing to read")
     summary = summary_of(failed)
-    figures = draw_all(experiment_figures(failed, summary, {}, {}))
+    figures = pictures(experiment_figures(failed, summary, {}, {}))
     write_experiment_report(tmp_path / "report.html", failed, summary, claims(), made.exclusions.iloc[:0], figures)
     text = Elements((tmp_path / "report.html").read_text()).of("main")[0][1]
     assert "nan" not in text

@@ -8,11 +8,10 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import xarray as xr
-from tests.report.conftest import HOSTILE
+from tests.report.conftest import HOSTILE, pictures
 from tests.report.elements import Elements, section, table
 from tests.synthetic import claims, results_of, summary_of
 
-from tvsysid.figures import draw_all
 from tvsysid.methods import names
 from tvsysid.report import write_report
 from tvsysid.report.page import number
@@ -186,7 +185,7 @@ def test_results_from_a_store_give_the_same_page(tmp_path, study):
     few.to_zarr(tmp_path / "results.zarr", zarr_format=2)
     with xr.open_zarr(tmp_path / "results.zarr", chunks=None) as stored:
         for name, each in (("one", few), ("two", stored)):
-            write_report(tmp_path / f"{name}.html", each, summary, claims(), draw_all(study_figures(each, summary)))
+            write_report(tmp_path / f"{name}.html", each, summary, claims(), pictures(study_figures(each, summary)))
     assert (tmp_path / "one.html").read_bytes() == (tmp_path / "two.html").read_bytes()
 
 
@@ -201,7 +200,7 @@ def test_constant_and_covarying_viscosity_in_one_study(tmp_path):
         "comparison-square-noise", "coverage-square", "comparison-square-noise-covarying", "coverage-square-covarying",
     ]  # fmt: skip
     assert len({each.title for each in figures.values()}) == 4
-    write_report(tmp_path / "report.html", results, summary, claims(), draw_all(figures))
+    write_report(tmp_path / "report.html", results, summary, claims(), pictures(figures))
     elements = Elements((tmp_path / "report.html").read_text())
     text = table(elements, "Metrics of each method")
     assert "viscosity" in text

@@ -30,7 +30,7 @@ from tvsysid.methods.adaptive.moments import (
     with_torque_less,
 )
 from tvsysid.methods.adaptive.noise import Misfit, Scatter, alike, misfit, scatter, scores
-from tvsysid.methods.adaptive.prior import Axis
+from tvsysid.methods.adaptive.prior import DECIMATOR, USUAL_TAPS, Axis
 from tvsysid.methods.adaptive.reflex import WithReflex, with_reflex
 from tvsysid.models import Diagnostics
 from tvsysid.signals import Array, Ensemble
@@ -104,7 +104,9 @@ class Identification:
         self.independent = signals.realizations[1]
         followed = 1 - len(ensemble.runs) / len(ensemble)
         periodic = followed >= 0.5 and not any(signals.edges)
-        self.axis = Axis(len(self.gram), periodic)
+        recorded = ensemble.recorded_angle
+        taps = USUAL_TAPS if recorded is None else DECIMATOR / recorded.shape[-1]
+        self.axis = Axis(len(self.gram), periodic, taps)
         self.power = floored(self.gram[:, U, U])
 
     def stiffness(self, viscosity: Array | None, variance: Array | None) -> Stiffness:

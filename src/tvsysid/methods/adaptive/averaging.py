@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from tvsysid.methods.adaptive.evidence import Line, Sizes, Smooth, directions, every_sizes
 from tvsysid.methods.adaptive.mixture import LIGHTEST, Candidate, Mixture, mixture_of, path
-from tvsysid.methods.adaptive.placing import Placed, Windows, add, joined, refined, simplified
-from tvsysid.methods.adaptive.prior import roughnesses
+from tvsysid.methods.adaptive.placing import Placed, Windows, add, joined, refined, simplified, total
+from tvsysid.methods.adaptive.prior import JITTERS, Axis, roughnesses
 from tvsysid.methods.adaptive.search import Found, Grid, first_states, found_sets
 from tvsysid.numerics import Array
 from tvsysid.numerics.bands import arc_length
 
 LIKELY, MOST_MODELS = 5.0, 16  # log evidence below the best down to which models count, and how many at most
 MOST_SETS = 8  # of switches that are refined
+COARSELY = 1 / 4  # sample between positions where smears are compared
 
 
 def candidates(smooths: tuple[Smooth, ...], sets: list[Placed]) -> list[Candidate]:
@@ -86,8 +88,37 @@ class Averaged(NamedTuple):
 def averaged(line: Line, mostly_constant: bool = False) -> Averaged:
     """Everything that is likely of a line, weighted by its evidence.
 
-    Of one that is ``mostly_constant``, no switches are searched for where none seems to be there at first.
+    How a step is smeared, by a low-pass before sampling or because realizations switch at different times, is tried
+    where there are steps; the usual low-pass has a prior probability of 1/2. Of a line that is ``mostly_constant``, no
+    switches are searched for where none seems to be there at first.
     """
+    found = _averaged(line, mostly_constant)
+    best = found.candidates[0]
+    if found.probability(_has_none) > 0.5:
+        return found
+    axes = [line.axis._replace(taps=0.0), *(line.axis._replace(jitter=jitter) for jitter in JITTERS)]
+    scores = [_score(best, line, axis) for axis in (line.axis, *axes)]
+    other = int(np.argmax(scores[1:]))
+    if scores[1 + other] - math.log(len(axes)) < scores[0]:
+        return found
+    return _averaged(replace(line, axis=axes[other]), mostly_constant)
+
+
+def _has_none(candidate: Candidate) -> bool:
+    return candidate.sizes is None
+
+
+def _score(best: Candidate, line: Line, axis: Axis) -> float:
+    """Score of a candidate's switches, smeared as on another axis."""
+    smeared = replace(line, axis=axis)
+    smooth = Smooth(smeared, best.smooth.roughness)
+    windows = Windows(smeared, COARSELY)
+    found = refined(Found(best.placed.positions, smooth), windows)
+    return total(simplified(found, smooth, windows), smooth)
+
+
+def _averaged(line: Line, mostly_constant: bool) -> Averaged:
+    """Everything that is likely of a line, steps being smeared as its axis says."""
     smooths = tuple(Smooth(line, each) for each in roughnesses(line.axis))
     windows, sets = Windows(line), list[Placed]()
     grid = Grid(line)

@@ -16,16 +16,15 @@ from tvsysid.numerics import Array
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """Something ``seen`` at each time of an axis, with the ``precision`` (time, time) of its error and a mean ``size``.
+    """Something ``seen`` at each time of an axis, with the ``precision`` (time, time) of its error.
 
-    ``width`` is that of the low-pass through which steps are seen, in units of the usual one.
+    Both count in the mean ``size``.
     """
 
     axis: Axis
     seen: Array
     precision: Array
     size: float
-    width: float = 1.0
 
     @classmethod
     def of(cls, axis: Axis, seen: Array, covariance: Array, size: float) -> Line:
@@ -62,7 +61,7 @@ class Line:
 
     def columns(self, positions: Array) -> Columns:
         """Steps at positions in samples as they are seen, with their products."""
-        steps = self.axis.seen(positions, self.width)
+        steps = self.axis.seen(positions)
         return Columns(positions, steps, self.precision @ steps, self.by_features @ steps, steps.T @ self.weighted)
 
 
@@ -143,6 +142,15 @@ class Products(NamedTuple):
     def take(self, index: NDArray[np.intp]) -> Products:
         """Of some columns."""
         return Products(self.columns.take(index), self.taken[:, index], self.cross[index])
+
+    def put(self, place: int, other: Products, index: int) -> Products:
+        """With another's column in the place of one."""
+        out = self.take(np.arange(len(self.cross)))
+        for mine, theirs in zip(
+            (*out.columns, out.taken, out.cross), (*other.columns, other.taken, other.cross), strict=True
+        ):
+            mine[..., place] = theirs[..., index]
+        return out
 
 
 class Sizes(NamedTuple):

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import stdtr
+from scipy.special import ndtr
 
 from tvsysid.estimates import StandardError
 from tvsysid.methods.adaptive.mixture import Mixture
@@ -16,7 +16,7 @@ from tvsysid.numerics import Array
 from tvsysid.numerics.bands import critical_value, simultaneous_value
 from tvsysid.signals import Ensemble
 
-BISECTIONS = 40
+BISECTIONS = 26
 INSIDE = 1e-3  # share of the usual half width by which a band goes beyond its estimate at least
 
 
@@ -73,18 +73,24 @@ class MixtureError(StandardError):
     def _quantile(self, multiple: Array, freedom: Array) -> Array:
         """Below which the mixture lies with the probability of Student's t below a multiple, (time,)."""
         assert self.mixture is not None
-        weights, means = self.mixture.weights, self.mixture.means
-        spreads, wanted = np.sqrt(self.mixture.variances), stdtr(freedom, multiple)
-        each = means + spreads * multiple[:, None]
-        low = np.where(weights > 0, each, np.inf).min(axis=1)
-        high = np.where(weights > 0, each, -np.inf).max(axis=1)
-        if weights.shape[1] == 1:
-            return np.asarray(low)
-        for _ in range(BISECTIONS):
+        weights, means, variances = self.mixture
+        spreads, wanted, many = np.sqrt(variances), _as_normal(multiple, freedom), freedom[:, None]
+        each = np.where(
+            weights > 0, means + spreads * multiple[:, None], means[:, :1] + spreads[:, :1] * multiple[:, None]
+        )
+        low, high, share = each.min(axis=1), each.max(axis=1), ndtr(wanted)
+        for _ in range(BISECTIONS if weights.shape[1] > 1 else 0):
             middle = (low + high) / 2
-            below = np.sum(weights * stdtr(freedom[:, None], (middle[:, None] - means) / spreads), axis=1)
-            low, high = np.where(below < wanted, middle, low), np.where(below < wanted, high, middle)
+            inside = ndtr(_as_normal((middle[:, None] - means) / spreads, many))
+            below = np.einsum("tc,tc->t", weights, inside)
+            low, high = np.where(below < share, middle, low), np.where(below < share, high, middle)
         return np.asarray((low + high) / 2)
+
+
+def _as_normal(multiple: Array, freedom: Array) -> Array:
+    """Normal deviate of the same probability as Student's t, to 0.2 % (Wallace 1959)."""
+    shrunk = np.sqrt(freedom * np.log1p(multiple**2 / freedom)) * (8 * freedom + 1) / (8 * freedom + 3)
+    return np.asarray(np.copysign(shrunk, multiple))
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)

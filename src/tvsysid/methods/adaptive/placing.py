@@ -31,34 +31,38 @@ class Placed(NamedTuple):
     log_volume: float
 
 
+class Window(NamedTuple):
+    """Products of steps at finely spaced positions beside a smooth part, and their squares."""
+
+    products: Products
+    power: Array
+
+
 class Windows:
-    """Columns at finely spaced positions about places, made once for each place."""
+    """Windows about places where switches may be, made once for each place; positions are so far apart in samples."""
 
-    def __init__(self, line: Line) -> None:
-        self.line = line
+    def __init__(self, line: Line, resolved: float = RESOLVED) -> None:
+        self.line, self.resolved = line, resolved
         self.columns: dict[int, Columns] = {}
-        self.products: dict[tuple[int, int], Products] = {}
+        self.windows: dict[tuple[int, int], Window] = {}
 
-    def about(self, position: float) -> Columns:
-        """Columns about a position."""
+    def beside(self, position: float, smooth: Smooth) -> Window:
+        """Window about a position beside a smooth part."""
         centre = round(position)
-        if centre not in self.columns:
-            reach = round(NEAR / RESOLVED)
-            positions = centre + RESOLVED * np.arange(-reach, reach + 1.0)
-            axis = self.line.axis
-            if axis.periodic:
-                positions = np.mod(positions, axis.times)
-            else:
-                positions = positions[(positions > 0) & (positions <= axis.times - 1)]
-            self.columns[centre] = self.line.columns(positions)
-        return self.columns[centre]
+        key = centre, id(smooth)
+        if key not in self.windows:
+            if centre not in self.columns:
+                self.columns[centre] = self.line.columns(self._about(centre))
+            products = smooth.products(self.columns[centre])
+            self.windows[key] = Window(products, products.diagonal())
+        return self.windows[key]
 
-    def beside(self, position: float, smooth: Smooth) -> Products:
-        """Their products beside a smooth part."""
-        key = round(position), id(smooth)
-        if key not in self.products:
-            self.products[key] = smooth.products(self.about(position))
-        return self.products[key]
+    def _about(self, centre: int) -> Array:
+        reach, axis = round(NEAR / self.resolved), self.line.axis
+        positions = centre + self.resolved * np.arange(-reach, reach + 1.0)
+        if axis.periodic:
+            return np.mod(positions, axis.times)
+        return positions[(positions > 0) & (positions <= axis.times - 1)]
 
 
 def joined(parts: list[Columns]) -> Columns:
@@ -84,50 +88,43 @@ def best_sizes(smooth: Smooth, columns: Columns) -> tuple[Sizes, float]:
 
 def refined(found: Found, windows: Windows) -> Placed:
     """Switches moved to where they are most probable, each beside the others, until none moves."""
-    positions, smooth, line = np.array(found.positions), found.smooth, windows.line
-    if not len(positions):
-        return Placed(positions, line.columns(positions), (), (), 0.0)
-    sizes = best_sizes(smooth, line.columns(positions))[0]
-    count, shares = len(positions), [np.zeros(0)] * len(positions)
-    about = [windows.about(each) for each in positions]
-    volumes = np.zeros(count)
-    for _ in range(SWEEPS):
+    smooth, line, count = found.smooth, windows.line, len(found.positions)
+    own = smooth.products(line.columns(np.array(found.positions)))
+    if not count:
+        return Placed(found.positions, own.columns, (), (), 0.0)
+    sizes = best_sizes(smooth, own.columns)[0]
+    about, shares, volumes = [own.columns] * count, [np.zeros(0)] * count, np.zeros(count)
+    positions = own.columns.positions
+    for _ in range(SWEEPS if count > 1 else 1):
         before = positions.copy()
         for place in range(count):
-            others = np.delete(np.arange(count), place)
-            beside = smooth.products(line.columns(positions[others])) if count > 1 else None
+            others = own.take(np.delete(np.arange(count), place))
             window = windows.beside(positions[place], smooth)
-            value = _values(window, beside, sizes)
-            for other in others:
-                value[distance(line, window.columns.positions, positions[other]) < APART] = -np.inf
+            value = _values(window, others, sizes, line)
             best = int(np.argmax(value))
-            if not math.isfinite(value[best]):
-                continue
-            about[place] = window.columns
-            positions[place] = window.columns.positions[best]
+            own = own.put(place, window.products, best)
+            positions, about[place] = own.columns.positions, window.products.columns
             share = np.exp(value - value[best])
-            volumes[place] = math.log(float(share.sum()) * RESOLVED)
+            volumes[place] = math.log(float(share.sum()) * windows.resolved)
             shares[place] = share / share.sum()
         if np.all(positions == before):
             break
     order = np.argsort(positions)
-    columns = line.columns(positions[order])
-    return Placed(
-        positions[order],
-        columns,
-        tuple(about[k] for k in order),
-        tuple(shares[k] for k in order),
-        float(volumes.sum()),
-    )
+    columns = own.columns.take(order)
+    volume = float(volumes.sum())
+    return Placed(positions[order], columns, tuple(about[k] for k in order), tuple(shares[k] for k in order), volume)
 
 
-def _values(window: Products, others: Products | None, sizes: Sizes) -> Array:
-    """Log evidence for some switches and one more at each position of a window."""
-    if others is None:
-        none = np.zeros((len(window.cross), 0))
-        return one_more(window, np.zeros((0, 0)), np.zeros(0), none, window.diagonal(), sizes)
-    gram = others.between(others)
-    return one_more(window, gram, others.cross, window.between(others), window.diagonal(), sizes)
+def _values(window: Window, others: Products, sizes: Sizes, line: Line) -> Array:
+    """Log evidence for some switches and one more at each position of a window, apart from them."""
+    products = window.products
+    gram, mixed = others.between(others), products.between(others)
+    value = one_more(products, gram, others.cross, mixed, window.power, sizes)
+    for position in others.columns.positions:
+        near = distance(line, products.columns.positions, position) < APART
+        if not near.all():
+            value[near] = -np.inf
+    return value
 
 
 def total(placed: Placed, smooth: Smooth) -> float:

@@ -10,6 +10,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import ndtr
 
 from tvsysid.numerics import Array
 
@@ -18,7 +19,11 @@ AMPLITUDES = (0.02, 0.05, 0.125, 0.3, 0.7)  # of the smooth part, in mean sizes
 SIZES = (0.05, 0.2, 0.8)  # standard deviations of a switch, in mean sizes
 SHORTEST, RATIO = 4.0, 1.6  # length in samples of the roughest smooth part, and from one to the next
 FAINT = 1e-7  # share of the first harmonic's variance below which others are left out
-TAPS = 1.5  # samples to either side over which a low-pass before sampling smears a step
+DECIMATOR = 15  # samples before decimation to either side that its filter reaches
+USUAL_TAPS = 1.5  # samples that it reaches after a decimation by 10
+LOW_PASS = 0.33  # standard deviation in samples of what it smears
+JITTERS = (1.0, 2.0, 4.0)  # samples, that are tried
+HARMONICS = 160  # at most: what is shorter is left out of long realizations
 
 
 class Roughness(NamedTuple):
@@ -35,10 +40,16 @@ class Roughness(NamedTuple):
 
 
 class Axis(NamedTuple):
-    """Samples over which something changes: how many ``times``, and whether the end goes on at the beginning."""
+    """Samples over which something changes: how many ``times``, and whether the end goes on at the beginning.
+
+    ``taps`` are samples to either side over which a low-pass before sampling smears a step, 0 for none; ``jitter`` is
+    the standard deviation in samples of a switch's time from realization to realization: their mean changes gradually.
+    """
 
     times: int
     periodic: bool
+    taps: float = USUAL_TAPS
+    jitter: float = 0.0
 
     @property
     def period(self) -> int:
@@ -48,7 +59,7 @@ class Axis(NamedTuple):
     @property
     def harmonics(self) -> int:
         """What the shortest length needs."""
-        return max(1, int(0.78 * self.period / SHORTEST))
+        return min(HARMONICS, max(1, int(0.78 * self.period / SHORTEST)))
 
     def features(self) -> Array:
         """A constant, and cosines and sines of the harmonics, (time, feature)."""
@@ -56,37 +67,47 @@ class Axis(NamedTuple):
         waves = np.stack([np.cos(turns), np.sin(turns)], axis=2).reshape(self.times, -1)
         return np.concatenate([np.ones((self.times, 1)), waves], axis=1)
 
-    def steps(self, positions: Array) -> Array:
-        """Steps of 1 at positions in samples, (time, position); a sawtooth that jumps by 1 if the end is no end."""
+    def late(self, positions: Array) -> Array:
+        """Samples by which times are later than positions (time, position): at most half of them where they repeat."""
         late = np.arange(self.times)[:, None] - positions
-        if self.periodic:
-            return np.asarray(0.5 - np.mod(late, self.times) / self.times)
-        return np.asarray((late >= 0).astype(np.float64))
+        return np.asarray(np.mod(late + self.times / 2, self.times) - self.times / 2 if self.periodic else late)
 
-    def seen(self, positions: Array, width: float = 1.0) -> Array:
-        """Steps as a recording shows them that was low-passed before it was sampled; ``width`` 0 is none."""
-        out = self.steps(positions)
-        if not width:
-            return out
-        late = np.arange(self.times)[:, None] - positions
-        if self.periodic:
-            late = np.mod(late + self.times / 2, self.times) - self.times / 2
-        near = np.abs(late) < TAPS * width
-        out[near] += smeared(late[near] / width) - (late[near] >= 0)
+    def sharp(self, late: Array) -> Array:
+        """Steps of 1, so many samples late; a sawtooth that jumps by 1 where the end goes on at the beginning."""
+        step = (late >= 0).astype(np.float64)
+        return np.asarray(step - 0.5 - late / self.times if self.periodic else step)
+
+    def steps(self, positions: Array) -> Array:
+        """Steps at positions in samples, on the average of realizations, (time, position)."""
+        late = self.late(positions)
+        out = self.sharp(late)
+        if self.jitter:
+            out += ndtr(late / self.jitter) - (late >= 0)
+        return out
+
+    def seen(self, positions: Array) -> Array:
+        """Steps as they are recorded."""
+        late = self.late(positions)
+        out = self.sharp(late)
+        if self.jitter:
+            out += ndtr(late / math.hypot(self.jitter, LOW_PASS * (self.taps > 0))) - (late >= 0)
+        elif self.taps:
+            near = np.abs(late) < self.taps
+            out[near] += smeared(late[near], self.taps) - (late[near] >= 0)
         return out
 
 
-@lru_cache(maxsize=1)
-def _smeared_table() -> tuple[Array, Array]:
-    grid = np.linspace(-TAPS, TAPS, 1201)
-    density = np.sinc(grid) * (0.54 + 0.46 * np.cos(np.pi * grid / TAPS))
+@lru_cache(maxsize=8)
+def _smeared_table(taps: float) -> tuple[Array, Array]:
+    grid = np.linspace(-taps, taps, 1201)
+    density = np.sinc(grid) * (0.54 + 0.46 * np.cos(np.pi * grid / taps))
     total = np.concatenate([[0.0], np.cumsum((density[1:] + density[:-1]) / 2)])
     return grid, total / total[-1]
 
 
-def smeared(late: Array) -> Array:
-    """What the usual decimation filter, a Hamming-windowed sinc, makes of a step, at times in samples."""
-    return np.interp(late, *_smeared_table())
+def smeared(late: Array, taps: float) -> Array:
+    """What a decimation filter, a Hamming-windowed sinc, makes of a step, at times in samples."""
+    return np.interp(late, *_smeared_table(taps))
 
 
 @lru_cache(maxsize=16)
@@ -99,11 +120,11 @@ def roughnesses(axis: Axis) -> tuple[Roughness, ...]:
         kept = np.where(spectrum >= FAINT * spectrum[0], spectrum, 0.0)
         shapes.extend((kind, a, length, a**2 * kept / kept.sum()) for a in amplitudes)
 
-    length = SHORTEST
+    length = shortest = max(SHORTEST, 0.78 * period / (axis.harmonics + 1))
     while length < period / 2.5:
         add("smooth", length, AMPLITUDES, np.exp(-2 * (np.pi * harmonic * length / period) ** 2))
         length *= RATIO
-    length = SHORTEST * RATIO**2
+    length = shortest * RATIO**2
     while length < period / 1.2:
         spectrum = (1 + (2 * np.pi * harmonic * length / period) ** 2 / 3) ** -2.0
         add("with corners", length, AMPLITUDES[1:], spectrum)

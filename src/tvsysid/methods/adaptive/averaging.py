@@ -11,9 +11,9 @@ import numpy as np
 
 from tvsysid.methods.adaptive.evidence import Line, Sizes, Smooth, directions, every_sizes
 from tvsysid.methods.adaptive.mixture import LIGHTEST, Candidate, Mixture, mixture_of, path
-from tvsysid.methods.adaptive.placing import Placed, Windows, add, joined, refined, simplified, total
+from tvsysid.methods.adaptive.placing import Found, Placed, Windows, add, joined, refined, simplified, total
 from tvsysid.methods.adaptive.prior import JITTERS, Axis, roughnesses
-from tvsysid.methods.adaptive.search import Found, Grid, first_states, found_sets
+from tvsysid.methods.adaptive.search import Grid, first_states, found_sets
 from tvsysid.numerics import Array
 from tvsysid.numerics.bands import arc_length
 

@@ -8,13 +8,20 @@ from typing import NamedTuple
 import numpy as np
 
 from tvsysid.methods.adaptive.evidence import Columns, Line, Products, Sizes, Smooth, every_sizes, jumps, one_more
-from tvsysid.methods.adaptive.search import APART, Found
 from tvsysid.numerics import Array
 
 RESOLVED = 1 / 16  # sample: steps between positions that are told apart
+APART = 1.0  # samples that two switches are apart at least
 NEAR = 6.0  # samples to either side of where a switch was found in which it may lie
 SWEEPS = 4  # of all switches, each placed beside the others, at most
 CLOSE, SAME = 3.0, 0.26  # samples within which one of two switches may stand for both; two sets are the same
+
+
+class Found(NamedTuple):
+    """Positions of switches in samples, and beside which smooth part they were found."""
+
+    positions: Array
+    smooth: Smooth
 
 
 class Placed(NamedTuple):
@@ -41,8 +48,8 @@ class Window(NamedTuple):
 class Windows:
     """Windows about places where switches may be, made once for each place; positions are so far apart in samples."""
 
-    def __init__(self, line: Line, resolved: float = RESOLVED) -> None:
-        self.line, self.resolved = line, resolved
+    def __init__(self, line: Line, resolved: float = RESOLVED, near: float = NEAR) -> None:
+        self.line, self.resolved, self.near = line, resolved, near
         self.columns: dict[int, Columns] = {}
         self.windows: dict[tuple[int, int], Window] = {}
 
@@ -58,7 +65,7 @@ class Windows:
         return self.windows[key]
 
     def _about(self, centre: int) -> Array:
-        reach, axis = round(NEAR / self.resolved), self.line.axis
+        reach, axis = round(self.near / self.resolved), self.line.axis
         positions = centre + self.resolved * np.arange(-reach, reach + 1.0)
         if axis.periodic:
             return np.mod(positions, axis.times)
@@ -68,6 +75,12 @@ class Windows:
 def joined(parts: list[Columns]) -> Columns:
     """Columns side by side."""
     return Columns(*(np.concatenate(each, axis=-1) for each in zip(*parts, strict=True)))
+
+
+def together(parts: list[Products]) -> Products:
+    """Products side by side."""
+    taken, cross = (np.concatenate([getattr(each, name) for each in parts], axis=-1) for name in ("taken", "cross"))
+    return Products(joined([each.columns for each in parts]), taken, cross)
 
 
 def distance(line: Line, positions: Array, other: float | Array) -> Array:

@@ -8,10 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from tvsysid.methods.adaptive.evidence import Line, Products, Sizes, Smooth, every_sizes, jumps, one_more
+from tvsysid.methods.adaptive.placing import APART, Found, Windows, distance, refined, together
 from tvsysid.numerics import Array
 
 FINE, COARSE, PAIRS = 400, 200, 100  # positions that are tried: of one more switch, of the first, of a pair at most
-APART = 1.0  # samples that two switches are apart at least
+POLISHED, ABOUT = 1 / 8, 1.5  # samples to which positions are polished after each step, and how far they may move
 STEPS, MOST = 60, 12  # of the search, and switches at most
 GAIN = 50.0  # log evidence that a further switch is taken to bring at most
 EAGER, EAGER_STEPS = 6.0, 12  # log evidence by which others than the best are followed at first, and how long
@@ -20,9 +21,9 @@ START = Sizes(0.2, False)
 
 
 class State(NamedTuple):
-    """A set of switches on the fine grid beside a smooth part, its score, and by how much the last step raised it."""
+    """Positions of switches beside a smooth part, their score, and by how much the last step raised it."""
 
-    places: tuple[int, ...]
+    places: tuple[float, ...]
     score: float
     gain: float = math.inf
 
@@ -44,12 +45,7 @@ class Grid:
         pairs = coarse.take(self.pairs)
         self.pair_gram = pairs.seen.T @ pairs.weighted
         self.log_positions = math.log(times)
-
-    def apart(self, positions: Array, other: float) -> Array:
-        """Distances in samples of positions from another."""
-        distance = np.abs(positions - other)
-        times = self.line.axis.times
-        return np.minimum(distance, times - distance) if self.line.axis.periodic else distance
+        self.windows = Windows(line, POLISHED, ABOUT * max(1.0, self.step))
 
 
 def first_states(smooths: tuple[Smooth, ...], grid: Grid) -> list[State]:
@@ -64,8 +60,10 @@ def _first(smooth: Smooth, grid: Grid) -> State:
     single = 0.5 * (variance * products.cross**2 / power - np.log(power)) - grid.log_positions
     pair_value, pair = _pair(products.take(grid.pairs), grid)
     best = int(np.argmax(single))
-    options = [(0.0, ()), (float(single[best]), (int(grid.coarse[best]),))]
-    options.append((pair_value - 2 * grid.log_positions, tuple(int(grid.coarse[grid.pairs[k]]) for k in pair)))
+    options = [(0.0, ()), (float(single[best]), (float(grid.coarse_columns.positions[best]),))]
+    options.append(
+        (pair_value - 2 * grid.log_positions, tuple(float(grid.coarse_columns.positions[grid.pairs[k]]) for k in pair))
+    )
     value, places = max(options)
     return State(places, smooth.score + value)
 
@@ -90,37 +88,45 @@ class Walk:
         self.smooth, self.grid = smooth, grid
         self.products = smooth.products(grid.fine)
         self.power = self.products.diagonal()
-        self.known: dict[int, Array] = {}
+        self.known: dict[float, tuple[Products, Array]] = {}
 
-    def column(self, place: int) -> Array:
-        """Products of all positions with one of them."""
-        if place not in self.known:
-            self.known[place] = self.products.between(self.products.take(np.array([place])))[:, 0]
-        return self.known[place]
+    def at(self, places: tuple[float, ...]) -> tuple[Products, Array]:
+        """Steps at places, and their products with those on the grid, (position, step)."""
+        for place in places:
+            if place not in self.known:
+                step = self.smooth.products(self.grid.line.columns(np.array([place])))
+                self.known[place] = step, self.products.between(step)
+        if not places:
+            return self.products.take(np.zeros(0, dtype=np.intp)), np.zeros((len(self.power), 0))
+        steps, mixed = zip(*(self.known[place] for place in places), strict=True)
+        return together(list(steps)), np.concatenate(mixed, axis=1)
 
-    def score(self, places: tuple[int, ...]) -> float:
+    def score(self, places: tuple[float, ...]) -> float:
         """Score of a set."""
         if not places:
             return self.smooth.score
-        gram = np.stack([self.column(place) for place in places], axis=1)[list(places)]
-        cross = self.products.cross[list(places)]
+        steps = self.at(places)[0]
+        gram = steps.between(steps)
         every = every_sizes(self.grid.line.axis.periodic)
-        best = max(jumps(gram, cross, sizes).evidence for sizes in every)
+        best = max(jumps(gram, steps.cross, sizes).evidence for sizes in every)
         return self.smooth.score + best - len(places) * self.grid.log_positions
 
-    def scan(self, places: tuple[int, ...]) -> tuple[float, int]:
+    def scan(self, places: tuple[float, ...]) -> tuple[float, float]:
         """Best score of a set and one switch more, and where that is."""
-        mixed = np.zeros((len(self.power), 0))
-        if places:
-            mixed = np.stack([self.column(place) for place in places], axis=1)
-        gram, cross = mixed[list(places)], self.products.cross[list(places)]
-        every = every_sizes(self.grid.line.axis.periodic)
-        found = [one_more(self.products, gram, cross, mixed, self.power, sizes) for sizes in every]
-        best = np.max(found, axis=0)
+        steps, mixed = self.at(places)
+        gram, every = steps.between(steps), every_sizes(self.grid.line.axis.periodic)
+        found = [one_more(self.products, gram, steps.cross, mixed, self.power, sizes) for sizes in every]
+        best, positions = np.max(found, axis=0), self.grid.fine.positions
         for place in places:
-            best[self.grid.apart(self.grid.fine.positions, self.grid.fine.positions[place]) < APART] = -np.inf
+            best[distance(self.grid.line, positions, place) < APART] = -np.inf
         top = int(np.argmax(best))
-        return self.smooth.score + float(best[top]) - (len(places) + 1) * self.grid.log_positions, top
+        score = self.smooth.score + float(best[top]) - (len(places) + 1) * self.grid.log_positions
+        return score, float(positions[top])
+
+    def polished(self, places: tuple[float, ...]) -> tuple[float, ...]:
+        """The same switches between positions on the grid: what lies between may be worth more than another switch."""
+        placed = refined(Found(np.array(places), self.smooth), self.grid.windows)
+        return tuple(float(each) for each in placed.positions)
 
     def best_step(self, state: State) -> State:
         """Best of one switch less, another in the place of one or of two neighbours, one more; else a pair more."""
@@ -136,36 +142,27 @@ class Walk:
         score, found = max(options)
         if score <= state.score + 1e-6 and count < MOST - 1:
             found = self.with_pair(places)
-            score = self.score(found)
+        found = self.polished(found)
+        score = self.score(found)
         return State(found, score, score - state.score)
 
-    def with_pair(self, places: tuple[int, ...]) -> tuple[int, ...]:
+    def with_pair(self, places: tuple[float, ...]) -> tuple[float, ...]:
         """A set and the best pair of opposite switches more."""
         grid = self.grid
         index = grid.coarse[grid.pairs]
         products, less = self.products.take(index), None
         if places:
-            columns = np.stack([self.column(place) for place in places], axis=1)
-            system = columns[list(places)] + START.spread**-2 * np.eye(len(places))
-            factor = np.linalg.cholesky(system)
-            less = np.linalg.solve(factor, columns[index].T)
-            answer = np.linalg.solve(factor, self.products.cross[list(places)])
-            products = products._replace(cross=products.cross - answer @ less)
+            steps, mixed = self.at(places)
+            factor = np.linalg.cholesky(steps.between(steps) + START.spread**-2 * np.eye(len(places)))
+            less = np.linalg.solve(factor, mixed[index].T)
+            products = products._replace(cross=products.cross - np.linalg.solve(factor, steps.cross) @ less)
         pair = _pair(products, grid, less)[1]
-        found = {*places, *(int(index[k]) for k in pair)}
-        return tuple(sorted(found))
-
-
-class Found(NamedTuple):
-    """Positions of switches in samples, and beside which smooth part they were found."""
-
-    positions: Array
-    smooth: Smooth
+        return tuple(sorted({*places, *(float(products.columns.positions[k]) for k in pair)}))
 
 
 def found_sets(grid: Grid, smooths: tuple[Smooth, ...], states: list[State]) -> list[Found]:
     """Sets of switches near the best score, best first, and the empty one."""
-    scores: dict[tuple[int, ...], tuple[float, int]] = {}
+    scores: dict[tuple[float, ...], tuple[float, int]] = {}
 
     def note(state: State, key: int) -> None:
         scores[state.places] = max(scores.get(state.places, (-np.inf, key)), (state.score, key))
@@ -186,7 +183,11 @@ def found_sets(grid: Grid, smooths: tuple[Smooth, ...], states: list[State]) -> 
             break
         key = max(able, key=lambda each: able[each].score)
         if key not in walks:
-            walks[key] = Walk(smooths[key], grid)
+            walk = walks[key] = Walk(smooths[key], grid)
+            if open_ones[key].places:
+                places = walk.polished(open_ones[key].places)
+                open_ones[key] = State(places, walk.score(places), open_ones[key].gain)
+                note(open_ones[key], key)
         after = walks[key].best_step(open_ones[key])
         if after.gain <= 1e-6:
             closed_at.add(open_ones.pop(key).places)
@@ -198,5 +199,5 @@ def found_sets(grid: Grid, smooths: tuple[Smooth, ...], states: list[State]) -> 
     near = sorted(
         ((score, key, places) for places, (score, key) in scores.items() if score > best - REACH), reverse=True
     )
-    sets = [Found(grid.fine.positions[list(places)], smooths[key]) for _, key, places in near]
+    sets = [Found(np.array(places), smooths[key]) for _, key, places in near]
     return [*sets, Found(np.zeros(0), max(smooths, key=lambda smooth: smooth.score))]

@@ -19,6 +19,7 @@ from tvsysid.numerics.bands import arc_length
 
 LIKELY, MOST_MODELS = 5.0, 16  # log evidence below the best down to which models count, and how many at most
 MOST_SETS = 8  # of switches that are refined
+MOST_SMEARED = 6  # switches up to which it is tried how steps are smeared
 COARSELY = 1 / 4  # sample between positions where smears are compared
 
 
@@ -94,7 +95,7 @@ def averaged(line: Line, mostly_constant: bool = False) -> Averaged:
     """
     found = _averaged(line, mostly_constant)
     best = found.candidates[0]
-    if found.probability(_has_none) > 0.5:
+    if found.probability(_has_none) > 0.5 or len(best.placed.positions) > MOST_SMEARED:
         return found
     axes = [line.axis._replace(taps=0.0), *(line.axis._replace(jitter=jitter) for jitter in JITTERS)]
     scores = [_score(best, line, axis) for axis in (line.axis, *axes)]

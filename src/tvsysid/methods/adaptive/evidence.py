@@ -8,10 +8,21 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
+from scipy.linalg import LinAlgError, cho_solve, cholesky, solve_triangular
 
 from tvsysid.methods.adaptive.prior import SIZES, Axis, Roughness
 from tvsysid.numerics import Array
+
+ROUNDING = 1e-10  # share of a matrix's trace that is rounding
+
+
+def factor_of(matrix: Array) -> Array:
+    """Cholesky factor; of a matrix that is singular to rounding, that of one that is not."""
+    try:
+        return np.asarray(cholesky(matrix, lower=True, check_finite=False))
+    except LinAlgError:
+        raised = matrix + ROUNDING * np.trace(matrix) * np.eye(len(matrix))
+        return np.asarray(cholesky(raised, lower=True, check_finite=False))
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,8 +41,8 @@ class Line:
     def of(cls, axis: Axis, seen: Array, covariance: Array, size: float) -> Line:
         """Of what is seen, and the covariance of its error."""
         scale = np.sqrt(np.diag(covariance))
-        factor = cho_factor(covariance / np.outer(scale, scale), lower=True)
-        precision = cho_solve(factor, np.eye(len(seen))) / np.outer(scale, scale)
+        factor = factor_of(covariance / np.outer(scale, scale))
+        precision = cho_solve((factor, True), np.eye(len(seen))) / np.outer(scale, scale)
         return cls(axis, seen / size, precision * size**2, size)
 
     @cached_property
@@ -95,7 +106,7 @@ class Smooth:
         gram = line.gram if whole else line.gram[np.ix_(self.kept, self.kept)]
         system = gram * self.root[:, None] * self.root
         system.flat[:: len(system) + 1] += 1.0
-        self.factor = cholesky(system, lower=True, overwrite_a=True, check_finite=False)
+        self.factor = factor_of(system)
         self.answer = self.solved(self.root * line.cross[self.kept])
         self.evidence = 0.5 * float(self.answer @ self.answer) - float(np.log(np.diag(self.factor)).sum())
 
@@ -193,7 +204,7 @@ def jumps(gram: Array, cross: Array, sizes: Sizes) -> Jumps:
     turn = directions(len(cross), sizes.balanced)
     system = turn.T @ gram @ turn
     system.flat[:: len(system) + 1] += sizes.spread**-2
-    factor = cholesky(system, lower=True, check_finite=False)
+    factor = factor_of(system)
     half = solve_triangular(factor, turn.T, lower=True, check_finite=False)
     answer = half @ cross
     log_determinant = 2 * float(np.log(np.diag(factor)).sum()) + 2 * len(system) * float(np.log(sizes.spread))
@@ -219,7 +230,7 @@ def one_more(own: Products, gram: Array, cross: Array, mixed: Array, power: Arra
     variance = sizes.spread**2
     system = turn.T @ gram @ turn
     system.flat[:: len(system) + 1] += 1 / variance
-    factor = cholesky(system, lower=True, check_finite=False) if len(system) else system
+    factor = factor_of(system) if len(system) else system
     half = (
         solve_triangular(factor, np.column_stack([turn.T @ cross, turned.T]), lower=True) if len(system) else turned.T
     )

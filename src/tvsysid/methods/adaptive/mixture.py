@@ -74,6 +74,7 @@ def mixture_of(candidate: Candidate, weight: float) -> Mixture:
     variance = np.einsum("tc,tc->t", own.factor, own.factor)
     if candidate.sizes is None:
         return Mixture(np.ones((times, 1)), own.mean[:, None], variance[:, None])
+    uneven = candidate.smooth.line.axis.uneven(placed.positions) @ own.found.mean**2
     most = max(4, round(MOST_POSITIONS * weight))
     nearest = np.argmin(
         [distance(candidate.smooth.line, np.arange(float(times)), position) for position in placed.positions], axis=0
@@ -82,7 +83,8 @@ def mixture_of(candidate: Candidate, weight: float) -> Mixture:
     for place in range(len(placed.positions)):
         window, share = thinned(placed.windows[place], placed.shares[place], most)
         rows = np.flatnonzero(nearest == place)
-        parts.append((rows, share, *_moved(candidate, own, place, window, rows)))
+        means, variances = _moved(candidate, own, place, window, rows)
+        parts.append((rows, share, means, variances + uneven[rows, None]))
     widest = max(len(share) for _, share, _, _ in parts)
     out = Mixture(*(np.zeros((times, widest)), np.zeros((times, widest)), np.ones((times, widest))))
     for rows, share, means, variances in parts:

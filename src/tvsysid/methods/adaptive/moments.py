@@ -20,7 +20,7 @@ LOW_BAND = firwin(21, 0.6)  # what aliasing and decimation leave alone
 LOW_SHARE = 0.6  # of the samples that are independent in the low band
 SHORTEST = 16  # samples of a realization that have derivatives, at least
 HELD = 2**16  # samples whose derivatives are held at once
-STILL = 1e-9  # share of the mean power below which an angle is still
+STILL = 1e-9  # share of the mean power below which an angle is still, or nothing is left of a regressor
 U, V, A = range(3)  # angle, velocity, acceleration; further regressors follow, the torque is last
 
 
@@ -119,10 +119,14 @@ def gram_of(signals: Signals, low: bool = False) -> Array:
 
 
 class Constants(NamedTuple):
-    """Coefficients beside stiffness that do not change (viscosity, inertia, further ones), and their covariance."""
+    """Coefficients beside stiffness that do not change (viscosity, inertia, further ones), and their covariance.
+
+    Where the signals do not tell them apart they are not ``told``, and 0 in directions that nothing is known of.
+    """
 
     values: Array
     covariance: Array
+    told: bool
 
 
 def without_angle(gram: Array) -> Array:
@@ -142,15 +146,19 @@ def constants(gram: Array, signals: Signals, viscosity: Array | None = None) -> 
         gram = with_torque_less(gram, V, viscosity)
     free = without_angle(gram)[:, known:, known:].sum(axis=0)
     own = free[:-1, :-1] + np.diag(signals.holds[known:]) / signals.share
-    size = np.sqrt(np.maximum(np.diag(own), np.finfo(float).tiny))
-    inverse = np.linalg.pinv(own / np.outer(size, size), rcond=1e-10, hermitian=True) / np.outer(size, size)
+    power = np.diag(gram.sum(axis=0))[1 + known : -1]
+    size = np.sqrt(np.maximum(power, np.finfo(float).tiny))
+    eigenvalues, vectors = np.linalg.eigh(own / np.outer(size, size))
+    told = eigenvalues > STILL
+    vectors = vectors[:, told] / size[:, None]
+    inverse = (vectors / eigenvalues[told]) @ vectors.T
     values = inverse @ free[:-1, -1]
     left = max(float(free[-1, -1] - 2 * values @ free[:-1, -1] + values @ free[:-1, :-1] @ values), 0.0)
     variance = left / max(signals.realizations[1] * times - times - len(values), 1.0)
     if not known:
-        return Constants(values, inverse * variance / signals.share)
+        return Constants(values, inverse * variance / signals.share, bool(told.all()))
     covariance = np.pad(inverse * variance / signals.share, ((1, 0), (1, 0)))
-    return Constants(np.concatenate([[0.0], values]), covariance)
+    return Constants(np.concatenate([[0.0], values]), covariance, bool(told.all()))
 
 
 def with_torque_less(gram: Array, place: int, coefficients: Array) -> Array:

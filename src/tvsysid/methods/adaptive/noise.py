@@ -14,7 +14,8 @@ from tvsysid.numerics.moments import diagonal_moments
 POOLED = 0.05  # s to either side over which the strength of the noise is pooled; also how far misfit is alike
 COLOUR = 0.25  # s over which the noise of the scores is correlated at most
 LEAST_EIGENVALUE = 0.02  # of the noise's correlation matrix
-EXACT = 1e-10  # share of the torque's power that is taken as noise at least
+TOLD = 1e-6  # determinant of velocity's and acceleration's correlations below which they cannot be told apart
+EXACT = 1e-8  # share of the torque's power that is taken as noise at least
 REGRESSORS = (U, V)  # that have a coefficient free at every time: stiffness, or viscosity
 
 
@@ -122,9 +123,10 @@ def misfit(gram: Array, coefficients: Array, independent: int) -> Misfit:
         - 2 * np.einsum("ti,it->t", every[:, -1, :-1], coefficients[1:])
         + np.einsum("it,tij,jt->t", coefficients[1:], every[:, :-1, :-1], coefficients[1:])
     )
-    size = np.sqrt(np.maximum(np.einsum("tii->ti", own), np.finfo(float).tiny))
+    power = np.einsum("tii->ti", gram[:, V : A + 1, V : A + 1])
+    size = np.sqrt(np.maximum(power, 1e-9 * power.mean(axis=0) + np.finfo(float).tiny))
     scaled = own / (size[:, :, None] * size[:, None, :])
-    sure = np.linalg.det(scaled) > 1e-6
+    sure = np.linalg.det(scaled) > TOLD
     if independent < 6 or sure.sum() < 20:
         return Misfit(0.0, 0.0)
     inverse = np.linalg.inv(scaled[sure]) / (size[sure][:, :, None] * size[sure][:, None, :])

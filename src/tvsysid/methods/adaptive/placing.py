@@ -106,7 +106,8 @@ def refined(found: Found, windows: Windows) -> Placed:
     if not count:
         return Placed(found.positions, own.columns, (), (), 0.0)
     sizes = best_sizes(smooth, own.columns)[0]
-    about, shares, volumes = [own.columns] * count, [np.zeros(0)] * count, np.zeros(count)
+    about = [own.columns.take(np.array([place])) for place in range(count)]
+    shares, volumes = [np.ones(1)] * count, np.full(count, math.log(windows.resolved))
     positions = own.columns.positions
     for _ in range(SWEEPS if count > 1 else 1):
         before = positions.copy()
@@ -115,6 +116,8 @@ def refined(found: Found, windows: Windows) -> Placed:
             window = windows.beside(positions[place], smooth)
             value = _values(window, others, sizes, line)
             best = int(np.argmax(value))
+            if not np.isfinite(value[best]):  # others are too close everywhere
+                continue
             own = own.put(place, window.products, best)
             positions, about[place] = own.columns.positions, window.products.columns
             share = np.exp(value - value[best])

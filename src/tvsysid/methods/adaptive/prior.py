@@ -22,7 +22,7 @@ FAINT = 1e-7  # share of the first harmonic's variance below which others are le
 DECIMATOR = 15  # samples before decimation to either side that its filter reaches
 USUAL_TAPS = 1.5  # samples that it reaches after a decimation by 10
 LOW_PASS = 0.33  # standard deviation in samples of what it smears
-JITTERS = (1.0, 2.0, 4.0)  # samples, that are tried
+JITTERS = (1.0, 1.4, 2.0, 2.8, 4.0)  # samples, that are tried
 HARMONICS = 160  # at most: what is shorter is left out of long realizations
 
 
@@ -43,13 +43,15 @@ class Axis(NamedTuple):
     """Samples over which something changes: how many ``times``, and whether the end goes on at the beginning.
 
     ``taps`` are samples to either side over which a low-pass before sampling smears a step, 0 for none; ``jitter`` is
-    the standard deviation in samples of a switch's time from realization to realization: their mean changes gradually.
+    the standard deviation in samples of a switch's time from one of so many ``realizations`` to the next: their mean
+    changes gradually.
     """
 
     times: int
     periodic: bool
     taps: float = USUAL_TAPS
     jitter: float = 0.0
+    realizations: int = 1
 
     @property
     def period(self) -> int:
@@ -84,6 +86,13 @@ class Axis(NamedTuple):
         if self.jitter:
             out += ndtr(late / self.jitter) - (late >= 0)
         return out
+
+    def uneven(self, positions: Array) -> Array:
+        """Variance of the mean over realizations of steps that come at different times, (time, position)."""
+        if not self.jitter:
+            return np.zeros((self.times, len(positions)))
+        share = ndtr(self.late(positions) / self.jitter)
+        return np.asarray(share * (1 - share) / self.realizations)
 
     def seen(self, positions: Array) -> Array:
         """Steps as they are recorded."""

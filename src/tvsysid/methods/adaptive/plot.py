@@ -1,0 +1,63 @@
+"""A picture of what was found: impedance over time with bands, switches, and how probable each smooth part is."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from tvsysid.methods.adaptive.model import AdaptiveModel
+
+HUES = {"stiffness": "#0072B2", "viscosity": "#D55E00", "inertia": "#009E73", "reflex_gain": "#CC79A7"}
+LIKELY = 0.05  # probability from which on a switch is drawn
+MOST = 8  # smooth parts that are listed
+
+
+def figure_of(model: AdaptiveModel) -> Figure:
+    """Figure with axes for each quantity over time, and one for the smooth parts."""
+    from matplotlib.figure import Figure  # noqa: PLC0415  # heavy
+
+    names = [name for name in HUES if name in model.estimates]
+    figure = Figure(figsize=(9.0, 1.6 + 1.5 * len(names)), layout="constrained")
+    grid = figure.add_gridspec(len(names), 2, width_ratios=[2.2, 1], height_ratios=[2.2, *[1] * (len(names) - 1)])
+    for row, name in enumerate(names):
+        axes = figure.add_subplot(grid[row, 0])
+        _over_time(axes, model, name)
+        if row == len(names) - 1:
+            axes.set_xlabel("time within a realization (s)")
+    _smoothness(figure.add_subplot(grid[:, 1]), model)
+    return figure
+
+
+def _over_time(axes: Axes, model: AdaptiveModel, name: str) -> None:
+    estimate, hue = model.estimates[name], HUES[name]
+    axes.fill_between(model.time, *estimate.band(), color=hue, alpha=0.25, linewidth=0, label="95 % band")
+    axes.plot(model.time, estimate.values, color=hue, linewidth=1.5)
+    for switch in model.switches:
+        if switch.quantity == name and switch.probability >= LIKELY:
+            axes.axvspan(switch.earliest, switch.latest, color="#777777", alpha=0.3 * switch.probability, linewidth=0)
+            axes.axvline(switch.time, color="#444444", linestyle="--", linewidth=0.8, alpha=switch.probability)
+            text = f"{switch.size:+.3g} at {switch.time:.3f} s\n{100 * switch.probability:.0f} %"
+            axes.annotate(text, (switch.time, 0.98), xycoords=("data", "axes fraction"), fontsize=7, va="top")
+    axes.set_ylabel(f"{name.replace('_', ' ')}\n({estimate.unit})")
+    axes.set_xlim(model.time[0], model.time[-1])
+
+
+def _smoothness(axes: Axes, model: AdaptiveModel) -> None:
+    rows = [row for row in model.smoothness if row.quantity == "stiffness"][:MOST]
+    places = np.arange(len(rows))[::-1]
+    axes.barh(places, [100 * row.probability for row in rows], color=HUES["stiffness"], alpha=0.6)
+    labels = [
+        "none" if row.kind == "none" else f"{row.kind}: {row.amplitude:.2g} N·m/rad over {row.length:.2g} s"
+        for row in rows
+    ]
+    for place, label in zip(places, labels, strict=True):
+        axes.text(1.0, place, label, fontsize=7, va="center")
+    axes.set_yticks([])
+    axes.set_xlim(0, 100)
+    axes.set_xlabel("probability (%)")
+    axes.set_title("smooth part of stiffness", fontsize=9)

@@ -1,0 +1,328 @@
+"""Adaptive regression: its small matrices against dense Gaussian processes, and what it finds."""
+
+import pickle
+import warnings
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy import stats
+from tests.conftest import ensemble_of
+
+import tvsysid as tv
+from tvsysid.methods.adaptive import averaging, evidence, mixture, moments, noise, placing, prior, search
+from tvsysid.methods.adaptive.model import MixtureError
+from tvsysid.numerics.differentiation import differentiate
+
+METHOD = tv.AdaptiveRegression()
+
+
+@pytest.fixture(autouse=True)
+def _doubts_are_not_the_point():
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", tv.DataQualityWarning)
+        yield
+
+
+def line_of(random, periodic, times=40, switches=(12.3, 27.8), **axis):
+    axis = prior.Axis(times, periodic, **axis)
+    factor = 0.1 * np.eye(times) + 0.03 * np.tri(times, k=1)
+    covariance = factor @ factor.T
+    value = 5 + axis.seen(np.array(switches)) @ [2.0, -3.0] + factor @ random.normal(size=times)
+    return evidence.Line.of(axis, value, covariance, 5.0), covariance / 25
+
+
+def dense(line, covariance, roughness, positions, sizes):
+    """Log evidence more than that of noise alone, and posterior mean and covariance, without a small matrix."""
+    axis, count = line.axis, len(positions)
+    smooth = axis.features() * roughness.weights @ axis.features().T
+    sharp, seen = axis.steps(positions), axis.seen(positions)
+    balance = np.eye(count) - sizes.balanced * np.full((count, count), 1 / max(count, 1))
+    spread = sizes.spread**2 * balance
+    total = covariance + smooth + seen @ spread @ seen.T
+    log = [stats.multivariate_normal.logpdf(line.seen, cov=each) for each in (total, covariance)]
+    gain = (smooth + sharp @ spread @ seen.T) @ np.linalg.inv(total)
+    own = smooth + sharp @ spread @ sharp.T
+    return log[0] - log[1], gain @ line.seen, own - gain @ (smooth + seen @ spread @ sharp.T)
+
+
+def some(axis, *indices):
+    every = prior.roughnesses(axis)
+    return [every[index] for index in indices]
+
+
+@pytest.mark.parametrize("periodic", [True, False])
+@pytest.mark.parametrize("balanced", [True, False])
+def test_evidence_and_posterior_are_those_of_the_dense_gaussian_process(random, periodic, balanced):
+    line, covariance = line_of(random, periodic)
+    for roughness in some(line.axis, 0, 3, -1):
+        # A constant of less variance: with the usual one, rounding tells in the dense matrices.
+        narrow = roughness._replace(weights=np.r_[4.0, roughness.weights[1:]])
+        smooth = evidence.Smooth(line, narrow)
+        for positions in ([], [12.3, 27.8], [5.0, 12.25, 30.5]):
+            placed = placing.Placed(np.array(positions), line.columns(np.array(positions)), (), (), 0.0)
+            sizes = evidence.Sizes(0.2, balanced) if positions else None
+            expected = dense(line, covariance, narrow, np.array(positions), sizes or evidence.Sizes(0.2, False))
+            products = smooth.products(placed.columns)
+            found = smooth.evidence
+            if sizes:
+                found += evidence.jumps(products.between(products), products.cross, sizes).evidence
+            assert found == pytest.approx(expected[0], abs=1e-5)
+            path = mixture.path(mixture.Candidate(smooth, 0.0, placed, sizes))
+            np.testing.assert_allclose(path.mean, expected[1], atol=1e-6)
+            np.testing.assert_allclose(path.factor @ path.factor.T, expected[2], atol=1e-6)
+
+
+@pytest.mark.parametrize("balanced", [True, False])
+def test_one_switch_more_is_worth_what_all_together_are(random, balanced):
+    line, _ = line_of(random, periodic=True)
+    smooth = evidence.Smooth(line, some(line.axis, 2)[0])
+    sizes = evidence.Sizes(0.8, balanced)
+    others, many = (smooth.products(line.columns(np.array(each))) for each in ([12.3, 33.0], [3.0, 20.5, 27.8]))
+    mixed = many.between(others)
+    found = evidence.one_more(many, others.between(others), others.cross, mixed, many.diagonal(), sizes)
+    for index, value in enumerate(found):
+        every = placing.together([others, many.take(np.array([index]))])
+        assert value == pytest.approx(evidence.jumps(every.between(every), every.cross, sizes).evidence, abs=1e-8)
+
+
+def test_candidates_are_worth_what_each_is_alone(random):
+    line, _ = line_of(random, periodic=True)
+    smooths = tuple(evidence.Smooth(line, each) for each in some(line.axis, 0, 4))
+    placed = placing.Placed(np.array([12.3, 27.8]), line.columns(np.array([12.3, 27.8])), (), (), -1.0)
+    for each in averaging.candidates(smooths, [placed]):
+        products = each.smooth.products(placed.columns)
+        alone = evidence.jumps(products.between(products), products.cross, each.sizes).evidence
+        log_prior = -1.0 - 2 * np.log(40) - np.log(6)
+        assert each.evidence == pytest.approx(each.smooth.score + alone + log_prior, abs=1e-9)
+
+
+def test_a_smooth_part_has_its_variance_and_its_correlation():
+    for axis in (prior.Axis(200, periodic=True), prior.Axis(100, periodic=False)):
+        for roughness in prior.roughnesses(axis)[1:]:
+            covariance = axis.features()[:, 1:] * roughness.weights[1:] @ axis.features()[:, 1:].T
+            np.testing.assert_allclose(np.diag(covariance), roughness.amplitude**2)
+            if roughness.length > 25:  # what is longer knows of the period
+                continue
+            late = np.arange(30) / roughness.length
+            if roughness.kind == "smooth":
+                expected = np.exp(-(late**2) / 2)
+            else:
+                expected = (1 + np.sqrt(3) * late) * np.exp(-np.sqrt(3) * late)
+            # Less the constant, which a smooth part does not have.
+            ratio = covariance[0, :30] / roughness.amplitude**2
+            assert np.abs(ratio - expected + (expected - ratio).mean()).max() < 0.12
+
+
+def test_steps_are_seen_as_the_decimation_smears_them():
+    for rate, taps in ((100, 1.5), (200, 3.0)):
+        time = np.arange(2000) / 1000
+        recording = tv.Recording(np.sin(time), (time >= 1.0037).astype(float), 1000.0)
+        torque = tv.preprocess.decimate(recording, rate).torque
+        axis = prior.Axis(len(torque), periodic=False, taps=taps)
+        seen = axis.seen(np.array([1.0035 * rate]))[:, 0]  # between the samples before and after
+        np.testing.assert_allclose(seen, torque, atol=0.012)
+
+
+def test_constants_and_stiffness_are_those_of_a_regression_with_a_stiffness_at_each_time():
+    ensemble = ensemble_of(40.0, "square", "prbs")
+    inner = slice(ensemble.context - 12, ensemble.angle.shape[1] - ensemble.context + 12)
+    u, v, a = differentiate(ensemble.angle[:, inner], 100.0)
+    y = ensemble.torque[:, ensemble.core]
+    design = np.concatenate([np.concatenate([np.diag(row) for row in u]), v.reshape(-1, 1), a.reshape(-1, 1)], axis=1)
+    expected = np.linalg.lstsq(design, y.ravel(), rcond=None)[0]
+    signals = moments.Derived.of(ensemble)
+    gram = moments.gram_of(signals)
+    found = moments.constants(gram, signals)
+    ratio = signals.scale[1] / signals.scale[0]
+    np.testing.assert_allclose(found.values * ratio, expected[-2:], rtol=1e-8)
+    seen = (gram[:, 0, -1] - gram[:, 0, 1:-1] @ found.values) / gram[:, 0, 0]
+    np.testing.assert_allclose(seen * ratio, expected[:-2], rtol=1e-8)
+    left = y.ravel() - design @ expected
+    white = np.linalg.inv(design.T @ design)[-2:, -2:] * (left @ left) / (len(left) - 202) / 0.6
+    np.testing.assert_allclose(found.covariance * ratio**2, white, rtol=1e-6)
+    # In the low band, inertia is not folded acceleration.
+    low = moments.constants(moments.gram_of(signals, low=True), signals).values * ratio
+    assert abs(low[1] - 0.02) < abs(expected[-1] - 0.02)
+
+
+def test_scatter_of_white_and_of_slow_noise_is_that_of_many_draws(random):
+    angle = random.normal(size=(60, 124))
+    angle = sum(np.roll(angle, k, axis=1) for k in range(5))
+    ensemble = tv.Ensemble(angle, angle + 0.1 * random.normal(size=angle.shape), 100.0, context=12)
+    signals = moments.Derived.of(ensemble)
+    gram, u = moments.gram_of(signals), angle[:, 12:112] / signals.scale[0]
+    for width in (1, 12):
+        found, drawn = [], []
+        for _ in range(30):
+            torque = sum(np.roll(random.normal(size=angle.shape), k, axis=1) for k in range(width))
+            other = replace(signals, ensemble=replace(ensemble, torque=torque))
+            gram = moments.gram_of(other)
+            seen = gram[:, 0, -1] / gram[:, 0, 0]
+            drawn.append(seen)
+            scores, _ = noise.scores(other, np.stack([seen, 0 * seen, 0 * seen]))
+            found.append(noise.scatter(gram, scores, (60, 60), 100.0, periodic=False).covariance)
+        assert u.shape == (60, 100)
+        drawn, found = np.array(drawn), np.mean(found, axis=0)
+        assert np.diag(found).mean() == pytest.approx(np.mean(drawn**2), rel=0.06)
+        for lag in (1, 3, 6):
+            own = np.mean(drawn[:, lag:] * drawn[:, :-lag]) / np.mean(drawn**2)
+            assert np.diag(found, lag).mean() / np.diag(found).mean() == pytest.approx(own, abs=0.08)
+
+
+def test_bands_are_quantiles_of_the_mixture():
+    weights, means = np.array([[0.7, 0.3]]), np.array([[50.0, 150.0]])
+    mixed = mixture.Mixture(weights, means, np.array([[1.0, 4.0]]))
+    for freedom in (np.inf, 6.0):
+        error = MixtureError(np.sqrt(mixed.variance()), np.array(min(freedom, 1e9)), mixture=mixed)
+        estimate = tv.Estimate(mixed.mean(), "N m/rad", error=error)
+        lower, upper = estimate.band(0.9)
+        share = [weights[0] @ stats.t.cdf(each - means[0], freedom, scale=[1.0, 2.0]) for each in (lower, upper)]
+        np.testing.assert_allclose(share, [0.05, 0.95], atol=2e-3)
+        whole = estimate.band(0.9, simultaneous=True)
+        assert whole[0] <= lower
+        assert whole[1] >= upper
+    one = MixtureError(
+        np.array([2.0]), np.array(8.0), mixture=mixture.Mixture(*np.array([[[1.0]], [[100.0]], [[4.0]]]))
+    )
+    plain = tv.Estimate([100.0], "N m/rad", error=tv.StandardError([2.0], 8.0)).band()
+    np.testing.assert_allclose(tv.Estimate([100.0], "N m/rad", error=one).band(), plain, rtol=2e-4)
+
+
+def test_a_band_holds_its_estimate_where_an_outlying_part_moves_it():
+    mixed = mixture.Mixture(np.array([[0.98, 0.02]]), np.array([[50.0, 150.0]]), np.full((1, 2), 0.01))
+    error = MixtureError(np.sqrt(mixed.variance()), np.array(1e9), mixture=mixed)
+    lower, upper = tv.Estimate(mixed.mean(), "N m/rad", error=error).band(0.9)
+    assert lower < mixed.mean() < upper < 60
+
+
+@cache
+def model_of(profile, *data):
+    return METHOD.identify(ensemble_of(150.0, profile, *data))
+
+
+def test_switches_are_found_between_samples_with_their_sizes():
+    model = model_of("square", "noise")
+    rows = [row for row in model.switches if row.quantity == "stiffness"]
+    assert [row.probability > 0.99 for row in rows] == [True, True]
+    for row, (time, size) in zip(rows, ((0.4995, 100.0), (1.4995, -100.0)), strict=True):
+        assert row.time == pytest.approx(time, abs=0.003)
+        assert row.earliest <= row.time <= row.latest
+        assert row.size == pytest.approx(size, abs=4 * row.size_error)
+    away = np.abs(model.time[:, None] - [0.5, 1.5]).min(axis=1) > 0.015
+    assert np.abs(model.stiffness - tv.simulate.SquareWave()(model.time))[away].max() < 3
+    assert model.smoothness[0].kind == "none"
+
+
+def test_a_model_shows_its_tables_and_a_figure():
+    model = model_of("square", "noise")
+    assert model.to_xarray().switch_time.shape == (len(model.switches),)
+    axes = model.plot().axes
+    assert [each.get_ylabel().split("\n")[0] for each in axes] == ["stiffness", "viscosity", "inertia", ""]
+    assert "100 %" in axes[0].texts[0].get_text()
+
+
+def test_what_does_not_change_is_constant_and_what_is_smooth_has_no_switch():
+    constant = model_of("constant", "prbs")
+    assert constant.diagnostics.details["constant_stiffness"] > 0.5
+    assert np.ptp(constant.stiffness) < 2
+    sine = model_of("sine", "prbs")
+    assert sine.diagnostics.details["constant_stiffness"] < 1e-6
+    assert sum(row.probability for row in sine.switches) < 0.3
+    assert sine.smoothness[0].kind == "smooth"
+    assert sine.diagnostics.details["periodic"] == 1.0
+
+
+def test_a_recording_without_a_low_pass_is_told_by_its_steps(random):
+    time = np.arange(200) / 100
+    angle = np.cumsum(random.normal(size=(80, 260)), axis=1) * 0.1 + random.normal(size=(80, 260))
+    inner = differentiate(angle, 100.0)[:, :, 18:-18]
+    torque = np.zeros_like(angle)
+    torque[:, 30:-30] = (50 + 100 * ((time > 0.5003) & (time < 1.5))) * inner[0] + 2 * inner[1]
+    torque += 10 * random.normal(size=torque.shape)
+    model = METHOD.identify(tv.Ensemble(angle, torque, 100.0, context=30))
+    assert [row.probability > 0.9 for row in model.switches if row.quantity == "stiffness"] == [True, True]
+    np.testing.assert_allclose(model.stiffness[[49, 51]], [50, 150], atol=10)
+    assert model.diagnostics.details["periodic"] == 0.0  # none follows another
+
+
+def test_a_reflex_is_taken_out_of_the_stiffness():
+    joint = tv.simulate.ReflexJoint(stiffness=tv.simulate.SineWave(), reflex_gain=8.0)
+    recording = joint.simulate(60.0, perturbation=tv.simulate.FilteredNoise(), snr_db=15, seed=4).recording
+    ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0, 1.0)
+    model = METHOD.identify(tv.preprocess.subtract_mean(ensemble))
+    assert np.sqrt(np.mean((model.stiffness - tv.simulate.SineWave()(model.time)) ** 2)) < 3
+    assert np.nanmean(model.estimates["reflex_gain"].values) == pytest.approx(8.0, abs=0.6)
+    assert set(model.pathways(ensemble)) == {"intrinsic", "reflex"}
+    travelled = pickle.loads(pickle.dumps(model))
+    np.testing.assert_array_equal(travelled.estimates["stiffness"].band(), model.estimates["stiffness"].band())
+    assert "reflex_gain" not in model_of("sine", "prbs").estimates
+
+
+def odd_ensembles():
+    random = np.random.default_rng(3)
+    angle = np.cumsum(random.normal(size=(8, 84)), axis=1)
+    usual = tv.Ensemble(angle, 80 * angle + random.normal(size=angle.shape), 100.0, context=12)
+    yield "four", usual.select([0, 3, 5, 7])
+    yield "of the same", tv.Ensemble(usual.angle[[2] * 5, :44], usual.torque[[2] * 5, :44], 100.0, context=12)
+    still = usual.angle.copy()
+    still[:, 40:60] = 0.0
+    yield "still for a while", replace(usual, angle=still)
+    yield "nothing but noise", replace(usual, torque=random.normal(size=usual.torque.shape))
+    yield "exact", replace(usual, torque=80.0 * usual.angle)
+    yield "negative", replace(usual, torque=-usual.torque)
+    yield "short", tv.Ensemble(random.normal(size=(9, 40)), random.normal(size=(9, 40)), 100.0)
+    one = np.tile(np.sin(np.arange(84) / 9), (6, 1))
+    yield "one sine", tv.Ensemble(one, one, 100.0, context=12)
+    spike = np.zeros((6, 84))
+    spike[2, 40] = 1.0
+    yield "one spike", tv.Ensemble(spike, spike, 100.0, context=12)
+
+
+@pytest.mark.parametrize("name", [name for name, _ in odd_ensembles()])
+def test_any_legal_ensemble_gives_a_model(name):
+    ensemble = dict(odd_ensembles())[name]
+    assert METHOD.skip(ensemble) is None
+    with np.errstate(all="raise", under="ignore"):
+        model = METHOD.identify(ensemble)
+    known = np.isfinite(model.stiffness)
+    assert known.any()
+    for each in model.estimates.values():
+        lower, upper = each.band()
+        assert (lower[known] <= each.values[known]).all()
+        assert (each.values[known] <= upper[known]).all()
+
+
+def test_what_data_leave_open_is_one_warning():
+    for name, text in (("four", "whether there is a stretch reflex"), ("one sine", "viscosity and inertia")):
+        texts = METHOD.identify(dict(odd_ensembles())[name]).diagnostics.warnings
+        assert [text in each for each in texts if "leave open" in each] == [True]
+
+
+def test_what_it_cannot_serve_it_says():
+    usual = ensemble_of(40.0)
+    assert "at least 4 realizations, got 3" in METHOD.skip(usual.select([0, 1, 2]))
+    assert "at least 16 samples with derivatives, got 6" in METHOD.skip(
+        tv.Ensemble(*np.ones((2, 9, 30)).cumsum(axis=2), 100.0)
+    )
+
+
+def test_the_search_finds_the_best_of_all_pairs(random):
+    line, _ = line_of(random, periodic=True, times=40)
+    smooths = tuple(evidence.Smooth(line, each) for each in prior.roughnesses(line.axis))
+    grid = search.Grid(line)
+    found = search.found_sets(grid, smooths, search.first_states(smooths, grid))[0]
+    sizes = evidence.every_sizes(True)
+    best = -np.inf
+    products = smooths[0].products(grid.fine)
+    gram = products.between(products)
+    for first in range(0, len(gram), 2):
+        for second in range(first + 2, len(gram), 2):
+            at = np.array([first, second])
+            best = max(
+                best, *(evidence.jumps(gram[np.ix_(at, at)], products.cross[at], each).evidence for each in sizes)
+            )
+    own = found.smooth.products(line.columns(found.positions))
+    score = max(evidence.jumps(own.between(own), own.cross, each).evidence for each in sizes) + found.smooth.score
+    assert score - len(found.positions) * np.log(40) >= smooths[0].score + best - 2 * np.log(40) - 1e-9

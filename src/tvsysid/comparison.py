@@ -140,7 +140,7 @@ def compare(
         Realizations, mean subtracted.
     methods
         Keys with settings if need be (``"sds:window=0.2"``), ``"module:Class"``, or objects with ``identify``; by
-        default the five for one pathway.
+        default ``adaptive``, whose answer to go by, and the paper's five.
     tune
         Whether each method's settings are chosen from the data first.
     progress

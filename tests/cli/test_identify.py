@@ -10,6 +10,8 @@ import xarray as xr
 from scipy.io import loadmat, savemat
 from tests.cli.conftest import IDENTIFY
 
+from tvsysid.methods import DEFAULT_METHODS
+
 
 @pytest.mark.usefixtures("undrawn")
 def test_identify_by_an_own_method(tvsysid, tmp_path, monkeypatch):
@@ -60,6 +62,25 @@ def test_simulate_then_identify(tvsysid, tmp_path, name):
     with xr.open_datatree(tmp_path / "found" / "models.nc", engine="h5netcdf") as tree:
         assert set(tree.children) == {"sds", "kbr"}
     assert (tmp_path / "found" / "stiffness.png").stat().st_size > 5000
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_by_default_the_answer_comes_first(tvsysid, tmp_path):
+    tvsysid("simulate", "joint.mat", "--duration", 40)
+    code, out, _ = tvsysid("identify", "joint.mat", *IDENTIFY)
+    assert code == 0
+    _, first, switch, other, between, *table = out.splitlines()
+    found = re.fullmatch(
+        r"stiffness by adaptive, the one to go by: ([\d.]+) to ([\d.]+) N·m/rad, .* band ± [\d.]+", first
+    )
+    assert [float(each) for each in found.groups()] == pytest.approx([50, 150], abs=5)
+    assert switch.startswith("  it switches by +")
+    assert float(re.search(r"at ([\d.]+) s", other)[1]) == pytest.approx(1.5, abs=0.02)
+    assert between.startswith("  between them it ")
+    rows = [line.split("│")[1].strip() for line in table if line.startswith("│")]
+    assert [name for name in rows if name] == list(DEFAULT_METHODS)
+    frame = pd.read_csv(tmp_path / "tvsysid-identify" / "stiffness.csv")
+    assert list(dict.fromkeys(frame.method)) == list(DEFAULT_METHODS)
 
 
 @pytest.mark.usefixtures("undrawn")

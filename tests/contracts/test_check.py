@@ -299,7 +299,7 @@ def failed(method):
 
 @pytest.mark.parametrize(
     "method",
-    [Fit(), NeedsMany(), NeedsManyOrSkips(), Doubts(), *map(tv.methods.create, tv.methods.DEFAULT_METHODS)],
+    [Fit(), NeedsMany(), NeedsManyOrSkips(), Doubts(), *map(tv.methods.create, tv.methods.PAPER_METHODS)],
     ids=repr,
 )
 def test_good_methods_pass(method):

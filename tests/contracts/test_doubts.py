@@ -10,8 +10,8 @@ from tests.conftest import ensemble_of
 
 import tvsysid as tv
 
-FIVE = [tv.methods.create(key) for key in tv.methods.DEFAULT_METHODS]
-five = pytest.mark.parametrize("method", FIVE, ids=list(tv.methods.DEFAULT_METHODS))
+FIVE = [tv.methods.create(key) for key in tv.methods.PAPER_METHODS]
+five = pytest.mark.parametrize("method", FIVE, ids=list(tv.methods.PAPER_METHODS))
 
 
 def doubts(method, ensemble):

@@ -30,10 +30,16 @@ def test_each_quantity_has_its_axes_with_unit(drawn):
     assert axes["inertia"].get_xlabel() == "time within a realization (s)"
 
 
+def test_the_first_method_stands_out(drawn):
+    for axes in drawn[2].values():
+        assert axes.lines[-1].get_linewidth() > 1.5 * axes.lines[0].get_linewidth()
+
+
 @pytest.mark.parametrize("name", ["stiffness", "viscosity", "inertia"])
 def test_lines_are_the_estimates_and_shades_the_bands(drawn, name):
     models, bands, axes = drawn
-    for line, shade, (label, model) in zip(axes[name].lines, axes[name].collections, models.items(), strict=True):
+    drawings, behind_to_front = (axes[name].lines, axes[name].collections), reversed(models.items())
+    for line, shade, (label, model) in zip(*drawings, behind_to_front, strict=True):
         np.testing.assert_array_equal(line.get_ydata(), getattr(model, name))
         assert line.get_color() == lines(list(models))[label][0]
         lower, upper = bands[label][name]

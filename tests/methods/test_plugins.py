@@ -7,6 +7,7 @@ import pytest
 from tests.conftest import ensemble_of
 
 import tvsysid as tv
+from tvsysid.cli import identify
 from tvsysid.methods import clashes, create, describe, from_text, key_of, label_of, load, names, parse, typed
 from tvsysid.numerics.bases import CubicBSplines, FourierSeries
 
@@ -221,7 +222,7 @@ def test_what_cannot_be_used_is_told(text, message):
 
 
 def test_the_packages_own_come_first():
-    assert names()[:5] == tv.methods.DEFAULT_METHODS == ("eirf", "sds", "birf", "esm", "kbr")
+    assert names()[:5] == tv.methods.PAPER_METHODS == ("eirf", "sds", "birf", "esm", "kbr")
     with pytest.raises(tv.InputError, match="expected setting=value, got 'window'"):
         parse("sds:window")
 
@@ -269,8 +270,9 @@ def test_unreadable_metadata_of_another_package_stops_nothing(installed):
 
 
 @pytest.mark.usefixtures("installed")
-def test_a_study_holds_the_five_whatever_is_installed():
-    assert tv.study.Study().methods == tv.methods.DEFAULT_METHODS
+def test_what_is_run_by_default_is_the_same_whatever_is_installed():
+    assert tv.study.Study().methods == (*tv.methods.PAPER_METHODS, "adaptive")
+    assert tuple(identify.DEFAULT_METHODS) == tv.methods.DEFAULT_METHODS == ("adaptive", *tv.methods.PAPER_METHODS)
 
 
 @pytest.mark.parametrize(

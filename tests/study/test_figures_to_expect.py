@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from scipy.signal import bessel, cont2discrete, ss2tf
 
+from tvsysid.methods import PAPER_METHODS
 from tvsysid.study import Study, of_quantity, run, score, summarize
 
 pytestmark = pytest.mark.slow
@@ -31,7 +32,7 @@ INDEPENDENT = {
 
 
 def study_figures(trials):
-    table = of_quantity(summarize(score(run(Study(trials=trials), workers=1))))
+    table = of_quantity(summarize(score(run(Study(methods=PAPER_METHODS, trials=trials), workers=1))))
     return table.set_index(["perturbation", "method", "metric"]).sort_index().value
 
 

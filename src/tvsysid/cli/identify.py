@@ -20,9 +20,10 @@ if TYPE_CHECKING:
     from tvsysid.comparison import Comparison
     from tvsysid.signals import Recording
 
-DEFAULT_METHODS = ["eirf", "sds", "birf", "esm", "kbr"]  # those of tvsysid.methods.names(), which takes long to import
+DEFAULT_METHODS = ["adaptive", "eirf", "sds", "birf", "esm", "kbr"]  # of tvsysid.methods, which takes long to import
 SCHEDULED_METHODS = ["lpv", "lpvkbi"]  # with a scheduling variable
 PIECES = 2.0  # seconds of the realizations in which a delay is looked for where there is no period
+CERTAIN = 0.995  # probability from which on it is not mentioned
 SLOW_RATE = 250.0  # Hz from which on identifying without decimation takes minutes
 REFLEX = {"delay": "s", "frequency": "rad/s", "damping": "", "threshold": "rad/s"}  # units of what shapes a reflex
 EXPLAINED = {"vaf": "torque explained", "vaf_intrinsic": "by the intrinsic pathway", "vaf_reflex": "by the reflex"}
@@ -66,9 +67,11 @@ def identify(
     """Identify stiffness over time from a recording.
 
     Reads angle and torque (`tvsysid inspect FILE` shows the names in a file), decimates them, cuts the recording into
-    realizations of one period, subtracts the mean over realizations, and identifies by each method.
+    realizations of one period, subtracts the mean over realizations, and identifies by each method: by default
+    `adaptive`, which has no settings and whose stiffness is the one to go by, and five for comparison.
 
-    A 95 % band accounts for noise only: it does not include the error of a method that smooths too much.
+    A 95 % band accounts for noise only: it does not include the error of a method that smooths too much. That of
+    `adaptive` counts how unsure it is of how fast stiffness changes, and when it switches.
 
     VAF is the share of the recorded torque's variance that the model predicts. It is computed from the data that the
     model was identified from, so a method with many parameters has a high VAF even where its stiffness is mostly noise.
@@ -186,7 +189,38 @@ def _taken(seconds: float) -> str:
     return f"the torque is taken {abs(1000 * seconds):.3g} ms {'earlier' if seconds > 0 else 'later'}"
 
 
+def _show_answer(found: Comparison) -> None:
+    """Print what the stiffness does by the method that decides this from the data."""
+    import numpy as np
+
+    from tvsysid.methods.adaptive.model import AdaptiveModel
+
+    for label, model in found.models.items():
+        if not isinstance(model, AdaptiveModel):
+            continue
+        lower, upper = found.bands[label]["stiffness"]
+        known, band = model.stiffness[np.isfinite(model.stiffness)], float(np.nanmean(upper - lower)) / 2
+        say(
+            f"stiffness by {label}, the one to go by: {known.min():.1f} to {known.max():.1f} N·m/rad, "
+            f"{known.mean():.1f} on average, 95 % band ± {band:.1f}"
+        )
+        switches = [each for each in model.switches if each.quantity == "stiffness"]
+        for each in switches:
+            size = f"{each.size:+.1f} ± {1.96 * each.size_error:.1f} N·m/rad"
+            say(f"  it switches by {size} at {each.time:.3f} s{_probable(each.probability)}")
+        smooth = [each for each in model.smoothness if each.quantity == "stiffness" and each.kind != "none"]
+        share = sum(each.probability for each in smooth)
+        words = f"it changes smoothly{_probable(share)}" if share > 0.5 else f"it is constant{_probable(1 - share)}"
+        say(f"  {'between them ' if switches else ''}{words}")
+
+
+def _probable(share: float) -> str:
+    """Probability in words, of what is not as good as certain."""
+    return f", with a probability of {100 * share:.0f} %" if share < CERTAIN else ""
+
+
 def _show_impedance(found: Comparison) -> None:
+    _show_answer(found)
     headings = ["method", "mean\n(N·m/rad)", "95 % band\npointwise\n(N·m/rad)", "lowest, at\n(N·m/rad, s)"]
     headings += ["highest, at\n(N·m/rad, s)", "inertia\n(kg·m²)", "VAF\n(%)"]
     rows = [
@@ -251,7 +285,11 @@ def _show_reflex(found: Comparison) -> None:
     """Say whether the data show a reflex that some of the methods take for stiffness."""
     from tvsysid.quality import find_reflex
 
-    one_path = [label for label in found.models if "reflex" not in getattr(found.methods[label], "pathway_names", ())]
+    one_path = [
+        label
+        for label, model in found.models.items()
+        if "reflex" not in getattr(found.methods[label], "pathway_names", ()) and "reflex_gain" not in model.estimates
+    ]
     reflex = find_reflex(found.ensemble)
     if one_path and reflex.found:
         remark(

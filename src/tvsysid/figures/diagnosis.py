@@ -70,7 +70,7 @@ def diagnosis_illustration(diagnosis: Diagnosis, name: str) -> Illustration:
 
 def _angle(axes: Axes, curves: Curves, natural: float) -> None:
     if np.isfinite(natural) and natural > LOWEST:
-        axes.axvspan(LOWEST, natural, color=PALETTE[5], alpha=0.2, linewidth=0, label="band needed")
+        axes.axvspan(LOWEST, natural, color=PALETTE[6], alpha=0.2, linewidth=0, label="band needed")
     _spectrum(axes, curves.frequency, curves.angle_power, PALETTE[0], "angle")
     _name(axes, "input: power of the angle", "frequency (Hz)", "rad²/Hz", loc="lower left")
 

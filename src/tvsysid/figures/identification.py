@@ -27,6 +27,8 @@ OVER_TIME = (("time",), ("realization", "time"))
 def identified_impedance(models: Mapping[str, Model], vaf: Mapping[str, Array], title: str = "") -> Figure:
     """Every quantity that the models estimate, with 95 % bands: stiffness above the time-varying VAF, others beside it.
 
+    The first of the models is in front, with a thicker line.
+
     Axes for stiffness, VAF, viscosity, inertia, and each further quantity, which is drawn over its own axis. A quantity
     of the impedance says so where no method identified it. Estimates of single realizations are averaged.
 
@@ -44,9 +46,9 @@ def identified_impedance(models: Mapping[str, Model], vaf: Mapping[str, Array], 
     looks = style.lines(list(models))
     draw_quantity(largest, "stiffness", models)
     largest.tick_params(labelbottom=False)
-    for label, model in models.items():
+    for label, model in reversed(list(models.items())):
         hue, dash = looks[label]
-        below.plot(model.time, vaf[label], color=hue, linestyle=dash, linewidth=1.4)
+        below.plot(model.time, vaf[label], color=hue, linestyle=dash, linewidth=_width(label, models))
     if not any(np.isfinite(vaf[label]).any() for label in models):
         style.remark(below, "takes several realizations")
     below.set_ylabel("time-varying VAF (%)")
@@ -70,8 +72,9 @@ def identified_impedance(models: Mapping[str, Model], vaf: Mapping[str, Array], 
 def draw_quantity(axes: Axes, name: str, models: Mapping[str, Model]) -> str:
     """Draw what every model says of a quantity; return the axis that it is over."""
     shown, unit, over = [np.array([np.nan])], UNITS.get(name, ""), "time"
-    for (label, model), (hue, dash) in zip(models.items(), style.lines(list(models)).values(), strict=True):
-        estimate = model.estimates.get(name)
+    looks = style.lines(list(models))
+    for label, model in reversed(list(models.items())):
+        estimate, (hue, dash) = model.estimates.get(name), looks[label]
         if estimate is None or not np.isfinite(estimate.values).any():
             continue
         unit = estimate.unit
@@ -84,11 +87,17 @@ def draw_quantity(axes: Axes, name: str, models: Mapping[str, Model]) -> str:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", DataQualityWarning)  # that there is none
                 band = [limit.ravel() for limit in estimate.band()]
-        style.curve_with_band(axes, where, values, band, hue, linestyle=dash, label=label)
+        look = {"linestyle": dash, "linewidth": _width(label, models), "label": label}
+        style.curve_with_band(axes, where, values, band, hue, **look)
         shown.append(values)
     axes.set_ylabel(f"{name.replace('_', ' ')} ({unit_name(unit)})")
     _limit(axes, np.concatenate(shown))
     return over
+
+
+def _width(label: str, models: Mapping[str, Model]) -> float:
+    """Of a line: the first of several methods stands out."""
+    return 2.2 if len(models) > 1 and label == next(iter(models)) else 1.4
 
 
 def _limit(axes: Axes, shown: Array) -> None:

@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 P = ParamSpec("P")
 
-# Okabe and Ito's palette and four of Tol's: told apart by people who are colour-blind.
-PALETTE: tuple[str, ...] = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#882255", "#999933")
-PALETTE += ("#332288", "#661100", "#44AA99", "#AA4499", "#117733", "#DDCC77")
+# Okabe and Ito's palette, a violet for the sixth, and others of Tol's: told apart by people who are colour-blind.
+PALETTE: tuple[str, ...] = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#4B0092", "#56B4E9", "#882255")
+PALETTE += ("#999933", "#332288", "#661100", "#44AA99", "#AA4499", "#117733", "#DDCC77")
 TRUTH = "#444444"
 TARGET = "#111111"  # the torque to be followed
 GREY = "#777777"  # what a legend says of all methods

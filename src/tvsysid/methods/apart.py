@@ -10,6 +10,7 @@ import math
 import pickle
 import time
 from contextlib import suppress
+from dataclasses import fields
 from typing import Any, NamedTuple
 
 import cloudpickle
@@ -19,7 +20,7 @@ from tvsysid.errors import InputError, plain_text
 from tvsysid.estimates import Estimate, StandardError
 from tvsysid.limits import TIME_LIMIT
 from tvsysid.methods.apply import AdoptedModel, apply, checked_torques, digest
-from tvsysid.methods.base import Choice, Method, SkippedError, reason_to_skip
+from tvsysid.methods.base import Method, SkippedError, reason_to_skip
 from tvsysid.methods.forkserver import call
 from tvsysid.methods.travel import plain
 from tvsysid.methods.tuning.evidence import Evidence, Tuned
@@ -80,7 +81,7 @@ def _identified(method: Any, ensemble: Ensemble, label: str, tune: bool) -> Iden
     return Identified(model, evidence, time.perf_counter() - started)
 
 
-def _tuned(method: Any, ensemble: Ensemble) -> Choice[Method]:
+def _tuned(method: Any, ensemble: Ensemble) -> tuple[Method, Evidence | None]:
     """Method with settings chosen from the data, and the evidence for them."""
     own = method.method if isinstance(method, Tuned) else method
     if not isinstance(own, Method):
@@ -88,7 +89,7 @@ def _tuned(method: Any, ensemble: Ensemble) -> Choice[Method]:
             "its settings cannot be chosen from data; leave out tune (--tune), and write key:tuned=true for those "
             "methods whose settings can"
         )
-    return own.tuned(ensemble)
+    return own.tuned(ensemble) if fields(own) else (own, None)  # what has no settings has none to choose
 
 
 def _identified_apart(method: Any, ensemble: Ensemble, label: str, tune: bool, keep: bool) -> Identified:

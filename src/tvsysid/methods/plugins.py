@@ -61,13 +61,9 @@ METHODS: dict[str, type[Method]] = {
     )
 }
 
-DEFAULT_METHODS = (
-    "eirf",
-    "sds",
-    "birf",
-    "esm",
-    "kbr",
-)  # of one pathway, for repeated behaviour: what people begin with
+PAPER_METHODS = ("eirf", "sds", "birf", "esm", "kbr")  # those that van de Ruit et al. 2021 compare
+DEFAULT_METHODS = ("adaptive", *PAPER_METHODS)  # what an ensemble is identified by; the first gives the answer
+STUDIED_METHODS = (*PAPER_METHODS, "adaptive")  # what studies compare
 CLOSED_LOOP = (
     "sds:reference=disturbance",
     "esm:stiffness=fit,reference=disturbance",

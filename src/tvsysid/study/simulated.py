@@ -16,7 +16,7 @@ from pydantic import Field, field_validator, model_validator
 
 from tvsysid.errors import InputError, describe_error
 from tvsysid.estimates import IMPEDANCE
-from tvsysid.methods import DEFAULT_METHODS, found_as, label_of, parse
+from tvsysid.methods import STUDIED_METHODS, found_as, label_of, parse
 from tvsysid.signals import Array, Ensemble
 from tvsysid.simulate import (
     PERTURBATIONS,
@@ -163,7 +163,7 @@ class Study(_Grid, StudySettings):
         torque then loses it too.
     methods
         Keys of methods, with settings if need be (``"sds:window=0.2"``), ``"mymodule:MyMethod"``, or objects with
-        ``identify``; by default the package's own five.
+        ``identify``; by default the paper's five, and ``adaptive``.
     trials, seed
         Monte-Carlo repetitions, and the seed of the whole study. Each trial of each scenario has a stream of its own,
         so that adding a scenario, a trial or a method changes no other number. Scenarios that differ in viscosity only
@@ -193,7 +193,7 @@ class Study(_Grid, StudySettings):
     rate: Annotated[float, _said("a number of hertz", gt=0)] = RATE
     period: Annotated[float, _said("a number of seconds", gt=0)] = PERIOD
     subtract_mean: Annotated[bool, _said("true or false")] = False
-    methods: Annotated[Methods, _said("keys of methods, such as 'sds:window=0.2'")] = DEFAULT_METHODS
+    methods: Annotated[Methods, _said("keys of methods, such as 'sds:window=0.2'")] = STUDIED_METHODS
     trials: Annotated[Whole, _said("a whole number of one or more", ge=1)] = 20
     seed: Annotated[Whole, _said("a whole number of zero or more", ge=0)] = 0
 

@@ -17,6 +17,7 @@ import pandas as pd
 from scipy.stats import t as student
 
 from tvsysid.figures.results import estimates, unique
+from tvsysid.methods import PAPER_METHODS
 from tvsysid.numerics import Array
 from tvsysid.studies.verdicts import COLUMNS, RATIO, Claim, judged, log_ratio
 from tvsysid.study.contents import STEPS
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-FOUR, FIVE = ("eirf", "sds", "birf", "esm"), ("eirf", "sds", "birf", "esm", "kbr")
+FOUR, FIVE = ("eirf", "sds", "birf", "esm"), PAPER_METHODS
 FEWEST = 3  # participants below which nothing is decided
 FEW = 75  # realizations in the paper's 150 s
 POINTS, REALIZATIONS = "percentage points", "realizations"

@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import beta
 
+from tvsysid.methods import PAPER_METHODS
 from tvsysid.numerics import Array
 from tvsysid.studies.verdicts import COLUMNS, FAILS, HOLDS, NOT_STUDIED, RATIO, UNDECIDED, Claim, judged, log_ratio
 from tvsysid.study.simulated import PERIOD, RATE
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-FIVE = ("eirf", "sds", "birf", "esm", "kbr")
+FIVE = PAPER_METHODS
 THE_FIVE = "all five methods with their own settings"
 PERTURBATIONS = ("noise", "prbs")
 FEWEST = 10  # trials below which limits from drawing among them are too narrow to decide by

@@ -96,6 +96,7 @@ def cases() -> Iterator[Case]:
     yield Case("birf irf, no prior", response, plain=plain_birf_irf, long=True)
     yield Case("birf irf, sparse", tv.BasisIRF(model="irf"))
     yield Case("kbr", tv.KernelRegression())
+    yield Case("kbr, closed loop", tv.KernelRegression(reference="reference", weighting="residual"))
     decaying = tv.KernelRegression.preset("experiment")
     for name, method in (("kbr", tv.KernelRegression()), ("kbr, decaying kernel", decaying)):
         for duration in (20.0, 40.0):
@@ -242,8 +243,9 @@ def simulation(duration: float, perturbation: Any = None) -> tv.simulate.Simulat
 
 
 def simulated(duration: float) -> tv.Ensemble:
+    """Realizations with a slow variable; the angle is imposed, so that it is a reference too."""
     recording = simulation(duration).recording
-    slowly = {"scheduling": np.sin(2 * np.pi * 0.1 * recording.time)}
+    slowly = {"scheduling": np.sin(2 * np.pi * 0.1 * recording.time), "reference": recording.angle}
     return tv.preprocess.segment(tv.preprocess.decimate(replace(recording, channels=slowly), RATE), PERIOD)
 
 

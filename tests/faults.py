@@ -119,9 +119,13 @@ def softening(recording, share=0.3):
 
 
 @cache
-def giving_way(duration=150.0, perturbation="noise", actuator=100.0, snr_db=5.0, seed=1, stiffness=100.0):
+def giving_way(
+    duration=150.0, perturbation="noise", actuator=100.0, snr_db=5.0, seed=1, stiffness=100.0, noise_bandwidth=40.0
+):
     """A joint on a soft actuator, which noise in the torque moves."""
-    system = tv.simulate.CompliantActuator(tv.simulate.Constant(stiffness), actuator_stiffness=actuator)
+    system = tv.simulate.CompliantActuator(
+        tv.simulate.Constant(stiffness), actuator_stiffness=actuator, noise_bandwidth=noise_bandwidth
+    )
     kind = tv.simulate.PERTURBATIONS[perturbation]
     return system.simulate(duration, perturbation=kind, snr_db=snr_db, seed=seed).recording
 

@@ -55,7 +55,7 @@ def test_html_is_escaped(spoilt):
 
 def test_its_table_has_a_row_for_everything(spoilt):
     table = spoilt.table.set_index("name")
-    assert list(table.index) == list(FAULTS)
+    assert list(table.index) == [name for name in FAULTS if name != "loop-bias"]  # that needs a reference
     assert set(table.index[table.found]) == {"delay", "unlike-realizations"}
     assert set(table.state) <= {"found", "in order", "uncertain", "not judged"}
     assert table.limit["drift"] == FAULTS["drift"].limit

@@ -243,6 +243,22 @@ def test_a_stiff_actuator_is_no_feedback(perturbation):
     assert "feedback" not in found(cut(faults.giving_way(perturbation=perturbation, actuator=10_000.0)))
 
 
+@pytest.mark.parametrize(("actuator", "wrong"), [(100.0, True), (10_000.0, False)])
+def test_slow_noise_that_moves_the_angle_is_found_with_the_reference(actuator, wrong):
+    recording = faults.giving_way(actuator=actuator, duration=100.0, noise_bandwidth=3.0)
+    ensemble = cut(recording)
+    checks = {check.name: check for check in tv.diagnose(ensemble, reference="disturbance").checks}
+    assert not checks["feedback"].found
+    assert checks["loop-bias"].found == wrong
+    if wrong:
+        assert -60 < checks["loop-bias"].value < -10
+        assert "--method kbr:reference=disturbance,weighting=residual" in checks["loop-bias"].what
+    else:
+        still = replace(ensemble, channels={"other": np.random.default_rng(0).random(ensemble.angle.shape)})
+        unrelated = {check.name: check for check in tv.diagnose(still, reference="other").checks}
+        assert "hardly moves the angle" in unrelated["loop-bias"].what
+
+
 def test_a_reflex():
     assert set(found(faults.reflexive(8.0))) >= {"reflex"}
 

@@ -50,6 +50,12 @@ def inspect(
         float | None, options.option("HZ", "Rate to which `tvsysid identify` will decimate; only checked here.")
     ] = None,
     channel: options.ChannelOption = [],
+    reference: Annotated[
+        str | None,
+        options.option(
+            "NAME", "Channel (of --channel) with the disturbance that was applied, to look for a closed loop."
+        ),
+    ] = None,
     columns: options.ColumnsOption = "contiguous",
     torque_sign: options.TorqueSignOption = 1,
     angle_unit: options.AngleUnitOption = "rad",
@@ -73,6 +79,9 @@ def inspect(
     Example: `tvsysid inspect ankle.mat --plot ankle.pdf`
 
     Example: `tvsysid inspect ankle.mat --diagnose --angle pos --torque tq --rate 1000 --period 2`
+
+    Example: `tvsysid inspect ankle.mat --diagnose --angle pos --torque tq --rate 1000 --period 2
+    --channel command=CMD --reference command`
     """
     from threadpoolctl import threadpool_limits
 
@@ -108,10 +117,11 @@ def inspect(
         if decimate is not None:
             preprocess.decimate(recording, decimate)  # reports a rate that is impossible
         # Not decimated: that would hide a clipped signal. A check that needs a low rate decimates by itself.
-        ensemble = preprocess.subtract_mean(preprocess.segment(recording, period, context))
+        known = [] if reference is None else [reference]
+        ensemble = preprocess.subtract_mean(preprocess.segment(recording, period, context), known)
     # The matrices are small: BLAS threads would only wait for each other.
     with waiting("diagnosing"), threadpool_limits(1):
-        diagnosis = diagnosis_of(ensemble)
+        diagnosis = diagnosis_of(ensemble, reference)
     # A file may hold several pairs of channels: a page for each.
     page = picture.with_name(re.sub(r"[^\w.-]+", "_", f"{file.name}.{angle}-{torque}.diagnosis.html"))
     name = f"{file.name} ({angle}, {torque})"

@@ -23,6 +23,7 @@ HARMONICS = 4
 FADES = 0.08  # s over which the prior of a lag's coefficient falls by e
 LEAST = 1e-3  # of that prior's variance, however long the lag
 BLOCKS = 5  # groups of realizations, each predicted by what the others tell
+HARDLY_MOVED = 0.1  # share of the angle that a reference predicts below which short windows cannot use it
 
 
 def lag_samples(rate: float) -> tuple[int, int]:
@@ -30,12 +31,21 @@ def lag_samples(rate: float) -> tuple[int, int]:
     return round(EARLY * rate), round(LATE * rate)
 
 
+def realization_groups(trials: NDArray[np.int64], onsets: Array) -> NDArray[np.int64]:
+    """Group of each realization: of some that follow each other, as the noise of neighbours is alike.
+
+    A realization that was drawn twice is in one group.
+    """
+    distinct, place = np.unique(np.stack([trials, onsets], axis=1), axis=0, return_inverse=True)
+    return np.asarray(place.ravel() * min(BLOCKS, len(distinct)) // len(distinct))
+
+
 def predicted(reference: Array, angle: Array, core: slice, rate: float, groups: NDArray[np.int64]) -> Array:
     """Angle (realization, time) that a reference predicts, at all samples of the angle.
 
     The reference has as many more samples at either end as the lags need (:func:`lag_samples`). The coefficients are
     those of the ``core`` of the realizations in other ``groups`` (realization,) than its own, so that nothing of a
-    realization's noise enters its prediction; a ridge whose size has the greatest evidence.
+    realization's noise enters its prediction, but for the size of the ridge: that of greatest evidence, for all.
     """
     early, late = lag_samples(rate)
     period = core.stop - core.start

@@ -287,8 +287,18 @@ FAULTS: dict[str, Fault] = {
         "%",
         "the methods here take the angle as imposed; if noise in the torque moves it, stiffness, viscosity and "
         "inertia come out too low",
-        "check that both channels pass the same filters; use a stiffer actuator, or a closed-loop method with the "
-        "actuator's command as the instrument",
+        "check that both channels pass the same filters; use a stiffer actuator, or identify with the actuator's "
+        "command as the reference (tvsysid identify … --channel command=… --method "
+        "kbr:reference=command,weighting=residual)",
+    ),
+    "loop-bias": Fault(
+        "Closed loop: the stiffness is another with the reference",
+        "mean stiffness of a fit in open loop over that with the reference as the instrument, less 1",
+        5,
+        "%",
+        "the methods that take the angle as imposed are biased by as much; no band shows it, and no longer record "
+        "mends it",
+        "identify with the reference, as the finding says (kbr:reference=NAME,weighting=residual)",
     ),
     "reflex": Fault(
         "A reflex answers stretch",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -111,7 +111,7 @@ class Diagnosis:
     Parameters
     ----------
     checks
-        Everything that was looked at, in the order of the catalogue.
+        Everything that was looked at, in the order of the catalogue; ``loop-bias`` where a reference was given.
     measures
         Values about the ensemble by name, with their unit: ``{"bandwidth": (8.9, "Hz"), ...}``.
     curves, ensemble
@@ -191,7 +191,7 @@ class Diagnosis:
         return f"<p><b>Diagnosis</b> of {html.escape(self.ensemble)}: {html.escape(self.verdict)}.</p>{table}{notes}"
 
 
-def diagnose(ensemble: Ensemble) -> Diagnosis:
+def diagnose(ensemble: Ensemble, reference: str | None = None) -> Diagnosis:
     r"""Look for what is wrong with an ensemble, and say what it does to the result and what to do.
 
     A joint of second order, :math:`y = k(t)\,\theta + b(t)\,\dot\theta + I\,\ddot\theta`, with stiffness and viscosity
@@ -207,6 +207,9 @@ def diagnose(ensemble: Ensemble) -> Diagnosis:
     ensemble
         Realizations of one repeated behaviour; mean subtracted, or not (which is then found). An InputError is raised
         for a single one, or for realizations that are too short for derivatives.
+    reference
+        Channel with the disturbance that was applied, or the actuator's command: whether the joint is in closed loop
+        shows best by it (``loop-bias``).
 
     Examples
     --------
@@ -228,19 +231,20 @@ def diagnose(ensemble: Ensemble) -> Diagnosis:
         raise InputError(
             "diagnose: expected at least two realizations to compare, got one; cut the recording with a shorter period"
         )
-    data = FittedEnsemble.of(ensemble)
+    channels = {} if reference is None else {reference: ensemble.signal(reference)}
+    data = FittedEnsemble.of(replace(ensemble, channels=channels))
     known = known_samples(data.ensemble.samples, data.ensemble.context)
     if known < SHORTEST:
         raise InputError(
             f"diagnose: derivatives are known at {known} samples of a realization at {data.rate:g} Hz, it "
             f"takes {SHORTEST}; give longer realizations, or {HALF_WIDTH / data.rate:g} s of context"
         )
-    timely, found = _looked_at(data)
+    timely, found = _looked_at(data, reference)
     if found["same-channel"].found:
         # Nothing else that is seen then is of a joint.
         why = "angle and torque are one signal"
-        found |= {name: Finding(name, math.nan, False, why) for name in FAULTS if name not in OF_ANY_SIGNAL}
-    seen, checks = curves(data), tuple(found[name] for name in FAULTS)
+        found |= {name: Finding(name, math.nan, False, why) for name in found if name not in OF_ANY_SIGNAL}
+    seen, checks = curves(data), tuple(found[name] for name in FAULTS if name in found)
     words = f"{len(ensemble)} realizations of {ensemble.duration:g} s at {ensemble.sampling_rate:g} Hz"
     return Diagnosis(checks, _measures(timely, seen), seen, words)
 
@@ -284,7 +288,7 @@ TIMELY: dict[str, Callable[[FittedEnsemble], Seen]] = {
 }
 
 
-def _looked_at(data: FittedEnsemble) -> tuple[FittedEnsemble, dict[str, Finding]]:
+def _looked_at(data: FittedEnsemble, reference: str | None) -> tuple[FittedEnsemble, dict[str, Finding]]:
     """Fit less drifting offsets and a delay, and a finding for each fault."""
     found: dict[str, Finding] = {}
 
@@ -304,6 +308,8 @@ def _looked_at(data: FittedEnsemble) -> tuple[FittedEnsemble, dict[str, Finding]
     timely = level.synchronised(late.value * level.rate / 1000 if late.significant else 0.0)
     for name, check in TIMELY.items():
         look(name, check, timely)
+    if reference is not None:
+        look("loop-bias", structure.loop_bias, timely, reference)
     misplaced = found["misaligned-realizations"]
     unlike = look("unlike-realizations", realizations.unlike, timely, misplaced.realizations)
     period = look("wrong-period", timing.wrong_period, timely, found["drift"].found)

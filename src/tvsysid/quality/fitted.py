@@ -382,7 +382,7 @@ class FittedEnsemble:
             angle=given.angle[:, left],
             torque=torque,
             context=given.context - cut,
-            channels={},
+            channels={name: values[:, left] for name, values in given.channels.items()},
             recorded_angle=recorded,
         )
         return FittedEnsemble(self.given, timely)

@@ -11,6 +11,7 @@ from scipy.signal import firwin, oaconvolve
 
 from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.preprocess import decimate
+from tvsysid.preprocess.segment import every_signal
 from tvsysid.signals import Array, Ensemble, Recording
 
 LOWEST_RATE = 100.0  # in Hz; what is above is taken down to it or little more
@@ -50,14 +51,14 @@ def lowered(ensemble: Ensemble) -> Ensemble:
     # Every realization is filtered by itself, as a trial is.
     starts = tuple(range(0, ensemble.angle.size, samples + 2 * context))
     recorded = None if ensemble.recorded_angle is None else np.concatenate(ensemble.recorded_angle)
-    whole = Recording(
-        ensemble.angle.ravel(), ensemble.torque.ravel(), rate, trial_starts=starts, recorded_angle=recorded
-    )
+    channels = {name: values.ravel() for name, values in ensemble.channels.items()}
+    angle, torque = ensemble.angle.ravel(), ensemble.torque.ravel()
+    whole = Recording(angle, torque, rate, channels=channels, trial_starts=starts, recorded_angle=recorded)
     low = decimate(whole, rate / factor)
-    changes = {name: getattr(low, name).reshape(len(ensemble), -1) for name in ("angle", "torque")}
     assert low.recorded_angle is not None
-    changes["recorded_angle"] = low.recorded_angle.reshape(*changes["angle"].shape, -1)
-    return replace(ensemble, **changes, sampling_rate=rate / factor, context=context // factor, channels={})
+    lower = every_signal(replace(low, recorded_angle=None), lambda values: values.reshape(len(ensemble), -1))
+    lower["recorded_angle"] = low.recorded_angle.reshape(*lower["angle"].shape, -1)
+    return replace(ensemble, **lower, sampling_rate=rate / factor, context=context // factor)
 
 
 def _resampled(ensemble: Ensemble) -> Ensemble | None:
@@ -79,6 +80,5 @@ def _resampled(ensemble: Ensemble) -> Ensemble | None:
         smooth = oaconvolve(extended, taps[None], mode="valid", axes=1)
         return np.asarray(make_interp_spline(np.arange(values.shape[1]), smooth, axis=1)(places))
 
-    angle, torque = lower(ensemble.angle), lower(ensemble.torque)
-    low = replace(ensemble, angle=angle, torque=torque, context=margin, channels={}, recorded_angle=None)
-    return replace(low, sampling_rate=rate / step)
+    signals = every_signal(replace(ensemble, recorded_angle=None), lower)
+    return replace(ensemble, **signals, context=margin, sampling_rate=rate / step)

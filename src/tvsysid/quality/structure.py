@@ -6,7 +6,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from tvsysid.errors import InputError
-from tvsysid.numerics.differentiation import HALF_WIDTH
+from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
+from tvsysid.numerics.instrument import HARDLY_MOVED, lag_samples, predicted, realization_groups
 from tvsysid.quality.catalogue import FAULTS
 from tvsysid.quality.fitted import FittedEnsemble, NotJudged, Seen
 from tvsysid.quality.reflexes import LATEST, SOONEST
@@ -42,6 +43,39 @@ def feedback(data: FittedEnsemble) -> Seen:
     )
     more = share > MIRRORED * before and p_value_of(forward - backward) < SIGNIFICANT
     return Seen(100 * max(0.0, share), what, bool(more and p_value_of(forward) < SIGNIFICANT))
+
+
+def loop_bias(data: FittedEnsemble, reference: str) -> Seen:
+    """Whether the stiffness is another where the angle that a reference predicts takes the angle's place.
+
+    By one step from the open-loop fit, whose residual is then no answer to what the reference moves.
+    """
+    data.require(LEAST_REALIZATIONS)
+    ensemble, fit, (early, late) = data.ensemble, data.fit, lag_samples(data.rate)
+    values = ensemble.signal(reference) - ensemble.signal(reference).mean(axis=0)
+    assert ensemble.trials is not None
+    assert ensemble.onsets is not None
+    groups = realization_groups(ensemble.trials, ensemble.onsets)
+    moved = predicted(np.pad(values, ((0, 0), (late, early))), data.angle, ensemble.core, data.rate, groups)
+    core = data.core("angle")
+    explained = 1 - float(np.sum((core - moved[:, ensemble.core]) ** 2) / np.sum(core**2))
+    if not explained >= HARDLY_MOVED:
+        raise NotJudged(
+            f"the disturbance {reference!r} hardly moves the angle: it predicts {_percent(explained)} of it"
+        )
+    first = fit.first - HALF_WIDTH
+    z = differentiate(moved, data.rate)[:, :, first : first + fit.torque.shape[1]]
+    inverse = np.linalg.pinv(np.einsum("art,brt->ab", z, fit.motion))
+    missing = np.einsum("a,art,rt->r", inverse[0], z, fit.residual)  # of the stiffness, in each realization
+    biased = float(data.mean_impedance[0][0])
+    closed = biased + float(missing.sum())
+    what = (
+        f"the mean stiffness is {biased:.3g} N·m/rad in open loop, {closed:.3g} with {reference!r} as the reference, "
+        f"which predicts {_percent(explained)} of the angle; identify by --method "
+        f"kbr:reference={reference},weighting=residual (birf:reference={reference}; "
+        f"esm:stiffness=fit,reference={reference})"
+    )
+    return Seen(-100 * float(missing.sum()) / closed, what, p_value_of(missing) < SIGNIFICANT)
 
 
 def _predicted(angle: Array, residual: Array, first: int, rate: float) -> Array:

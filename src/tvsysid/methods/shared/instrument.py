@@ -17,19 +17,18 @@ from scipy.stats import t as student
 
 from tvsysid.errors import InputError
 from tvsysid.estimates import ErrorStatistics, StandardError
-from tvsysid.methods.base import Input, padded
+from tvsysid.methods.base import Input
 from tvsysid.methods.shared.pathways import history
 from tvsysid.methods.shared.residuals import agreement_of, independent_realizations
 from tvsysid.models import Diagnostics
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
-from tvsysid.numerics.instrument import BLOCKS, lag_samples, predicted
+from tvsysid.numerics.instrument import HARDLY_MOVED, lag_samples, predicted, realization_groups
 from tvsysid.numerics.moments import convolve_lags
 from tvsysid.numerics.noise import autocovariance
 from tvsysid.numerics.spectra import hann, power_spectrum
 from tvsysid.signals import Array, Ensemble
 
-HARDLY = 0.1  # share of the angle that the reference predicts below which segments and bases cannot use it
-LEAST = 0.01  # below which nobody can
+LEAST = 0.01  # share of the angle that the reference predicts below which nobody can use it
 WEAK = 0.5  # below which there is a warning
 WINDOW = 0.30  # s over which the strength at a time counts
 SINGULAR = 1e-9  # determinant of scaled moments below which the three quantities are not told apart
@@ -53,7 +52,7 @@ class Instrument(NamedTuple):
     reference: str
 
     @classmethod
-    def of(cls, method: str, ensemble: Ensemble, reference: str, least: float = HARDLY) -> Instrument:
+    def of(cls, method: str, ensemble: Ensemble, reference: str, least: float = HARDLY_MOVED) -> Instrument:
         """Predict the angle; raises where less than so much of it follows the reference."""
         angle = _predicted(ensemble, reference)
         core = ensemble.core
@@ -242,30 +241,21 @@ def _predicted(ensemble: Ensemble, reference: str) -> Array:
         )
     early, late = lag_samples(ensemble.sampling_rate)
     whole = reference_around(ensemble, reference, late, early)
-    return predicted(whole, ensemble.angle, ensemble.core, ensemble.sampling_rate, _groups(ensemble))
-
-
-def _groups(ensemble: Ensemble) -> NDArray[np.int64]:
-    """Group of each realization: of some that follow each other, as the noise of neighbours is alike.
-
-    A realization that was drawn twice is in one group.
-    """
     assert ensemble.onsets is not None
     assert ensemble.trials is not None
-    each = np.stack([ensemble.trials, ensemble.onsets], axis=1)
-    distinct, place = np.unique(each, axis=0, return_inverse=True)
-    return np.asarray(place.ravel() * min(BLOCKS, len(distinct)) // len(distinct))
+    groups = realization_groups(ensemble.trials, ensemble.onsets)
+    return predicted(whole, ensemble.angle, ensemble.core, ensemble.sampling_rate, groups)
 
 
 def _strength(ensemble: Ensemble, moved: Ensemble) -> Array:
-    """Strength (time,) of the instrument about each time; NaN where the window reaches beyond what is known."""
+    """Strength (time,) of the instrument about each time; where the window reaches too far, that of the nearest one."""
     power = hann(max(4, round(WINDOW * ensemble.sampling_rate))) ** 2
     before, after = len(power) // 2, (len(power) - 1) // 2
     early, late = max(0, before - ensemble.context), max(0, after - ensemble.context)
     begin, end = ensemble.core.start + early - before, ensemble.core.stop - late + after
     if end - begin < len(power) + 2 * HALF_WIDTH:
         return np.full(ensemble.samples, np.nan)
-    return padded(segment_fit(ensemble, moved, power, begin, end).strength, early, late)
+    return np.pad(segment_fit(ensemble, moved, power, begin, end).strength, (early, late), mode="edge")
 
 
 def _needed(independent: int) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -76,10 +77,7 @@ class Run(NamedTuple):
 
     def external_terms(self, low: int, high: int) -> ComplexArray:
         """Spectra of the half-cosines that make up the external term, (term, bin)."""
-        samples = self.torque.shape[1]
-        terms = np.stack([half_cosine_spectrum(term, samples, low, high) for term in range(EXTERNAL_TERMS)])
-        terms *= 1 / math.sqrt(samples)
-        return terms
+        return _half_cosines(self.torque.shape[1], low, high)
 
     def in_band(self, kernel: Kernel, kept: Chosen, low: int, high: int) -> Iterator[tuple[int, ComplexArray]]:
         """Regressors kept (column, run, bin), in blocks of frequencies, and the first bin of each.
@@ -169,6 +167,15 @@ class Run(NamedTuple):
             return np.broadcast_to(1.0, (1, *self.torque.shape))
         clock = self.clock[:, None] + np.arange(self.torque.shape[1]) / self.rate
         return kernel.slow_features(clock.ravel()).reshape(-1, *clock.shape)
+
+
+@lru_cache(maxsize=4)
+def _half_cosines(samples: int, low: int, high: int) -> ComplexArray:
+    """Spectra of the first half-cosines over so many samples; asked for again with each turn of a fit."""
+    terms = np.stack([half_cosine_spectrum(term, samples, low, high) for term in range(EXTERNAL_TERMS)])
+    terms *= 1 / math.sqrt(samples)
+    terms.flags.writeable = False
+    return terms
 
 
 def lagged(ensemble: Ensemble, lag: float) -> Ensemble:
@@ -280,8 +287,7 @@ class Record(NamedTuple):
             output, terms = run.output(low, high), run.external_terms(low, high)
             weights = None if weighting is None else weighting(run.frequencies(low, high))
             if weights is not None:
-                output *= weights
-                terms *= weights
+                output, terms = output * weights, terms * weights
             power, axes = np.linalg.eigh(terms.view(np.float64) @ terms.view(np.float64).T)
             terms = axes.T @ terms
             between = np.zeros((size, runs, EXTERNAL_TERMS))

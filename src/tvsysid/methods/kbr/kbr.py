@@ -177,7 +177,7 @@ class KernelRegression(Method):
     def _identify(self, ensemble: Ensemble) -> KernelModel:
         period, instrument = self._period(ensemble), None
         if self.reference is not None:
-            instrument = shared.Instrument.of("kbr", ensemble, self.reference, shared.LEAST)
+            instrument = self._instrument(ensemble, self.reference)
         moved = ensemble if instrument is None else instrument.moved
         record = kbr.Record.of(moved, self.band, kbr.HIGHEST)
         variances = self._variances(self._scale(record))[: self.order + 1]
@@ -223,6 +223,11 @@ class KernelRegression(Method):
             diagnostics=diagnostics if instrument is None else instrument.seen(diagnostics, banded=False),
         )
 
+    def _instrument(self, ensemble: Ensemble, reference: str) -> shared.Instrument:
+        """What the reference moves; weighted frequencies need less of it."""
+        least = shared.HARDLY_MOVED if self.weighting == "white" else shared.LEAST
+        return shared.Instrument.of("kbr", ensemble, reference, least)
+
     def _scale(self, record: kbr.Record) -> float:
         """What gamma counts in, in N·m/rad; the record is one without a lag."""
         return record.scale if self.scale is None else self.scale
@@ -265,7 +270,7 @@ class KernelRegression(Method):
         settings given leave shows, without decay.
         """
         if self.reference is not None:
-            ensemble = shared.Instrument.of("kbr", ensemble, self.reference, shared.LEAST).moved
+            ensemble = self._instrument(ensemble, self.reference).moved
         if self.reference is not None or self.weighting != "white":
             return replace(self, reference=None, weighting="white")._evidence(ensemble, seed)
         noise, share = self._noise(ensemble)

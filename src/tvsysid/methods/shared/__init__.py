@@ -29,6 +29,7 @@ from tvsysid.methods.shared.residuals import (
 from tvsysid.methods.shared.two_stage import truncated_at_threshold
 from tvsysid.numerics.bayes import PRIORS, Posterior
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
+from tvsysid.numerics.instrument import HARDLY_MOVED
 from tvsysid.numerics.moments import convolve_lags, lagged_moments, time_chunks
 from tvsysid.numerics.noise import autocovariance
 from tvsysid.numerics.spectra import hann, power_shares, short_time_spectra

@@ -150,8 +150,9 @@ class WhereStrong:
     def standard_errors(self) -> dict[str, StandardError]:
         """By quantity."""
         found = self.errors if isinstance(self.errors, Mapping) else self.errors.standard_errors()
+        why = self.reason if self.weak.all() else ""
         return {
-            name: replace(error, values=np.where(self.weak, np.nan, error.values), absent=error.absent or self.reason)
+            name: replace(error, values=np.where(self.weak, np.nan, error.values), absent=error.absent or why)
             for name, error in found.items()
         }
 

@@ -32,6 +32,8 @@ UNITS = {
     "time": "s",
     "lag": "s",
     "reflex_lag": "s",
+    "velocity": "rad/s",
+    "nonlinearity": "rad/s",
     "frequency": "Hz",
 }
 """Units of what the package itself estimates or simulates."""

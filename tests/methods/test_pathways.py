@@ -71,3 +71,5 @@ def test_lags_beyond_what_was_recorded_give_no_torque(record):
     stored = model_of(np.ones(3), np.arange(10, 13)).to_xarray(ensemble)
     assert stored.reflex_response.dims == ("time", "reflex_lag")
     np.testing.assert_allclose(stored.reflex_lag, [0.10, 0.11, 0.12])
+    np.testing.assert_allclose(stored.nonlinearity.interp(velocity=[-0.6, -0.1, 0.0, 0.5]), [-0.5, 0, 0, 0])
+    assert Stretch(0.1).curve()[0].tolist() == [-1.0, 0.1, 1.1]

@@ -16,6 +16,7 @@ from tvsysid.numerics.hammerstein import Rows, parallel_cascade
 from tvsysid.numerics.stretch import decimated
 from tvsysid.signals import Array, Ensemble
 
+CURVE = 101  # velocities at which a polynomial is written down
 NO_BAND = "the method's authors state none for two pathways that are identified in turn"
 
 
@@ -37,6 +38,11 @@ class VelocityPolynomial:
     def value(self, velocity: Array) -> Array:
         """At a velocity in rad/s, of any shape."""
         return np.asarray(degrees_of(velocity, self.limits, len(self.coefficients)) @ np.array(self.coefficients))
+
+    def curve(self) -> tuple[Array, Array]:
+        """Velocities in rad/s within the limits, and the polynomial at each."""
+        velocity = np.linspace(*self.limits, CURVE)
+        return velocity, self.value(velocity)
 
 
 def degrees_of(velocity: Array, limits: tuple[float, float], degree: int) -> Array:

@@ -23,6 +23,10 @@ class Drive(Hashable, Protocol):
         """Drive of shape (realization, context + time + context), such as the velocity of stretch in rad/s."""
         ...  # pragma: no cover
 
+    def curve(self) -> tuple[Array, Array] | None:
+        """Velocities in rad/s and the drive at each, between which it runs straight; None of what is no velocity."""
+        ...  # pragma: no cover
+
 
 @dataclass(frozen=True)
 class Stretch:
@@ -36,6 +40,12 @@ class Stretch:
         velocity, ratio = velocity_of(ensemble)
         return stretch(velocity, ratio, self.threshold, self.direction)
 
+    def curve(self) -> tuple[Array, Array]:
+        """See :meth:`Drive.curve`; as straight beyond it."""
+        velocity = np.array([-1.0, self.threshold, self.threshold + 1.0])
+        order = slice(None, None, self.direction)
+        return self.direction * velocity[order], np.array([0.0, 0.0, self.direction])[order]
+
 
 @dataclass(frozen=True)
 class Measured:
@@ -46,6 +56,9 @@ class Measured:
     def __call__(self, ensemble: Ensemble) -> Array:
         """Return it as it is."""
         return ensemble.signal(self.name)
+
+    def curve(self) -> None:
+        """See :meth:`Drive.curve`."""
 
 
 def velocity_of(ensemble: Ensemble) -> tuple[Array, int]:
@@ -98,4 +111,7 @@ class TwoPathwayModel(ImpulseResponseModel):
     def _identified(self) -> tuple[Labelled, Labelled]:
         variables, coordinates = super()._identified()
         variables["reflex_response"] = (("time", "reflex_lag"), self.reflex_response)
-        return variables, {**coordinates, "reflex_lag": (("reflex_lag",), self.reflex_lags)}
+        coordinates = {**coordinates, "reflex_lag": (("reflex_lag",), self.reflex_lags)}
+        if curve := self.drive.curve():
+            coordinates["velocity"], variables["nonlinearity"] = ((("velocity",), values) for values in curve)
+        return variables, coordinates

@@ -22,6 +22,7 @@ ComplexArray = NDArray[np.complex128]
 MOST = 20  # lines that are looked for
 LINES = 0.99  # share of the angle's variance that lines must explain
 WEAK = 1e-4  # share of it from which on a peak counts as a line
+ON_GRID = 0.02  # of 1/period about its multiples, where a mean over realizations that was subtracted leaves lines
 NEAR = 2.0  # Hz about a line within which the residual tells its noise
 
 
@@ -130,7 +131,9 @@ class SkirtDecomposition(base.Method):
         if self.frequencies is not None:
             return np.array(self.frequencies)
         run = max(ensemble.runs, key=len)
-        return _found(ensemble.angle[run, ensemble.core].ravel(), ensemble.sampling_rate)
+        lines = _found(ensemble.angle[run, ensemble.core].ravel(), ensemble.sampling_rate)
+        beside = np.abs(lines * ensemble.duration - np.round(lines * ensemble.duration))
+        return lines[beside > ON_GRID] if ensemble.mean_subtracted else lines  # on the grid, the mean has left its own
 
     def _waves(self, ensemble: Ensemble, lines: Array) -> tuple[ComplexArray, Array]:
         """Each line as a complex wave (line, realization, time) fitted to the angle of each trial, and that angle."""
@@ -138,6 +141,8 @@ class SkirtDecomposition(base.Method):
         assert ensemble.trials is not None
         angle = ensemble.angle[:, ensemble.core]
         turning = np.exp(2j * np.pi * lines[:, None, None] * (ensemble.onsets[:, None] + ensemble.time))
+        if ensemble.mean_subtracted and np.ptp(ensemble.trials) == 0:  # as angle and torque have lost theirs
+            turning -= turning.mean(axis=1, keepdims=True)
         for trial in np.unique(ensemble.trials):
             own = ensemble.trials == trial
             part = turning[:, own].reshape(len(lines), -1)

@@ -6,6 +6,7 @@ Run ``python benchmarks/special.py`` from the repository root; some 20 s. Tables
 import math
 import warnings
 from dataclasses import replace
+from time import process_time
 from typing import Any
 
 import numpy as np
@@ -120,9 +121,20 @@ def after_one_impulse(trials: int = 40) -> None:
         print(f"| {window:g} | {' | '.join(cells)} |")
 
 
+def speed() -> None:
+    """Processor time for 600 s."""
+    made = (tv.SkirtDecomposition(), Joint(SINE), FIVE), (tv.ModalDecomposition(), joint_of(0.2), IMPULSES)
+    for method, joint, perturbation in made:
+        ensemble = ensemble_of(joint, 600.0, perturbation, 30.0, 1)
+        started = process_time()
+        method.identify(ensemble)
+        print(f"\n{method.key}: {process_time() - started:.2f} s of processor time for 600 s")
+
+
 if __name__ == "__main__":
     warnings.simplefilter("ignore")
     with threadpool_limits(1):
         skirts()
         ringing()
         after_one_impulse()
+        speed()

@@ -110,7 +110,7 @@ CLAIMS: tuple[Claim, ...] = (
           f"40 and 150 s of methods without a reference ({PRESET})"),
     Claim(f"Noise up to 40 Hz at 10 dB takes less than {LITTLE:g} N·m/rad", OWN,
           _bias(OPEN[:4], (40.0,), LITTLE, loses=False), N_M, f"methods without a reference ({PRESET})"),
-    Claim(f"A reference frees of it (of {100 * (1 - PART):g} % at least)", "Ludvig et al. 2017", _mends, N_M,
+    Claim(f"A reference frees of it (of {100 * (1 - PART):g} % at least)", "van der Helm et al. 2002", _mends, N_M,
           f"methods with and without a reference ({PRESET})"),
     Claim(f"The bands of kbr with a reference hold the truth in {LEAST:g} to {MOST:g} %, on average", OWN, _covers, "%",
           f"{BEST} ({PRESET})"),

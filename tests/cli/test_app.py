@@ -46,9 +46,10 @@ def test_version(tvsysid):
         (("identify", "joint.mat", *IDENTIFY, "--columns", "rows"), "rows"),
         (
             ("identify", "joint.mat", "--angle", "angle"),
-            "missing: --torque, --rate, --period (see tvsysid identify --help)",
+            "missing: --torque, --rate (see tvsysid identify --help)",
         ),
-        (("identify",), "missing: FILE, --angle, --torque, --rate, --period (see tvsysid identify --help)"),
+        (("identify", "joint.mat", *IDENTIFY[:-2]), "--period is missing: the duration of one repetition"),
+        (("identify",), "missing: FILE, --angle, --torque, --rate (see tvsysid identify --help)"),
         (("identify", "joint.mat", *IDENTIFY, "--torque", "angle"), "angle and torque are both 'angle'; name the"),
         (("identify", "joint.mat", *IDENTIFY, "--rate", "0"), "positive number of hertz"),
         (("identify", "joint.mat", *IDENTIFY, "--out", "joint.mat"), "joint.mat"),

@@ -56,6 +56,7 @@ REACH = {
     "cascade": (45, 4),
     "sdss": (4, 4),
 }
+SECONDS = ("kbr experiment", "cascade", "sdss")  # those that take some for all checks
 
 
 def parametrize(*names):
@@ -90,8 +91,7 @@ def model_of(method, *data):
 @pytest.mark.parametrize(
     "method",
     [
-        *(pytest.param(METHODS[name], id=name) for name in METHODS if name != "kbr experiment"),
-        pytest.param(METHODS["kbr experiment"], marks=pytest.mark.slow, id="kbr experiment"),
+        *(pytest.param(METHODS[name], id=name, marks=[pytest.mark.slow] * (name in SECONDS)) for name in METHODS),
         *(pytest.param(scheduled(), id=scheduled.key) for scheduled in (tv.ScheduledIRF, tv.ScheduledImpedance)),
         *(pytest.param(toy(), id=toy.__name__) for toy in TOYS),
     ],

@@ -11,6 +11,7 @@ from tvsysid.study import alignments, prepared_recordings
 from tvsysid.study.alignment import UNKNOWN, effect_of_alignment
 
 
+@pytest.mark.slow
 def test_what_is_reported_is_what_is_lost():
     """For a virtual participant, whose truth is known."""
     sds = tv.ShortDataSegments(max_lag=15 / 128, window=12 / 128)

@@ -326,3 +326,14 @@ def test_the_search_finds_the_best_of_all_pairs(random):
     own = found.smooth.products(line.columns(found.positions))
     score = max(evidence.jumps(own.between(own), own.cross, each).evidence for each in sizes) + found.smooth.score
     assert score - len(found.positions) * np.log(40) >= smooths[0].score + best - 2 * np.log(40) - 1e-9
+
+
+def test_viscosity_switches_where_stiffness_does_if_that_explains_it(random):
+    line, _ = line_of(random, periodic=True)
+    found = averaging.averaged(line)
+    other, _ = line_of(random, periodic=True)
+    beside = averaging.averaged_beside(other, found)
+    own = averaging.tied(found.candidates[0].placed, other)
+    alone, _ = (each.evidence for each in sorted(averaging._averaged(other).every, key=lambda each: -each.evidence)[:2])
+    assert beside.candidates[0].placed.positions == pytest.approx(own.positions)
+    assert beside.candidates[0].evidence > alone + 1  # nothing was spent on looking for where

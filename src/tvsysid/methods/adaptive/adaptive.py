@@ -12,7 +12,7 @@ import numpy as np
 from tvsysid.estimates import StandardError
 from tvsysid.methods import base, shared
 from tvsysid.methods.adaptive import tables
-from tvsysid.methods.adaptive.averaging import Averaged, averaged
+from tvsysid.methods.adaptive.averaging import Averaged, averaged, averaged_beside
 from tvsysid.methods.adaptive.evidence import Line
 from tvsysid.methods.adaptive.mixture import Candidate, Mixture
 from tvsysid.methods.adaptive.model import AdaptiveModel, MixtureError
@@ -202,7 +202,7 @@ class Identification:
             error += alike(len(gram), self.signals.rate) * (beside.misfit.inertia * np.outer(mixed[:, A], mixed[:, A]))
         total = float(np.sum(seen * power) / np.sum(power))
         size = max(abs(total), 1e-6 * float(np.sqrt(np.mean(gram[:, -1, -1]) / np.mean(power))))
-        return averaged(Line.of(self.axis, seen, error, size), mostly_constant=True)
+        return averaged_beside(Line.of(self.axis, seen, error, size), beside.averaged)
 
     def model(self, name: str) -> AdaptiveModel:
         """Everything that was found."""

@@ -86,14 +86,13 @@ class Averaged(NamedTuple):
         return arc_length(features, np.eye(features.shape[1]))
 
 
-def averaged(line: Line, mostly_constant: bool = False) -> Averaged:
+def averaged(line: Line) -> Averaged:
     """Everything that is likely of a line, weighted by its evidence.
 
     How a step is smeared, by a low-pass before sampling or because realizations switch at different times, is tried
-    where there are steps; the usual low-pass has a prior probability of 1/2. Of a line that is ``mostly_constant``, no
-    switches are searched for where none seems to be there at first.
+    where there are steps; the usual low-pass has a prior probability of 1/2.
     """
-    found = _averaged(line, mostly_constant)
+    found = _averaged(line)
     best = found.candidates[0]
     if found.probability(_has_none) > 0.5 or len(best.placed.positions) > MOST_SMEARED:
         return found
@@ -102,7 +101,24 @@ def averaged(line: Line, mostly_constant: bool = False) -> Averaged:
     other = int(np.argmax(scores[1:]))
     if scores[1 + other] - math.log(len(axes)) < scores[0]:
         return found
-    return _averaged(replace(line, axis=axes[other]), mostly_constant)
+    return _averaged(replace(line, axis=axes[other]))
+
+
+def averaged_beside(line: Line, other: Averaged) -> Averaged:
+    """The same of a line that is mostly constant, and that may switch where another does.
+
+    That it switches where the other's best candidate does has a prior probability of 1/2. No other switches are
+    searched for where none seems to be there at first.
+    """
+    return _averaged(replace(line, axis=other.candidates[0].smooth.line.axis), other.candidates[0].placed)
+
+
+def tied(placed: Placed, line: Line) -> Placed:
+    """Switches of another line, with what is known of where they lie."""
+    columns = line.columns(placed.positions)
+    windows = tuple(line.columns(each.positions) for each in placed.windows)
+    volume = len(placed.positions) * math.log(line.axis.times) + math.log(0.5)  # no position is to be found
+    return Placed(placed.positions, columns, windows, placed.shares, volume)
 
 
 def _has_none(candidate: Candidate) -> bool:
@@ -118,15 +134,18 @@ def _score(best: Candidate, line: Line, axis: Axis) -> float:
     return total(simplified(found, smooth, windows), smooth)
 
 
-def _averaged(line: Line, mostly_constant: bool) -> Averaged:
-    """Everything that is likely of a line, steps being smeared as its axis says."""
+def _averaged(line: Line, others: Placed | None = None) -> Averaged:
+    """Everything that is likely of a line, steps being smeared as its axis says; see :func:`averaged_beside`."""
     smooths = tuple(Smooth(line, each) for each in roughnesses(line.axis))
-    windows, sets = Windows(line), list[Placed]()
+    own = [tied(others, line)] if others is not None and len(others.positions) else []
     grid = Grid(line)
     states = first_states(smooths, grid)
-    if mostly_constant and max(state.score for state in states[1:]) < states[0].score - 1 and not states[0].places:
-        none = Placed(np.zeros(0), line.columns(np.zeros(0)), (), (), 0.0)
-        return _weighed(line, candidates(smooths, [none]))
+    if others is not None and not states[0].places:
+        most = max([each.evidence for each in candidates(smooths, own)] + [state.score for state in states[1:]])
+        if most < states[0].score - 1:
+            none = Placed(np.zeros(0), line.columns(np.zeros(0)), (), (), 0.0)
+            return _weighed(line, candidates(smooths, [none]))
+    windows, sets = Windows(line), list[Placed]()
     found_ones = found_sets(grid, smooths, states)
     for found in [*found_ones[:-1][:MOST_SETS], found_ones[-1]]:
         add(sets, simplified(refined(found, windows), found.smooth, windows), line)
@@ -135,8 +154,7 @@ def _averaged(line: Line, mostly_constant: bool) -> Averaged:
     for placed in sets:
         best = max((each for each in every if each.placed is placed), key=lambda each: each.evidence)
         add(again, refined(Found(placed.positions, best.smooth), windows), line)
-    every = candidates(smooths, again)
-    return _weighed(line, every)
+    return _weighed(line, candidates(smooths, [*again, *own]))
 
 
 def _weighed(line: Line, every: list[Candidate]) -> Averaged:

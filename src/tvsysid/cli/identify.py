@@ -108,6 +108,9 @@ def identify(
     Example: `tvsysid identify ankle.mat --angle pos --torque tq --rate 1000 --decimate 100 --period 2
     --channel emg=EMG_SOL --method mymethod:Scheduled`
 
+    Example: `tvsysid identify ankle.mat --angle pos --torque tq --rate 1000 --decimate 100 --period 2
+    --channel command=CMD --method kbr:reference=command,weighting=residual` (an actuator that gives way)
+
     Example: `tvsysid identify ankle.mat --angle pos --torque tq --rate 1000 --decimate 100 --scheduling ankle_angle`
     """
     import numpy as np

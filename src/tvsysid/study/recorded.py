@@ -80,9 +80,8 @@ PAPER: dict[str, dict[str, Any]] = {
     "birf": {"method": f"birf:max_lag={LAG}"},
     "esm": {"method": f"esm:window={LONG}"},
     "kbr": {"method": "kbr:preset=experiment"},
-    "adaptive": {"method": "adaptive"},
 }
-"""The paper's methods with its settings for the experiment, by the key that stands for them; and ours beside them."""
+"""The paper's methods with its settings for the experiment, by the key that stands for them."""
 
 
 class Recorded(NamedTuple):
@@ -150,14 +149,13 @@ class Experiment(StudySettings):
     perturbation
         Which of the perturbations are studied; None takes all there are.
     methods
-        By default the paper's five, and ``"adaptive"``. ``"eirf"``, ``"sds"``, ``"birf"``, ``"esm"`` and ``"kbr"`` by
-        themselves take the paper's settings for its experiment. Others are keys with settings (``"sds:window=0.2"``),
-        ``"mymodule:MyMethod"``, objects with ``identify``, or mappings with ``method`` and, if need be, a ``name``,
-        ``realizations`` of its own, and ``contiguous`` for draws in one piece (of itself true for kbr, and for a method
-        whose attribute ``contiguous`` is).
+        ``"eirf"``, ``"sds"``, ``"birf"``, ``"esm"`` and ``"kbr"`` by themselves take the paper's settings for its
+        experiment. Others are keys with settings (``"sds:window=0.2"``), ``"mymodule:MyMethod"``, objects with
+        ``identify``, or mappings with ``method`` and, if need be, a ``name``, ``realizations`` of its own, and
+        ``contiguous`` for draws in one piece (of itself true for kbr, and for a method whose attribute
+        ``contiguous`` is).
     realizations
-        How many are drawn, of all methods; by default 75 and 150, and 20 and 40 in one piece, as in the paper; 75 for
-        ``"adaptive"``, which takes a second for each draw.
+        How many are drawn, of all methods; by default 75 and 150, and 20 and 40 in one piece, as in the paper.
     bootstraps, seed
         Number of draws, and their seed. The draws depend on the seed, the recording and the number of realizations
         alone, so that all methods see the same ones.
@@ -253,8 +251,7 @@ class Experiment(StudySettings):
         for item in self.methods:
             own = said_by(self.named_methods[item.name], "contiguous", "True or False", bool)
             contiguous = own if item.contiguous is None else item.contiguous
-            usual = FEW if contiguous else MANY[:1] if item.name == "adaptive" else MANY  # a draw takes it a second
-            counts = item.realizations or self.realizations or usual
+            counts = item.realizations or self.realizations or (FEW if contiguous else MANY)
             found += [Analysis(item.name, item.method, count, contiguous) for count in counts]
         return tuple(found)
 

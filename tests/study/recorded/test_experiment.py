@@ -15,8 +15,7 @@ def test_by_default_it_is_the_papers_on_six_virtual_participants():
     assert [item.label for item in experiment.recordings][:3] == ["P1-noise", "P1-prbs", "P2-noise"]
     assert len(experiment.recordings) == 12
     assert [item.label for item in experiment.analyses] == [
-        *("eirf-75", "eirf-150", "sds-75", "sds-150", "birf-75", "birf-150", "esm-75", "esm-150", "kbr-20", "kbr-40"),
-        "adaptive-75",
+        *("eirf-75", "eirf-150", "sds-75", "sds-150", "birf-75", "birf-150", "esm-75", "esm-150", "kbr-20", "kbr-40")
     ]
     assert experiment.bootstraps == 100
     methods = experiment.named_methods
@@ -24,7 +23,7 @@ def test_by_default_it_is_the_papers_on_six_virtual_participants():
     assert samples == {"eirf": 15, "sds": 15, "birf": 15}
     assert (128 * methods["sds"].window, 128 * methods["esm"].window) == (12, 30)
     assert methods["kbr"] == tv.KernelRegression.preset("experiment")
-    assert [item.contiguous for item in experiment.analyses] == 8 * [False] + 2 * [True] + [False]
+    assert [item.contiguous for item in experiment.analyses] == 8 * [False] + 2 * [True]
 
 
 def test_files_take_the_place_of_virtual_participants(tmp_path):

@@ -155,22 +155,37 @@ def test_units_and_zero_of_the_variable_and_of_the_angle_do_not_matter(noisy, fo
     assert other.diagnostics.details["vaf_folds"] == pytest.approx(found.diagnostics.details["vaf_folds"])
 
 
-def test_realizations_that_follow_each_other_are_one_record(noisy, found):
-    whole = tv.Recording(
-        noisy.angle[0],
-        noisy.torque[0],
+def record_of(ensemble):
+    """The record that was cut into one realization."""
+    return tv.Recording(
+        ensemble.angle[0],
+        ensemble.torque[0],
         100.0,
-        channels={"scheduling": noisy.channels["scheduling"][0]},
-        recorded_angle=noisy.recorded_angle[0],
+        channels={"scheduling": ensemble.channels["scheduling"][0]},
+        recorded_angle=ensemble.recorded_angle[0],
     )
-    cut = tv.preprocess.segment(whole, 2.0, 0.5)
-    model = tv.ScheduledIRF().identify(cut)
+
+
+def test_realizations_that_follow_each_other_are_one_record(noisy, found):
+    cut = tv.preprocess.segment(record_of(noisy), 2.0, 0.5)
+    with pytest.warns(tv.DataQualityWarning, match="mean over realizations"):  # the reflex pulls to one side only
+        model = tv.ScheduledIRF().identify(cut)
     own, same = (each.at(GRID)["stiffness"] for each in (found, model))
     assert (np.abs(same.values - own.values) < 0.5 * own.standard_error.values).all()
     np.testing.assert_allclose(same.standard_error.values, own.standard_error.values, rtol=0.3)
     predicted = model.predict(cut)
     assert np.isnan(predicted[0, :30]).all()  # 0.81 s are needed, of which 0.5 s are context
     assert np.isfinite(predicted[1:]).all()
+
+
+def test_a_mean_over_realizations_that_is_subtracted_takes_noise_away(noisy, found):
+    cut = tv.preprocess.segment(record_of(noisy), 2.0, 0.5)
+    model = tv.ScheduledIRF().identify(tv.preprocess.subtract_mean(cut))
+    own, same = (each.at(GRID)["stiffness"] for each in (found, model))
+    assert (np.abs(same.values - own.values) < 2 * own.standard_error.values).all()
+    assert model.diagnostics.parameters == found.diagnostics.parameters - 1  # nothing is left of the torque at rest
+    freedom = same.standard_error.freedom[0] + model.diagnostics.parameters
+    assert freedom == pytest.approx(np.isfinite(model.predict(cut)).sum() * (1 - 1 / len(cut)))
 
 
 def test_beyond_the_range_that_was_seen_nothing_is_invented(noisy, found):

@@ -223,6 +223,8 @@ def _probable(share: float) -> str:
 
 
 def _show_impedance(found: Comparison) -> None:
+    from tvsysid.figures.words import count
+
     _show_answer(found)
     headings = ["method", "mean\n(N·m/rad)", "95 % band\npointwise\n(N·m/rad)", "lowest, at\n(N·m/rad, s)"]
     headings += ["highest, at\n(N·m/rad, s)", "inertia\n(kg·m²)", "VAF\n(%)"]
@@ -240,7 +242,8 @@ def _show_impedance(found: Comparison) -> None:
         )
         for row in found.summary().to_dict("records")
     ]
-    title = f"stiffness, inertia and VAF: {len(found.ensemble)} realizations of {found.ensemble.duration:g} s"
+    cut = f"{count(len(found.ensemble), 'realization')} of {found.ensemble.duration:g} s"
+    title = f"stiffness, inertia and VAF: {cut}"
     show_table(title, headings, rows)
 
 

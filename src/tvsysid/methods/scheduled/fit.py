@@ -115,21 +115,22 @@ def _explained(moments: Array, coefficients: Array) -> float:
     return 100 * (1 - float(left / (moments[-2, -2] - total[-1] ** 2 / count)))
 
 
-def covariance_of(fit: Fit, rate: float) -> Array:
+def covariance_of(fit: Fit, rate: float, freedom: float) -> Array:
     r"""Covariance of the coefficients, (coefficient, coefficient), under noise of the residual's colour.
 
     .. math:: A^{-1} X \Sigma X^T A^{-1}
 
-    with :math:`\Sigma` the autocovariance of what the fit leaves, under a half Hann window, n / (n - p) times larger.
+    with :math:`\Sigma` the autocovariance of what the fit leaves, under a half Hann window, as many times
+    larger as there are samples for each degree of ``freedom``.
     """
     rows, lags = fit.rows, round(COLOUR * rate)
     left = rows.torque - fit.coefficients @ rows.columns
-    count, length = len(left), int(rows.place[-1]) + 1
+    length = int(rows.place[-1]) + 1
     line = np.zeros((len(rows.columns), length))
     line[:, rows.place] = rows.columns
     residual = np.zeros((1, length))
     residual[0, rows.place] = left
-    half = autocovariance(residual, lags) * length / (count - fit.parameters)
+    half = autocovariance(residual, lags) * length / freedom
     half *= (1 + np.cos(np.pi * np.arange(lags + 1) / (lags + 1))) / 2
     coloured = oaconvolve(line, np.concatenate([half[:0:-1], half])[None], mode="same", axes=1) @ line.T
     return np.asarray(fit.inverse @ (coloured + coloured.T) @ fit.inverse / 2)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import ClassVar
@@ -16,6 +16,7 @@ from tvsysid.methods.scheduled.fit import FOLDS, Fit, covariance_of, fitted
 from tvsysid.methods.scheduled.model import GRID, Curves, ScheduledModel
 from tvsysid.methods.scheduled.structure import Reflex, Structure
 from tvsysid.methods.shared.pathways import Stretch, history
+from tvsysid.methods.shared.residuals import independent_realizations
 from tvsysid.methods.tuning.evidence import Evidence, edge_of
 from tvsysid.models import Diagnostics
 from tvsysid.signals import Array, Ensemble
@@ -46,7 +47,6 @@ class Scheduled(base.Method):
     threshold: float = 0.0
 
     uses_recorded_angle: ClassVar[bool] = True
-    takes_deviations: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         name = type(self).__name__
@@ -83,13 +83,16 @@ class Scheduled(base.Method):
         return None
 
     def _identify(self, ensemble: Ensemble) -> ScheduledModel:
-        fit, other = self._fits(ensemble)
-        rate, freedom = ensemble.sampling_rate, len(fit.rows.torque) - fit.parameters
-        curves = Curves.of(fit.structure, fit.coefficients, covariance_of(fit, rate), rate, freedom)
+        fit, shares = self._fit(ensemble)
+        rate = ensemble.sampling_rate
+        # Where the mean over realizations is subtracted, so much less of the noise is left.
+        freedom = len(fit.rows.torque) * independent_realizations(ensemble) / len(ensemble) - fit.parameters
+        covariance = covariance_of(fit, rate, max(freedom, 1.0))
+        curves = Curves.of(fit.structure, fit.coefficients, covariance, rate, max(freedom, 1.0))
         grid = np.linspace(*fit.structure.limits, GRID)
         over_time = curves.at(ensemble.signal(self.variable)[:, ensemble.core], ("realization", "time"))
         over_variable = {f"scheduled_{name}": each for name, each in curves.at(grid, (self.variable,)).items()}
-        details = _details(fit, other)
+        details = _details(fit, shares)
         texts = tuple(_warnings(fit, details))
         return ScheduledModel(
             method=repr(self),
@@ -103,14 +106,16 @@ class Scheduled(base.Method):
             coefficients=fit.coefficients,
         )
 
-    def _fits(self, ensemble: Ensemble) -> tuple[Fit, Fit | None]:
-        """Fit with the direction of stretch that predicts better what it has not seen; and the one with the other."""
-        structure = self._structure(ensemble)
-        if not self.reflex:
-            return fitted(structure, ensemble), None
-        both = [fitted(structure.stretched(direction), ensemble) for direction in (1, -1)]
-        worse, better = sorted(both, key=lambda each: float(each.held_out.mean()))
-        return better, worse
+    def _fit(self, ensemble: Ensemble) -> tuple[Fit, dict[int, float]]:
+        """Fit with the direction of stretch that predicts folds better, and what each predicts, in per cent."""
+        structure, best, shares = self._structure(ensemble), None, dict[int, float]()
+        for direction in (1, -1) if self.reflex else (1,):
+            found = fitted(structure.stretched(direction), ensemble)
+            shares[direction] = float(found.held_out.mean())
+            if best is None or shares[direction] > shares[1]:
+                best = found
+        assert best is not None
+        return best, shares
 
     def _structure(self, ensemble: Ensemble) -> Structure:
         values, angle = (ensemble.signal(name)[:, ensemble.core] for name in (self.variable, "angle"))
@@ -240,11 +245,11 @@ def evidence_by_folds(method: Scheduled, ensemble: Ensemble) -> Evidence:
     """Orders of the polynomials, of both pathways alike, by what they predict of folds of consecutive time."""
     tried = [{"order": method.order, "reflex_order": method.reflex_order}]
     tried += [both for order in ORDERS if (both := {"order": order, "reflex_order": order}) not in tried]
-    found, possible = [], []
-    for settings in tried:
+    found, possible = [method._fit(ensemble)[0].held_out], tried[:1]
+    for settings in tried[1:]:
         with suppress(InputError):  # too few samples for so many coefficients
             other = replace(method, order=settings["order"], reflex_order=settings["reflex_order"])
-            found.append(other._fits(ensemble)[0].held_out)
+            found.append(other._fit(ensemble)[0].held_out)
             possible.append(settings)
     folds = np.array(found)
     values = folds.mean(axis=1)
@@ -266,7 +271,7 @@ def evidence_by_folds(method: Scheduled, ensemble: Ensemble) -> Evidence:
     )
 
 
-def _details(fit: Fit, other: Fit | None) -> dict[str, float]:
+def _details(fit: Fit, shares: Mapping[int, float]) -> dict[str, float]:
     rows = fit.rows
     ends = np.cumsum(rows.parts)[:-1]
     pairs = zip(np.split(fit.coefficients, ends), np.split(rows.columns, ends), strict=True)
@@ -276,9 +281,9 @@ def _details(fit: Fit, other: Fit | None) -> dict[str, float]:
     details |= {f"vaf_{name}": _explained(rows.torque, torque) for name, torque in zip(names, torques[1:], strict=True)}
     details |= {"vaf_folds": float(fit.held_out.mean()), "vaf_worst_fold": float(fit.held_out.min())}
     details |= dict(zip(("scheduling_low", "scheduling_high"), fit.structure.limits, strict=True))
-    if fit.structure.reflex is not None and other is not None:
-        details["direction"] = float(fit.structure.reflex.drive.direction)
-        details["vaf_folds_other_direction"] = float(other.held_out.mean())
+    if fit.structure.reflex is not None:
+        direction = fit.structure.reflex.drive.direction
+        details |= {"direction": float(direction), "vaf_folds_other_direction": shares[-direction]}
     return details
 
 

@@ -153,6 +153,26 @@ def test_tonic_stiffness_without_its_reflex(recordings_folder, muscle):
     assert 0.005 < model.inertia.mean() < 0.02
 
 
+@pytest.mark.parametrize("muscle", MUSCLES)
+def test_tonic_stiffness_without_its_reflex_needs_no_settings(recordings_folder, muscle):
+    model = tv.AdaptiveRegression().identify(tonic(recordings_folder, muscle))
+    low, high, _, expected = INTRINSIC[muscle]
+    assert low < model.stiffness.mean() < high
+    assert model.stiffness.std() < 0.03 * model.stiffness.mean()
+    lower, upper = model.estimates["stiffness"].band()
+    assert np.mean(lower) < expected < np.mean(upper)
+    assert model.diagnostics.details["reflex_shown"] == 1
+
+
+def test_walking_stiffness_is_smooth_and_falls_fast_without_settings(walking):
+    model = tv.AdaptiveRegression().identify(walking)
+    at = dict(zip(np.round(model.time, 2), model.stiffness, strict=True))
+    assert 55 < at[0.7] < 70  # the reflex taken out: with it some 77
+    assert at[0.72] - at[0.82] > 30
+    assert model.stiffness.min() > 0
+    assert np.abs(np.diff(model.stiffness)).max() < 8
+
+
 @pytest.mark.filterwarnings("ignore:cascade. the intrinsic response:tvsysid.errors.DataQualityWarning")
 def test_walking_has_a_small_reflex(walking):
     with pytest.warns(tv.DataQualityWarning, match="viscosity is negative over"):

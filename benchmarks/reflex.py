@@ -4,7 +4,8 @@ Simulated joints with a stretch reflex at 10 dB, identified by ``cascade`` or an
 bias (less what the number of trials leaves in it), random and total error of stiffness over time, and coverage of its
 nominal 95 % bands; the same of the reflex gain; VAF of the torque, and of each pathway's, against the noiseless ones,
 each less its mean over realizations; mean viscosity and inertia; how often a reflex was shown; processor time of one
-identification in s.
+identification in s. With ``--table``, the table of docs/reflex.md: stiffness of joints that do not change, by methods
+of one pathway and of two.
 """
 
 from __future__ import annotations
@@ -40,6 +41,8 @@ from tvsysid.simulate import (
 Array = NDArray[np.float64]
 SINE = SineWave()
 GAIN = SineWave(8.0, 4.0, offset=-0.5)
+CONSTANT = Constant(100.0)
+SLOW = StretchReflex(delay=0.05, frequency=10.0, damping=1.0)
 SNR = 10.0
 
 
@@ -63,7 +66,7 @@ class Case(NamedTuple):
 CASES = {
     "A": Case("sine, sine", ReflexJoint(SINE, reflex_gain=GAIN)),
     "B": Case("square, square", ReflexJoint(SquareWave(), reflex_gain=SquareWave(4.0, 12.0, offset=0.0))),
-    "C": Case("constant, none", ReflexJoint(Constant(100.0), reflex_gain=0.0)),
+    "C": Case("constant, none", ReflexJoint(CONSTANT, reflex_gain=0.0)),
     "D": Case("sine, none", ReflexJoint(SINE, reflex_gain=0.0)),
     "E": Case("A by PRBS", ReflexJoint(SINE, reflex_gain=GAIN), PRBS()),
     "F": Case("A by pulses", ReflexJoint(SINE, reflex_gain=GAIN), Pulses()),
@@ -82,10 +85,22 @@ CASES = {
     ),
     "X": Case("of position", ReflexJoint(SINE, reflex_gain=GAIN, reflex=PositionReflex())),
     "T": Case("threshold .1", ReflexJoint(SINE, reflex_gain=GAIN, reflex=StretchReflex(threshold=0.1))),
-    "W": Case(
-        "slow muscle, late",
-        ReflexJoint(SINE, reflex_gain=GAIN, reflex=StretchReflex(delay=0.05, frequency=10.0, damping=1.0)),
-    ),
+    "W": Case("slow muscle, late", ReflexJoint(SINE, reflex_gain=GAIN, reflex=SLOW)),
+}
+TABLE = {  # of constant joints
+    "noise, gain 8": Case("", ReflexJoint(CONSTANT, reflex_gain=8.0)),
+    "PRBS, gain 8": Case("", ReflexJoint(CONSTANT, reflex_gain=8.0), PRBS()),
+    "pulses, gain 20, stiffness 70": CASES["M"],
+    "noise, no reflex": CASES["C"],
+    "noise, gain 8, slow muscle": Case("", ReflexJoint(CONSTANT, reflex_gain=8.0, reflex=SLOW)),
+}
+TABLE_METHODS = {
+    "sds, ±40 ms": "sds:max_lag=0.04,window=1.0",
+    "sds, ±120 ms": "sds:max_lag=0.12,window=1.0",
+    "sds, ±240 ms": "sds:max_lag=0.24,window=1.0",
+    "pc": "pc",
+    "sdss": "sdss",
+    "cascade": "cascade",
 }
 
 
@@ -96,7 +111,11 @@ def main() -> None:
     parser.add_argument("--trials", type=int, default=5)
     parser.add_argument("--seed", type=int, default=1000, help="that of the first trial; the next ones follow it")
     parser.add_argument("--method", default="cascade")
+    parser.add_argument("--table", action="store_true", help="constant joints by several methods, 60 s each")
     chosen = parser.parse_args()
+    if chosen.table:
+        print_table(chosen.trials)
+        return
     console = Console(width=None if sys.stdout.isatty() else 200)
     for duration in chosen.durations:
         columns = ("case", "K mean", "bias", "random", "total", "cover", "G mean", "bias", "random", "cover")
@@ -110,6 +129,24 @@ def main() -> None:
                 ]
             table.add_row(f"{key} {CASES[key].says}", *summary(rows))
         console.print(table)
+
+
+def print_table(trials: int) -> None:
+    """Mean and standard deviation of the stiffness in N·m/rad, of 60 s."""
+    print("| | " + " | ".join(TABLE_METHODS) + " |\n" + "|---" * (1 + len(TABLE_METHODS)) + "|")
+    for name, case in TABLE.items():
+        cells = []
+        with threadpool_limits(1), warnings.catch_warnings():
+            warnings.simplefilter("ignore", tv.DataQualityWarning)
+            drawn = [
+                case.system.simulate(60.0, perturbation=case.perturbation, snr_db=SNR, seed=3000 + number)
+                for number in range(trials)
+            ]
+            ensembles = [tv.preprocess.subtract_mean(cut(each.recording)) for each in drawn]
+            for method in TABLE_METHODS.values():
+                found = [np.nanmean(tv.methods.parse(method).identify(each).stiffness) for each in ensembles]
+                cells.append(f"{np.mean(found):.1f} ± {np.std(found, ddof=1):.1f}")
+        print(f"| {name} | {' | '.join(cells)} |", flush=True)
 
 
 class Outcome(NamedTuple):

@@ -55,6 +55,11 @@ class Comparison(Frozen):
     evidence: Mapping[str, Evidence]
     failed: Mapping[str, str]
 
+    @property
+    def has_bands(self) -> bool:
+        """Whether any stiffness has a band."""
+        return any(np.isfinite(limits["stiffness"]).any() for limits in self.bands.values())
+
     def __repr__(self) -> str:
         failed = f"; failed: {', '.join(self.failed)}" if self.failed else ""
         return f"Comparison({', '.join(self.models)} on {self.ensemble!r}{failed})"

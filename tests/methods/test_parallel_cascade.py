@@ -10,6 +10,7 @@ from scipy.io import loadmat
 from scipy.signal import cheby1, sosfiltfilt
 
 import tvsysid as tv
+from tvsysid.numerics import hammerstein
 from tvsysid.numerics.bases import chebyshev_of
 from tvsysid.numerics.hammerstein import parallel_cascade
 from tvsysid.numerics.stretch import recorded_velocity
@@ -40,9 +41,14 @@ def reflexive(seed, perturbation, snr=10.0, gain=8.0, stiffness=100.0, **reflex)
 
 
 @pytest.mark.parametrize("record", RECORDS)
-# Hunter and Korenberg's iteration minimises nothing: a few samples more or less move it by as much.
-@pytest.mark.parametrize(("kind", "within"), [("rect", 0.02), ("sls", 0.08), ("hk", 0.12)])
-def test_stiffness_and_vaf_are_those_of_the_authors_code(tonic, parallel_reference, record, kind, within):
+# Hunter and Korenberg's iteration minimises nothing: each round moves stiffness, and the authors' code stops sooner.
+@pytest.mark.parametrize(
+    ("kind", "within", "rounds"), [("rect", 0.02, 50), ("sls", 0.08, 50), ("hk", 0.12, 50), ("hk", 0.05, 2)]
+)
+def test_stiffness_and_vaf_are_those_of_the_authors_code(
+    monkeypatch, tonic, parallel_reference, record, kind, within, rounds
+):
+    monkeypatch.setattr(hammerstein, "STEPS", rounds)  # the second fit sees whether the first round was better
     # As their toolbox prepares the data: the velocity of the recorded angle, decimated by a Chebyshev filter.
     angle, torque = (tonic[f"{record}_{name}"].ravel().astype(float) for name in ("angle", "torque"))
     lowpass = cheby1(8, 0.05, 0.08, output="sos")

@@ -9,7 +9,7 @@ from tvsysid.studies import reflex, van_de_ruit_2021
 from tvsysid.studies.reflex.claims import CONSTANT, LOUD, SINE
 from tvsysid.study import Study, by_full_name, run, score, summarize
 
-METHODS = ("eirf", "sds", "birf", "kbr", "cascade", "bpc", "tvpc", "pc", "sdss")
+METHODS = ("eirf", "sds", "birf", "kbr", "cascade", "bpc", "tvpc", "pc", "sdss", "tvpc:window=0")
 METRICS = ("mean_bias", "total_error", "reflex_gain total_error")
 MANY = [SINE._replace(duration_s=seconds) for seconds in (200.0, 600.0, 1200.0)]
 SCENARIOS = [SINE, *CONSTANT.values(), LOUD, *MANY]
@@ -64,7 +64,7 @@ def test_claims_hold_where_figures_are_as_told():
         (changed("kbr", "mean_bias", 60.0, [CONSTANT[16.0]]), "They do so in proportion"),
         (changed("bpc", "mean_bias", 9.0), "Methods of two pathways are free of it"),
         (changed("cascade", "reflex_gain total_error", 0.9, [CONSTANT[0.0]]), "Without a reflex cascade finds none"),
-        (changed("tvpc", "reflex_gain total_error", 1.0, MANY[:1]), "tvpc needs 500 to 800 realizations"),
+        (changed("tvpc:window=0", "reflex_gain total_error", 1.0, MANY[:1]), "tvpc needs 500 to 800 realizations"),
         (changed("bpc", "reflex_gain total_error", 3.0, [SINE]), "Forty cycles suffice for bpc: reflex gain"),
         (changed("bpc", "total_error", 30.0, [SINE]), "Forty cycles suffice for bpc: stiffness"),
         (changed("sdss", "total_error", 30.0, [LOUD]), "With much noise (0 dB) sdss is more robust"),
@@ -77,12 +77,13 @@ def test_one_figure_speaks_against_each_claim(told, claim):
     assert wrong[0].startswith(claim)
 
 
+SETTINGS = {name: reflex.PRESETS["reflex"][name] for name in ("stiffness", "perturbation", "subtract_mean")}
+
+
 @pytest.fixture(scope="module")
 def results():
-    preset = reflex.PRESETS["reflex"]
     systems = ["reflex-sine", "reflex-sine:noise_bandwidth=1", *(CONSTANT[gain].system for gain in (0.0, 4.0, 16.0))]
-    settings = {name: preset[name] for name in ("stiffness", "perturbation", "subtract_mean")}
-    return run(Study(**settings, system=systems, duration_s=20, trials=2, methods=["birf", Cascade()]), workers=1)
+    return run(Study(**SETTINGS, system=systems, duration_s=20, trials=2, methods=["birf", Cascade()]), workers=1)
 
 
 def test_a_study_is_held_against_what_was_published_of_it(results):
@@ -112,3 +113,12 @@ def test_both_pathways_are_drawn_with_their_truth(results):
     assert [float(tick.get_text()) for tick in bias.get_xticklabels()] == [0, 4, 16]
     assert "birf: " in shown["bias-reflex-sine"].description
     assert van_de_ruit_2021.preset("reflex", reflex.PRESETS, trials=2).trials == 2
+
+
+def test_the_error_of_the_gain_is_drawn_against_the_amount_of_data():
+    study = Study(**SETTINGS, system="reflex-sine", duration_s=[8, 10, 14], trials=1, methods=[Cascade()])
+    found = run(study, workers=1)
+    summary = by_full_name(summarize(score(found)))
+    axes = reflex.reflex_figures(found, summary)["amount-reflex-sine-sine"].draw().axes[0]
+    expected = summary[summary.metric == "reflex_gain total_error"].value
+    np.testing.assert_array_equal(axes.containers[0].lines[0].get_xydata(), np.c_[[8, 10, 14], expected])

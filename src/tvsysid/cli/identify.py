@@ -118,7 +118,6 @@ def identify(
     from tvsysid import preprocess
     from tvsysid.comparison import compare
     from tvsysid.figures import identified_impedance, save
-    from tvsysid.figures.words import count
     from tvsysid.methods import deviating_channels, parse
     from tvsysid.recordings import whole_file, write_models
 
@@ -155,9 +154,7 @@ def identify(
     with whole_file(out / "stiffness.csv") as table:
         found.over_time().to_csv(table, index=False, float_format="%.6g")
     write_models(out / "models.nc", {label.replace("/", "_"): each for label, each in found.models.items()}, ensemble)
-    title = f"{file.name}: {count(len(ensemble), 'realization')} of {ensemble.duration:g} s, with 95 % bands"
-    if ensemble.delay_removed:
-        title += f"; {_taken(ensemble.delay_removed)}"
+    title = _title(file, found)
     unknown = np.full(ensemble.samples, np.nan)  # over realizations, of which there must be several
     vaf = found.time_varying_vaf if len(ensemble) > 1 else dict.fromkeys(found.models, unknown)
     figure = identified_impedance(found.models, vaf, title)
@@ -220,6 +217,16 @@ def _show_answer(found: Comparison) -> None:
 def _probable(share: float) -> str:
     """Probability in words, of what is not as good as certain."""
     return f", with a probability of {100 * share:.0f} %" if share < CERTAIN else ""
+
+
+def _title(file: Path, found: Comparison) -> str:
+    """What the figure shows: of which data, whether with bands, and what was done about a delay."""
+    from tvsysid.figures.words import count
+
+    ensemble = found.ensemble
+    title = f"{file.name}: {count(len(ensemble), 'realization')} of {ensemble.duration:g} s"
+    title += ", with 95 % bands" if found.has_bands else ""
+    return f"{title}; {_taken(ensemble.delay_removed)}" if ensemble.delay_removed else title
 
 
 def _show_impedance(found: Comparison) -> None:

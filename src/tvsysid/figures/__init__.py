@@ -11,7 +11,7 @@ from tvsysid.figures.preparation import preparation_steps
 from tvsysid.figures.recorded import recorded_channels, recorded_signals
 from tvsysid.figures.saving import Illustration, Picture, draw_all, drawn, helpers, save, share_out
 from tvsysid.figures.scheduling import scheduled_estimates
-from tvsysid.figures.simulations import bias_against, coverage_over_time, error_against_amount, impulse_responses
+from tvsysid.figures.simulations import coverage_over_time, error_against, error_against_amount, impulse_responses
 from tvsysid.figures.spread import error_against_truth, variance_and_spread
 from tvsysid.figures.style import lines
 
@@ -19,11 +19,11 @@ __all__ = [
     "BARS_OF_PATHWAYS",
     "Illustration",
     "Picture",
-    "bias_against",
     "coverage_over_time",
     "diagnosis_illustration",
     "diagnosis_panels",
     "draw_all",
+    "error_against",
 ]
 __all__ += ["drawn", "error_against_amount", "error_against_truth", "helpers", "identified_impedance"]
 __all__ += ["impulse_responses", "lines", "method_comparison", "participant_in_detail", "preparation_steps"]

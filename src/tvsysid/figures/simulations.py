@@ -78,11 +78,13 @@ def error_against_amount(summary: pd.DataFrame, title: str = "") -> Figure:
 
 
 @styled
-def bias_against(what: str, rows: pd.DataFrame, title: str = "") -> Figure:
-    """Mean bias of the stiffness against a quantity of the system, a line for each method: value ± standard error.
+def error_against(
+    what: str, rows: pd.DataFrame, title: str = "", error: str = "mean bias of the stiffness (N·m/rad)"
+) -> Figure:
+    """Error against something that varies, a line for each method: value ± standard error.
 
-    ``what`` the quantity is, with its unit; the rows have columns method, size (of the quantity), value and
-    standard_error (N·m/rad).
+    ``what`` varies and which ``error``, with their units; the rows have columns method, size (of what varies), value
+    and standard_error.
     """
     looks = lines(unique(rows.method))
     figure, grid = panels(1, 1, 4.6, max(3.8, 2.6 + 0.22 * len(looks)), title)
@@ -99,7 +101,7 @@ def bias_against(what: str, rows: pd.DataFrame, title: str = "") -> Figure:
         axes.minorticks_off()
     axes.set_xticks(sizes, [f"{size:g}" for size in sizes])
     axes.set_xlabel(what)
-    axes.set_ylabel("mean bias of the stiffness (N·m/rad)")
+    axes.set_ylabel(error)
     legend_below(figure, axes.get_legend_handles_labels()[0])
     return figure
 

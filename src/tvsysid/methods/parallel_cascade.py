@@ -51,7 +51,12 @@ class ParallelCascade(base.Method):
     over time in the model: where the joint changes, this is an average. Velocity and rectifier are those of the angle
     as it was recorded; the authors take the decimated velocity, which gives up to 15 % more stiffness where
     the perturbation is made of pulses. Taking turns leaves stiffness too high, by 2 to 3 % of a joint with a strong
-    reflex, since the first turn gives the intrinsic pathway all that it can explain. No bands are stated.
+    reflex, since the first turn gives the intrinsic pathway all that it can explain. No bands are stated;
+    :func:`tvsysid.uncertainty.bootstrap` gives them.
+
+    ``"hk"`` minimises nothing: further rounds move stiffness, by up to 13 % on real ankles, and explain no more of the
+    torque. Here they end where the fit does not improve; stiffness is then within 12 % of the authors' code, which
+    stops sooner. After a single round in each turn it is within 5 %, but without noise 90 N·m/rad of 100, not 96.
 
     References
     ----------

@@ -21,7 +21,13 @@ from tvsysid.methods.base import (
     padded,
     whole_samples,
 )
-from tvsysid.methods.shared.hammerstein import VelocityPolynomial, polynomial_drives, slope_of_stretch, stretches
+from tvsysid.methods.shared.hammerstein import (
+    VelocityPolynomial,
+    polynomial_drives,
+    slope_of_stretch,
+    stretches,
+    with_shares,
+)
 from tvsysid.methods.shared.pathways import TwoPathwayModel
 from tvsysid.models import Diagnostics
 from tvsysid.numerics import subspace
@@ -180,7 +186,7 @@ class SubspaceCascade(Method):
         weights = whole.reflex.weights
         slope, _ = slope_of_stretch(np.tensordot(weights, drives, 1), stretches(ensemble))
         drive = VelocityPolynomial(tuple((weights / slope).tolist()), limits)
-        return self._model(ensemble, fits, between, drive, slope)
+        return with_shares(self._model(ensemble, fits, between, drive, slope), ensemble)
 
     def _over_time(
         self,

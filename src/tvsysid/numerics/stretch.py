@@ -28,7 +28,7 @@ def recorded_velocity(recorded_angle: Array, sampling_rate: float) -> Array:
 
 
 def stretch(velocity: Array, ratio: int, threshold: float = 0.0, direction: int = 1) -> Array:
-    r"""Velocity beyond a threshold in the direction of stretch, at every so-manieth sample: (realization, time).
+    r"""Velocity beyond a threshold in the direction of stretch, at the lower rate: (realization, time).
 
     .. math:: f = s \max(s v - c, 0)
 

@@ -127,8 +127,7 @@ def cascade_model(
 ) -> TwoPathwayModel:
     """Model of the intrinsic pathway with a reflex beside it, of weights (time, lag) on lags from the ``first`` on.
 
-    The gain is the area under the reflex's response. No estimate has a band. The diagnostics' details get the shares of
-    the torque in per cent that are explained: together, and by either pathway.
+    The gain is the area under the reflex's response. No estimate has a band.
     """
     rate, none = ensemble.sampling_rate, StandardError.none(ensemble.samples, NO_BAND)
     known = {name: replace(each, error=none) for name, each in plain.estimates.items()}
@@ -139,6 +138,11 @@ def cascade_model(
         reflex_lags=(first + np.arange(reflex.shape[1])) / rate,
         drive=drive,
     )
+    return with_shares(model, ensemble)
+
+
+def with_shares(model: TwoPathwayModel, ensemble: Ensemble) -> TwoPathwayModel:
+    """Model that knows what shares of the torque it explains, in per cent: together, and by either pathway."""
     torque, parts = ensemble.torque[:, ensemble.core], model.pathways(ensemble)
     whole = parts["intrinsic"] + parts["reflex"]
     seen = np.isfinite(whole)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
-from tvsysid.figures import Illustration, bias_against, coverage_over_time, method_comparison
+from tvsysid.figures import Illustration, coverage_over_time, error_against, method_comparison
 from tvsysid.figures.results import OVER_TIME, unique
 from tvsysid.figures.words import TRAITS, count
 from tvsysid.methods import from_text
@@ -80,4 +80,4 @@ def _bias(summary: pd.DataFrame, sizes: pd.Series, what: str) -> Illustration:
         for method, line in rows.groupby("method", sort=False)
     ]
     text = f"Mean bias of the stiffness in N·m/rad against the {SIZE}; {what}. {' '.join(said)}"
-    return Illustration(partial(bias_against, SIZE, rows, title), title, text)
+    return Illustration(partial(error_against, SIZE, rows, title), title, text)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
-from tvsysid.figures import BARS_OF_PATHWAYS, Illustration, bias_against, method_comparison
+from tvsysid.figures import BARS_OF_PATHWAYS, Illustration, error_against, method_comparison
 from tvsysid.figures.results import OVER_TIME, unique
 from tvsysid.figures.words import TRAITS, count, profile_name
 from tvsysid.study.scores import asked
@@ -22,7 +22,8 @@ def reflex_figures(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illu
 
     ``"pathways-reflex-sine-sine"``: stiffness and reflex gain over time of the first scenario of a system and a
     profile, with bars of all its scenarios; ``"bias-reflex-sine"``: bias of the stiffness against the gain, where
-    several constant gains were simulated.
+    several constant gains were simulated; ``"amount-reflex-sine"``: error of the gain against the data, where more than
+    two durations were.
 
     Parameters
     ----------
@@ -40,6 +41,13 @@ def reflex_figures(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illu
         gains = results.truth.sel(scenario=list(rows.index), quantity="reflex_gain").mean("time").to_series()
         if gains.nunique() > 2:
             shown[f"bias-{kind}-{profile}"] = _bias(summary, gains, f"{kind}, {profile_name(profile)}")
+    same = [name for name in TRAITS if name != "duration_s"]
+    for _, rows in traits.groupby(same, sort=False):
+        if rows.duration_s.nunique() > 2:
+            system, profile = rows.system.iloc[0], rows.profile.iloc[0]
+            shown[f"amount-{system}-{profile}"] = _amount(
+                summary, rows.duration_s, f"{system}, {profile_name(profile)}"
+            )
     return shown
 
 
@@ -66,13 +74,27 @@ def _pathways(results: xr.Dataset, summary: pd.DataFrame, rows: pd.DataFrame, wh
 
 
 def _bias(summary: pd.DataFrame, gains: pd.Series, what: str) -> Illustration:
-    rows = summary[(summary.metric == "mean_bias") & summary.scenario.isin(gains.index)]
-    rows = rows.assign(size=rows.scenario.map(gains)).dropna(subset=["value"]).sort_values("size", kind="stable")
-    rows = rows[rows.groupby("method")["size"].transform("nunique") > 1]
     title = f"What a reflex does to the stiffness: {what}"
-    said = [
-        f"{method}: {', '.join(f'{each.value:.1f} at {each.size:g}' for each in line.itertuples())}."
+    text = "Mean bias of the stiffness in N·m/rad against the gain of the reflex in N·m·s/rad."
+    rows, said = _over(summary, "mean_bias", gains)
+    return Illustration(partial(error_against, "gain of the reflex (N·m·s/rad)", rows, title), title, f"{text} {said}")
+
+
+def _amount(summary: pd.DataFrame, durations: pd.Series, what: str) -> Illustration:
+    title = f"How much data a reflex needs: {what}"
+    rows, said = _over(summary, "reflex_gain total_error", durations)
+    drawing = partial(error_against, "data (s)", rows, title, "total error of the reflex gain (N·m·s/rad)")
+    text = "Total error of the reflex gain in N·m·s/rad against seconds of data."
+    return Illustration(drawing, title, f"{text} {said}")
+
+
+def _over(summary: pd.DataFrame, metric: str, sizes: pd.Series) -> tuple[pd.DataFrame, str]:
+    """Rows of a metric for scenarios of these sizes, of methods that have several; and them in words."""
+    rows = summary[(summary.metric == metric) & summary.scenario.isin(sizes.index)]
+    rows = rows.assign(size=rows.scenario.map(sizes)).dropna(subset=["value"]).sort_values("size", kind="stable")
+    rows = rows[rows.groupby("method")["size"].transform("nunique") > 1]
+    said = (
+        f"{method}: {', '.join(f'{each.value:.3g} at {each.size:g}' for each in line.itertuples())}."
         for method, line in rows.groupby("method", sort=False)
-    ]
-    text = "Mean bias of the stiffness in N·m/rad against the gain of the reflex in N·m·s/rad. " + " ".join(said)
-    return Illustration(partial(bias_against, "gain of the reflex (N·m·s/rad)", rows, title), title, text)
+    )
+    return rows, " ".join(said)

@@ -10,7 +10,7 @@ from tvsysid.study import Study
 def test_the_default_is_the_quick_study():
     assert Study() == preset("quick")
     assert [scenario.label for scenario in Study().scenarios] == ["square-noise-150s-10dB", "square-prbs-150s-10dB"]
-    assert list(Study().named_methods) == ["eirf", "sds", "birf", "esm", "kbr"]
+    assert list(Study().named_methods) == ["eirf", "sds", "birf", "esm", "kbr", "adaptive"]
 
 
 def test_the_paper_s_study():

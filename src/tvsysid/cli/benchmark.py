@@ -58,8 +58,8 @@ def benchmark(
         list[str] | None,
         option(
             "NAME",
-            "What is simulated: `joint`, `reflex`, `reflex-sine`, `reflex-square`, `compliant`, `scheduled` (see "
-            "`tvsysid simulate`), or your own as `module:Object`; repeatable. [joint]",
+            "What is simulated: `joint`, `reflex`, `reflex-sine`, `reflex-square`, `compliant`, `loaded`, `scheduled` "
+            "(see `tvsysid simulate`), or your own as `module:Object`; repeatable. [joint]",
         ),
     ] = None,
     stiffness: Annotated[

@@ -24,9 +24,9 @@ def simulate(
         option(
             "NAME",
             "What is simulated: `joint`, `reflex` (a joint with a stretch reflex of constant gain; `reflex-sine`, "
-            "`reflex-square`: of varying gain), `compliant` (a joint on a compliant actuator: closed loop), "
-            "`scheduled` (stiffness follows EMG), or your own as `module:Object`. Settings may follow: "
-            "`reflex:reflex_gain=4,noise_bandwidth=1`.",
+            "`reflex-square`: of varying gain), `compliant` (a joint on a compliant actuator: closed loop; `loaded`: "
+            "moved by a torque), `scheduled` (stiffness follows EMG), or your own as `module:Object`. Settings may "
+            "follow: `reflex:reflex_gain=4,noise_bandwidth=1`.",
         ),
     ] = "joint",
     stiffness: Annotated[

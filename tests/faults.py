@@ -177,7 +177,7 @@ def thrice(ensemble, count=10):
     return ensemble.select(np.repeat(np.arange(count), 3))
 
 
-def repeated(recording, period=2.0, noise=1e-5, seed=4):
+def repeated(recording, period=2.0, noise=2e-5, seed=4):
     """One realization's perturbation over and over, recorded with a little noise of the angle's sensor."""
     random = np.random.default_rng(seed)
     ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), period)

@@ -6,6 +6,7 @@ from tvsysid.methods.base import Choice, Input, Method, reason_to_skip
 from tvsysid.methods.basis_cascade import BasisCascade
 from tvsysid.methods.birf import BasisIRF
 from tvsysid.methods.cascade.cascade import JointCascade
+from tvsysid.methods.description import describe
 from tvsysid.methods.eirf import EnsembleIRF
 from tvsysid.methods.ensemble_cascade import EnsembleCascade
 from tvsysid.methods.esm import EnsembleSpectral
@@ -20,7 +21,6 @@ from tvsysid.methods.plugins import (
     STUDIED_METHODS,
     clashes,
     create,
-    describe,
     found_as,
     from_text,
     key_of,

@@ -9,21 +9,20 @@ from __future__ import annotations
 import importlib
 import inspect
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import fields
 from importlib.metadata import EntryPoint, distributions
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from tvsysid.errors import InputError, describe_error, one_line
-from tvsysid.estimates import IMPEDANCE
 from tvsysid.methods.adaptive.adaptive import AdaptiveRegression
 from tvsysid.methods.apply import Identifies
-from tvsysid.methods.base import Method, inputs_of, names_said, said_by, scheduled_by, special
+from tvsysid.methods.base import Method
 from tvsysid.methods.basis_cascade import BasisCascade
 from tvsysid.methods.birf import BasisIRF
 from tvsysid.methods.cascade.cascade import JointCascade
@@ -79,17 +78,6 @@ VERBS = {  # what an object of each kind must have, and how it is written
 }
 
 
-class Description(NamedTuple):
-    """What there is to say about a method: what it is for, needs and reports; settings as ``name = default``."""
-
-    title: str
-    purpose: str
-    needs: tuple[str, ...]
-    reports: tuple[str, ...]
-    assumptions: tuple[str, ...]
-    settings: tuple[str, ...]
-
-
 def names() -> tuple[str, ...]:
     """Keys of all methods: the package's own, then those that installed packages offer.
 
@@ -141,7 +129,7 @@ def create(key: str, **settings: Any) -> Identifies:
     >>> create("sds", window=0.2)
     ShortDataSegments(max_lag=0.12, window=0.2, reference=None)
     """
-    made: Identifies = _made(key, _target(key, "method"), settings, "method")
+    made: Identifies = _made(key, target_of(key, "method"), settings, "method")
     return made
 
 
@@ -182,7 +170,7 @@ def from_text(text: str, what: str, usual: Any = None) -> Any:
     if not text.isprintable():
         raise InputError(f"{what} {text!r}: expected a name and settings without control characters")
     key, rest = _split(text)
-    target, settings = _target(key, what) if usual is None else type(usual), {}
+    target, settings = target_of(key, what) if usual is None else type(usual), {}
     for part in filter(None, parts(rest)):
         name, equals, value = (piece.strip() for piece in part.partition("="))
         if not equals:
@@ -274,69 +262,7 @@ def key_of(text: str) -> str:
     return _split(text)[0]
 
 
-def describe(text: str) -> Description:
-    """Title, assumptions and settings of a method, as far as it states them; text and errors as for :func:`parse`.
-
-    Examples
-    --------
-    >>> describe("birf:reference=disturbance")[1:3]
-    ('closed loops', ("the disturbance that was applied (channel 'disturbance')",))
-    """
-    target = _target(key_of(text), "method")
-    kind = target if isinstance(target, type) else type(target)
-    stated = getattr(target, "assumptions", ())
-    assumptions = stated if isinstance(stated, Iterable) and not isinstance(stated, str) else [stated]
-    settings = []
-    made = None
-    if isinstance(target, type):
-        with suppress(InputError):  # it needs settings that have no default
-            made = parse(text)
-        for name, item in _settings_of(target)[0].items():
-            default = getattr(made, name, item.default)
-            settings.append(f"{name} (must be given)" if item.default is item.empty else f"{name} = {default!r}")
-    method = target if made is None else made
-    title = str(getattr(target, "title", kind.__name__))
-    about = _purpose(method), _needs(method), _reports(method)
-    return Description(title, *about, tuple(map(str, assumptions)), tuple(settings))
-
-
-def _purpose(method: object) -> str:
-    """What a method is for, by the signals that it needs and the pathways that it tells apart."""
-    if special(method, "perturbation"):
-        return "special perturbations"
-    kinds = {item.kind for item in inputs_of(method)}
-    if "reference" in kinds:
-        return "closed loops"
-    if "scheduling" in kinds:
-        return "a measured variable that is followed"
-    return "two pathways" if len(getattr(method, "pathway_names", ())) > 1 else "repeated behaviour"
-
-
-NEEDS = {
-    "reference": "the disturbance that was applied (channel {0.name!r})",
-    "scheduling": "a scheduling variable (channel {0.name!r})",
-    "input": "the channel {0.name!r}, in {0.unit}",
-}
-
-
-def _needs(method: object) -> tuple[str, ...]:
-    """What a method needs beside angle and torque of realizations."""
-    needs = [NEEDS[item.kind].format(item) for item in inputs_of(method)]
-    if perturbed := special(method, "perturbation"):
-        needs.append(f"a perturbation of this kind: {perturbed}")
-    if said_by(method, "contiguous", "true or false", bool):
-        needs.append("realizations that follow each other")
-    return (*needs, "EMG, if emg= names its channel") if getattr(method, "emg", "") is None else tuple(needs)
-
-
-def _reports(method: object) -> tuple[str, ...]:
-    """Quantities that a method estimates, and pathways."""
-    several = len(getattr(method, "pathway_names", ())) > 1
-    quantities = dict.fromkeys((*IMPEDANCE, *names_said(method, "quantities"), *scheduled_by(method)))
-    return (*quantities, *(["the torque of each pathway"] if several else []))
-
-
-def _target(key: str, what: str) -> Any:
+def target_of(key: str, what: str) -> Any:
     """Class or object of a key; of a method, the package's own come first."""
     if what == "method" and key in METHODS:
         return METHODS[key]
@@ -368,7 +294,7 @@ def _made(key: str, target: Any, settings: Mapping[str, Any], what: str) -> Any:
                 f"name its class {kind} instead"
             )
         return target
-    fields_of, takes_any = _settings_of(target)
+    fields_of, takes_any = settings_of(target)
     known = [*fields_of, *further_settings(target)]
     unknown = [name for name in settings if name not in known and not takes_any]
     if unknown:
@@ -396,7 +322,7 @@ def _own(kind: Any, tuned: bool = False, preset: str | None = None, **settings: 
     return Tuned(made) if tuned else made
 
 
-def _settings_of(target: type) -> tuple[dict[str, inspect.Parameter], bool]:
+def settings_of(target: type) -> tuple[dict[str, inspect.Parameter], bool]:
     """Settings that a class takes by name, and whether it takes any others."""
     found: dict[str, inspect.Parameter] = {}
     with suppress(TypeError, ValueError):  # compiled classes may not say

@@ -15,6 +15,7 @@ from tvsysid.methods.base import Method, whole_samples
 from tvsysid.methods.shared import hammerstein
 from tvsysid.methods.shared.pathways import Drive, Measured, Stretch, TwoPathwayModel, velocity_of
 from tvsysid.models import ImpulseResponseModel
+from tvsysid.numerics.bases import ChebyshevPolynomials, evaluate
 from tvsysid.numerics.moments import convolve_lags, diagonal_moments, window_moments
 from tvsysid.signals import Array, Ensemble
 
@@ -69,13 +70,20 @@ def reason_to_skip(ensemble: Ensemble, max_lag: float, memory: float) -> str | N
 
 
 def identify_in_turn(
-    method: str, ensemble: Ensemble, reflex: Reflex, max_lag: float, intrinsic: Method, respond: Respond
+    method: str,
+    ensemble: Ensemble,
+    reflex: Reflex,
+    max_lag: float,
+    intrinsic: Method,
+    respond: Respond,
+    directions: Array | None = None,
 ) -> TwoPathwayModel:
     """Identify the intrinsic pathway from the torque less the reflex's, the reflex from the torque less the intrinsic.
 
     The one by a method for one pathway, the other by ``respond``, and again until the torque explained hardly grows. A
-    polynomial's coefficients are those of least squares on the answers to its terms, after each response.
-    Realizations whose past is not recorded are left out.
+    polynomial's coefficients are those of least squares on the answers to its terms, after each response. With slow
+    ``directions`` (time, direction), what both leave is fitted by these in each realization, and taken out in the next
+    turn. Realizations whose past is not recorded are left out.
     """
     lags, first, before = (whole_samples(each, ensemble) for each in (max_lag, reflex.delay, reflex.memory))
     drives, start, direction = _drives(ensemble, reflex, lags, before)
@@ -83,14 +91,15 @@ def identify_in_turn(
     known = complete(ensemble, reflex.memory)
     past, part = past[:, known], _with_context(ensemble.select(known), lags)
     torque = part.torque[:, part.core]
-    power, answer, coefficients = float(np.sum(torque**2)), np.zeros_like(torque), start
+    power, answer, slow, coefficients = float(np.sum(torque**2)), np.zeros_like(torque), np.zeros_like(torque), start
     best: _Turn | None = None
     for turn in range(1, TURNS + 1):
         less = part.torque.copy()
-        less[:, part.core] -= answer
+        less[:, part.core] -= answer + slow
         found = intrinsic._identify(replace(part, torque=less))
         assert isinstance(found, ImpulseResponseModel)
-        left = torque - found.predict(part)
+        beyond = torque - found.predict(part)
+        left = beyond - slow
         weights = respond(np.tensordot(coefficients, past, 1), left)
         if len(start) > 1:
             answers = np.stack([convolve_lags(each, weights).ravel() for each in past])
@@ -98,7 +107,9 @@ def identify_in_turn(
             coefficients = np.asarray(solved / np.linalg.norm(solved))
             weights = respond(np.tensordot(coefficients, past, 1), left)
         answer = convolve_lags(np.tensordot(coefficients, past, 1), weights)
-        explained = 1 - float(np.sum((left - answer) ** 2)) / power
+        if directions is not None:
+            slow = (beyond - answer) @ directions @ directions.T
+        explained = 1 - float(np.sum((beyond - answer - slow) ** 2)) / power
         if best is not None and explained < best.explained + GAIN:
             break
         best = _Turn(explained, found, coefficients, weights)
@@ -106,6 +117,8 @@ def identify_in_turn(
     drive, slope, direction = _drive(ensemble, reflex, drives, best.coefficients, direction)
     diagnostics = best.intrinsic.diagnostics
     details = {**diagnostics.details, "turns": float(turn), "direction": float(direction)}
+    if directions is not None:
+        details["vaf_with_slow"] = 100 * best.explained
     plain = replace(best.intrinsic, method=method, diagnostics=replace(diagnostics, details=details))
     unit = "N m/V" if reflex.emg else UNITS["reflex_gain"]
     return hammerstein.cascade_model(plain, ensemble, best.weights * slope, drive, first, unit)
@@ -118,6 +131,11 @@ def response_moments(drive: Array, output: Array) -> tuple[Array, Array]:
     """
     reach = drive.shape[1] - output.shape[1]
     return window_moments(drive, drive, reach, 0)[:, ::-1, ::-1], diagonal_moments(output, drive, reach)[:, ::-1]
+
+
+def slow_directions(order: int, samples: int) -> Array:
+    """Orthonormal polynomials up to this order over a realization: (time, polynomial)."""
+    return np.linalg.qr(evaluate(ChebyshevPolynomials(order + 1), samples))[0]
 
 
 def _with_context(ensemble: Ensemble, samples: int) -> Ensemble:

@@ -185,3 +185,18 @@ def responses_of(methods=("eirf", "sds", "birf")):
             "method_key": list(methods), "instant": [0.25, 1.0], "lag": lag, "stiffness": ("instant", [50.0, 150.0]),
         },
     )  # fmt: skip
+
+
+def scores_of(told, scenarios, methods, metrics, spread, trials):
+    """Scores of a study as they are told of each scenario, method and metric, with replicates of this spread."""
+    value = np.array([[[told(s, method, metric) for metric in metrics] for method in methods] for s in scenarios])
+    replicates = value[..., None] * (1 + spread * np.random.default_rng(1).standard_normal((*value.shape, 200)))
+    dims = ("scenario", "method_key", "metric")
+    return xr.Dataset(
+        {
+            "value": (dims, value),
+            "replicates": ((*dims, "draw"), replicates),
+            "trials": (dims[:2], np.full(value.shape[:2], trials)),
+        },
+        coords={"scenario": [s.label for s in scenarios], "method_key": list(methods), "metric": list(metrics)},
+    )

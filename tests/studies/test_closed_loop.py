@@ -1,8 +1,7 @@
 """What is said of closed loops, against made-up figures; and a study of them, drawn."""
 
-import numpy as np
 import pytest
-import xarray as xr
+from tests.synthetic import scores_of
 
 from tvsysid import studies
 from tvsysid.studies import closed_loop, reflex, van_de_ruit_2021
@@ -27,18 +26,7 @@ def as_told(place, method, metric):
 
 
 def verdicts(told=as_told, scenarios=SCENARIOS, trials=10):
-    value = np.array([[[told(s, method, metric) for metric in METRICS] for method in METHODS] for s in scenarios])
-    replicates = value[..., None] * (1 + 0.01 * np.random.default_rng(1).standard_normal((*value.shape, 200)))
-    dims = ("scenario", "method_key", "metric")
-    scores = xr.Dataset(
-        {
-            "value": (dims, value),
-            "replicates": ((*dims, "draw"), replicates),
-            "trials": (dims[:2], np.full(value.shape[:2], trials)),
-        },
-        coords={"scenario": [s.label for s in scenarios], "method_key": list(METHODS), "metric": list(METRICS)},
-    )
-    return closed_loop.judge(scores)
+    return closed_loop.judge(scores_of(told, scenarios, METHODS, METRICS, 0.01, trials))
 
 
 def changed(method, metric, value, where=SCENARIOS):

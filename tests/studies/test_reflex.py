@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-import xarray as xr
 from tests.contracts.toys import Cascade
+from tests.synthetic import scores_of
 
 from tvsysid.studies import reflex, van_de_ruit_2021
 from tvsysid.studies.reflex.claims import CONSTANT, LOUD, SINE
@@ -29,18 +29,7 @@ def as_told(scenario, method, metric):
 
 
 def verdicts(told=as_told, scenarios=SCENARIOS, trials=10):
-    value = np.array([[[told(s, method, metric) for metric in METRICS] for method in METHODS] for s in scenarios])
-    replicates = value[..., None] * (1 + 0.02 * np.random.default_rng(1).standard_normal((*value.shape, 200)))
-    dims = ("scenario", "method_key", "metric")
-    scores = xr.Dataset(
-        {
-            "value": (dims, value),
-            "replicates": ((*dims, "draw"), replicates),
-            "trials": (dims[:2], np.full(value.shape[:2], trials)),
-        },
-        coords={"scenario": [s.label for s in scenarios], "method_key": list(METHODS), "metric": list(METRICS)},
-    )
-    return reflex.judge(scores)
+    return reflex.judge(scores_of(told, scenarios, METHODS, METRICS, 0.02, trials))
 
 
 def changed(method, metric, value, where=SCENARIOS):

@@ -267,6 +267,13 @@ def check_positive(method: object, **settings: float) -> None:
             raise InputError(f"{type(method).__name__}: {name} must be positive and finite, got {value!r}")
 
 
+def check_whole(method: object, least: int, **settings: object) -> None:
+    """Raise for a setting that is not a whole number from ``least`` on."""
+    for name, value in settings.items():
+        if type(value) is not int or value < least:
+            raise InputError(f"{type(method).__name__}: {name} must be a whole number from {least} on, got {value!r}")
+
+
 def check_choice(method: object, name: str, allowed: object) -> None:
     """Raise for a setting that is none of a Literal's values."""
     value, choices = getattr(method, name), get_args(allowed)

@@ -17,7 +17,7 @@ from tvsysid.signals import Array, Ensemble
 
 
 @dataclass(frozen=True)
-class BasisCascade(base.Method):
+class BasisCascade(in_turn.InTurn):
     r"""Intrinsic and reflex response that change as sums of basis functions, identified in turn.
 
     .. math:: y(t) = \Delta t \sum_{\tau=-n}^{n} \sum_j \lambda_{\tau j} \Lambda_j(t)\, \theta(t - \tau)
@@ -93,9 +93,6 @@ class BasisCascade(base.Method):
         "The intrinsic response ends before the reflex's delay does.",
         "The reflex answers a static function of the velocity, or EMG.",
     )
-    quantities: ClassVar[tuple[str, ...]] = ("reflex_gain",)
-    pathway_names: ClassVar[tuple[str, ...]] = ("intrinsic", "reflex")
-    uses_recorded_angle: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         base.check_positive(self, max_lag=self.max_lag, memory=self.memory)
@@ -110,10 +107,6 @@ class BasisCascade(base.Method):
         if self.emg is not None:
             object.__setattr__(self, "inputs", (base.Input(self.emg, "input", "V"),))
 
-    def skip(self, ensemble: Ensemble) -> str | None:
-        """Where too few realizations have the reflex's memory before them."""
-        return in_turn.reason_to_skip(ensemble, self.max_lag, self.memory)
-
     def _identify(self, ensemble: Ensemble) -> TwoPathwayModel:
         usual = self.max_lag if self.emg is None else 0.0
         reflex = in_turn.Reflex(usual if self.delay is None else self.delay, self.memory, self.nonlinearity, self.emg)
@@ -126,9 +119,6 @@ class BasisCascade(base.Method):
             return _response(drive, output, functions, self.prior)
 
         return in_turn.identify_in_turn(repr(self), ensemble, reflex, self.max_lag, intrinsic, respond, slow)
-
-    def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
-        return 1 / (2 * self.max_lag), base.EXCITED_ABOVE
 
 
 def _response(drive: Array, output: Array, functions: Array, prior: birf.Prior) -> Array:

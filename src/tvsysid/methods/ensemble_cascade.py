@@ -22,7 +22,7 @@ ENOUGH = 500  # realizations that the literature asks for, at the least
 
 
 @dataclass(frozen=True)
-class EnsembleCascade(base.Method):
+class EnsembleCascade(in_turn.InTurn):
     r"""Intrinsic and reflex response at each time, estimated across realizations, in turn.
 
     .. math:: y(t) = \Delta t \sum_{\tau=-n}^{n} h(t, \tau)\, \theta(t - \tau)
@@ -71,19 +71,12 @@ class EnsembleCascade(base.Method):
         "The intrinsic response ends before the reflex's delay does.",
         "Many realizations are needed: without a window, 500 to 800.",
     )
-    quantities: ClassVar[tuple[str, ...]] = ("reflex_gain",)
-    pathway_names: ClassVar[tuple[str, ...]] = ("intrinsic", "reflex")
-    uses_recorded_angle: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         base.check_positive(self, max_lag=self.max_lag, memory=self.memory)
         in_turn.check_from_zero(self, self.memory, delay=self.delay)
         in_turn.check_from_zero(self, math.inf, window=self.window)
         base.check_choice(self, "nonlinearity", in_turn.Nonlinearity)
-
-    def skip(self, ensemble: Ensemble) -> str | None:
-        """Where too few realizations have the reflex's memory before them."""
-        return in_turn.reason_to_skip(ensemble, self.max_lag, self.memory)
 
     def _identify(self, ensemble: Ensemble) -> TwoPathwayModel:
         reflex = in_turn.Reflex(self.delay, self.memory, self.nonlinearity)
@@ -96,9 +89,6 @@ class EnsembleCascade(base.Method):
             return _response(drive, output, half)
 
         return in_turn.identify_in_turn(repr(self), ensemble, reflex, self.max_lag, intrinsic, respond)
-
-    def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
-        return 1 / (2 * self.max_lag), base.EXCITED_ABOVE
 
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
         samples = 2 * base.whole_samples(self.window / 2, ensemble) + 1

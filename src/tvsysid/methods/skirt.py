@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import rfft
 
-from tvsysid.errors import InputError
 from tvsysid.methods import base, shared
 from tvsysid.models import Diagnostics, SecondOrderModel
 from tvsysid.numerics.bands import arc_length
@@ -71,10 +70,7 @@ class SkirtDecomposition(base.Method):
     perturbation: ClassVar[str] = "multisine"
 
     def __post_init__(self) -> None:
-        if type(self.harmonics) is not int or self.harmonics < 0:
-            raise InputError(
-                f"SkirtDecomposition: harmonics must be a whole number of 0 or more, got {self.harmonics!r}"
-            )
+        base.check_whole(self, 0, harmonics=self.harmonics)
         for frequency in self.frequencies or ():
             base.check_positive(self, frequencies=frequency)
 

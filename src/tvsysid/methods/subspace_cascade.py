@@ -16,6 +16,7 @@ from tvsysid.methods.base import (
     EXCITED_ABOVE,
     Method,
     check_positive,
+    check_whole,
     fitting_lags,
     missing_edge,
     padded,
@@ -120,12 +121,9 @@ class SubspaceCascade(Method):
         check_positive(self, delay=self.delay, horizon=self.horizon)
         if self.window is not None:
             check_positive(self, window=self.window)
-        for name, least in (("terms", 1), ("order", 1)):
-            value = getattr(self, name)
-            if value is None and name == "order":
-                continue
-            if type(value) is not int or value < least:
-                raise InputError(f"SubspaceCascade: {name} must be a whole number from {least} on, got {value!r}")
+        check_whole(self, 1, terms=self.terms)
+        if self.order is not None:
+            check_whole(self, 1, order=self.order)
 
     @property
     def time_invariant(self) -> bool:  # type: ignore[override]

@@ -181,9 +181,7 @@ class Identification:
             error += alike(times, rate) * (both + beyond.inertia * np.outer(mixed[:, 1], mixed[:, 1]))
         if variance is not None:
             error += np.diag(mixed[:, 0] ** 2 * variance)
-        total = float(np.sum(seen * self.power) / np.sum(self.power))
-        size = max(abs(total), 1e-6 * float(np.sqrt(np.mean(gram[:, -1, -1]) / np.mean(self.power))))
-        result = averaged(Line.of(self.axis, seen, error, size))
+        result = averaged(self._line(seen, error, self.power))
         return Stiffness(result, result.mixture.mean(), result.mixture.variance(), found, beyond, scatters)
 
     def viscosity(self, beside: Stiffness) -> Averaged:
@@ -200,9 +198,13 @@ class Identification:
         error += others @ steady.covariance[1:, 1:] @ others.T
         if beside.misfit.inertia:
             error += alike(len(gram), self.signals.rate) * (beside.misfit.inertia * np.outer(mixed[:, A], mixed[:, A]))
+        return averaged_beside(self._line(seen, error, power), beside.averaged)
+
+    def _line(self, seen: Array, error: Array, power: Array) -> Line:
+        """What is seen of a quantity, beside its size: its mean by the ``power`` (time,) of its signal, and never 0."""
         total = float(np.sum(seen * power) / np.sum(power))
-        size = max(abs(total), 1e-6 * float(np.sqrt(np.mean(gram[:, -1, -1]) / np.mean(power))))
-        return averaged_beside(Line.of(self.axis, seen, error, size), beside.averaged)
+        least = 1e-6 * float(np.sqrt(np.mean(self.gram[:, -1, -1]) / np.mean(power)))
+        return Line.of(self.axis, seen, error, max(abs(total), least))
 
     def model(self, name: str) -> AdaptiveModel:
         """Everything that was found."""

@@ -10,7 +10,7 @@ import numpy as np
 from tvsysid.methods.adaptive.evidence import Columns, Line, Products, Sizes, Smooth, every_sizes, jumps, one_more
 from tvsysid.numerics import Array
 
-RESOLVED = 1 / 16  # sample: steps between positions that are told apart
+RESOLVED = 1 / 16  # samples from one position that is tried to the next
 APART = 1.0  # samples that two switches are apart at least
 NEAR = 6.0  # samples to either side of where a switch was found in which it may lie
 SWEEPS = 4  # of all switches, each placed beside the others, at most

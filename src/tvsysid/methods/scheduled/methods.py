@@ -51,9 +51,8 @@ class Scheduled(base.Method):
     def __post_init__(self) -> None:
         name = type(self).__name__
         base.check_positive(self, memory=self.memory, time_constant=self.time_constant)
-        for setting, least in (("order", 0), ("reflex_order", 0), ("rest_order", 0), ("filters", 1)):
-            if type(value := getattr(self, setting)) is not int or value < least:
-                raise InputError(f"{name}: {setting} must be a whole number from {least} on, got {value!r}")
+        base.check_whole(self, 0, order=self.order, reflex_order=self.reflex_order, rest_order=self.rest_order)
+        base.check_whole(self, 1, filters=self.filters)
         for setting in ("delay", "threshold"):
             value = getattr(self, setting)
             if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 <= value < np.inf:

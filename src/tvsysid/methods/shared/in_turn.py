@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
 from tvsysid.estimates import UNITS
-from tvsysid.methods.base import Method, whole_samples
+from tvsysid.methods.base import EXCITED_ABOVE, Method, whole_samples
 from tvsysid.methods.shared import hammerstein
 from tvsysid.methods.shared.pathways import Drive, Measured, Stretch, TwoPathwayModel, velocity_of
 from tvsysid.models import ImpulseResponseModel
@@ -36,6 +36,24 @@ class Reflex:
     memory: float
     nonlinearity: Nonlinearity
     emg: str | None = None
+
+
+class InTurn(Method):
+    """A method that identifies both pathways in turn: what all of them are and need."""
+
+    max_lag: float
+    memory: float
+
+    quantities: ClassVar[tuple[str, ...]] = ("reflex_gain",)
+    pathway_names: ClassVar[tuple[str, ...]] = ("intrinsic", "reflex")
+    uses_recorded_angle: ClassVar[bool] = True
+
+    def skip(self, ensemble: Ensemble) -> str | None:
+        """Where too few realizations have the reflex's memory before them."""
+        return reason_to_skip(ensemble, self.max_lag, self.memory)
+
+    def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
+        return 1 / (2 * self.max_lag), EXCITED_ABOVE
 
 
 class _Turn(NamedTuple):

@@ -179,15 +179,16 @@ def write(results: xr.Dataset, out: Path, command: str) -> bool:
     from tvsysid.studies import published
     from tvsysid.studies.van_de_ruit_2021 import write_study
 
+    literature = published(results)
     with waiting("scoring and drawing"):
-        summary, claims, files, *_ = write_study(results, out, command, published(results))
+        summary, claims, files, *_ = write_study(results, out, command, literature)
     labels = list(dict.fromkeys(summary.scenario))
     for label in labels[:MOST_TABLES]:
         _show_scores(summary[summary.scenario == label])
     if len(labels) > MOST_TABLES:
         say(f"and {len(labels) - MOST_TABLES} more scenarios in summary.csv and report.html")
     if (claims.verdict != "not studied").any():
-        show_claims(claims, "simulations", "other scenarios: --preset paper, snr, viscosity, reflex, closed-loop")
+        show_claims(claims, "simulations", f"other scenarios: --preset {', '.join(literature.presets)}")
     _show_times(results)
     complete = print_met(results, problems(results), "trials", "trials")
     say_written(out, [*files, STORE])

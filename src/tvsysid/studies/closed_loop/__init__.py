@@ -19,6 +19,7 @@ LITERATURE = Published(
     judge,
     loop_figures,
     f"What is said of joints in closed loop, and whether this study finds it. {HOW_DECIDED}",
+    tuple(PRESETS),
 )
 
 

@@ -20,6 +20,7 @@ LITERATURE = Published(
     reflex_figures,
     "What the literature says of reflexes and of methods that separate them, and whether this study finds it. "
     + HOW_DECIDED,
+    tuple(PRESETS),
 )
 
 

@@ -82,6 +82,8 @@ class Published(NamedTuple):
     """From results and their summary with full names."""
     about: str
     """What stands above the claims."""
+    presets: tuple[str, ...]
+    """Studies that all claims together need."""
 
 
 def _paper_figures(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illustration]:
@@ -90,7 +92,7 @@ def _paper_figures(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illu
     return study_figures(results, summary, example_responses(seed) if square else None)
 
 
-PAPER = Published(judge, _paper_figures, CLAIMS)
+PAPER = Published(judge, _paper_figures, CLAIMS, ("paper", "snr", "viscosity"))
 
 
 def write_study(results: xr.Dataset, folder: Path, command: str = "", published: Published = PAPER) -> Written:

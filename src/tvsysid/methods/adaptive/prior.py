@@ -18,6 +18,7 @@ LEVEL = 30.0  # standard deviation of the constant, in mean sizes
 AMPLITUDES = (0.02, 0.05, 0.125, 0.3, 0.7)  # of the smooth part, in mean sizes
 SIZES = (0.05, 0.2, 0.8)  # standard deviations of a switch, in mean sizes
 SHORTEST, RATIO = 4.0, 1.6  # length in samples of the roughest smooth part, and from one to the next
+LONGEST = 1 / 1.2  # period below which lengths are tried; from half of it on one harmonic is all that is left
 FAINT = 1e-7  # share of the first harmonic's variance below which others are left out
 DECIMATOR = 15  # samples before decimation to either side that its filter reaches
 USUAL_TAPS = 1.5  # samples that it reaches after a decimation by 10
@@ -130,11 +131,11 @@ def roughnesses(axis: Axis) -> tuple[Roughness, ...]:
         shapes.extend((kind, a, length, a**2 * kept / kept.sum()) for a in amplitudes)
 
     length = shortest = max(SHORTEST, 0.78 * period / (axis.harmonics + 1))
-    while length < period / 2.5:
+    while length < period * LONGEST:
         add("smooth", length, AMPLITUDES, np.exp(-2 * (np.pi * harmonic * length / period) ** 2))
         length *= RATIO
     length = shortest * RATIO**2
-    while length < period / 1.2:
+    while length < period * LONGEST:
         spectrum = (1 + (2 * np.pi * harmonic * length / period) ** 2 / 3) ** -2.0
         add("with corners", length, AMPLITUDES[1:], spectrum)
         length *= RATIO**2

@@ -37,6 +37,7 @@ METHODS = {
     "lpvkbi": tv.ScheduledImpedance(),
     "lpvkbi, no reflex": tv.ScheduledImpedance(reflex=False),
 }
+SHARP = True  # as `tvsysid identify --scheduling` decimates
 NEAR, PIECE = 0.02, 0.5  # how near to a value a part of so many seconds is
 
 
@@ -54,7 +55,12 @@ def ensembles(seed: int, reflex: bool) -> Iterator[tv.Ensemble]:
     joint = tv.simulate.ScheduledJoint(inertia=0.016, **settings)
     made = joint.simulate(106, perturbation=tv.simulate.FilteredNoise(), snr_db=15, seed=seed)
     for recording in (made.recording, made.noiseless):
-        yield tv.preprocess.segment(tv.preprocess.decimate(recording, 100), None)
+        yield tv.preprocess.segment(tv.preprocess.decimate(recording, 100, sharp=SHARP), None)
+
+
+def explained(torque: Array, predicted: Array) -> float:
+    """Variance of a torque about its mean that is predicted, in per cent."""
+    return float(100 * (1 - np.nanvar(torque - predicted) / np.var(torque[np.isfinite(predicted)])))
 
 
 def simulated(trials: int, reflex: bool) -> Table:
@@ -74,7 +80,7 @@ def simulated(trials: int, reflex: bool) -> Table:
         spread = error.var(axis=0, ddof=1)
         bias = np.sqrt(max(0.0, float(np.mean(error.mean(axis=0) ** 2 - spread / trials))))
         pairs = zip(models, (clean for _, clean in every), strict=True)
-        pure = [tv.metrics.vaf(clean.torque[:, clean.core], model.predict(clean))[0] for model, clean in pairs]
+        pure = [explained(clean.torque[:, clean.core], model.predict(clean)) for model, clean in pairs]
         folds = np.mean([model.diagnostics.details["vaf_folds"] for model in models])
         numbers = [error.mean(), bias, np.sqrt(spread.mean()), 100 * held.mean()]
         numbers += [np.sqrt(np.mean(stated**2) / spread.mean()), folds, np.mean(pure)]
@@ -126,7 +132,7 @@ def main() -> None:
         parser.add_argument(name)
     parser.add_argument("--rate", type=float, default=1000.0)
     parser.add_argument("--torque-sign", type=int, default=1)
-    parser.add_argument("--decimate", type=float, nargs="+", default=[100.0], help="one rate after the other")
+    parser.add_argument("--decimate", type=float, default=100.0)
     parser.add_argument("--trials", type=int, default=20)
     given = parser.parse_args()
     warnings.simplefilter("ignore", tv.DataQualityWarning)
@@ -138,8 +144,7 @@ def main() -> None:
             return
         names = {"angle": given.angle, "torque": given.torque, "channels": {"scheduling": given.variable}}
         recording = tv.read_recording(given.file, sampling_rate=given.rate, torque_sign=given.torque_sign, **names)
-        for rate in given.decimate:
-            recording = tv.preprocess.decimate(recording, rate)
+        recording = tv.preprocess.decimate(recording, given.decimate, sharp=SHARP)
         for table in recorded(recording, np.array([-0.4, -0.3, -0.2, -0.1, 0.0, 0.1, 0.2])):
             console.print(table)
 

@@ -23,6 +23,15 @@ def test_equals_the_plain_convolution(random, factor, samples):
     assert found.sampling_rate == 1000.0 / factor
 
 
+@pytest.mark.parametrize("factor", [2, 10])
+def test_a_sharp_filter_is_as_much_longer_as_the_rate_gets_lower(random, factor):
+    angle, half = random.normal(size=1003), 10 * factor
+    found = tv.preprocess.decimate(recording_of(angle), 1000.0 / factor, sharp=True)
+    odd = np.concatenate([2 * angle[0] - angle[half:0:-1], angle, 2 * angle[-1] - angle[-2 : -2 - half : -1]])
+    expected = np.convolve(odd, firwin(2 * half + 1, 1 / factor), mode="valid")[::factor]
+    np.testing.assert_allclose(found.angle, expected, atol=1e-12)
+
+
 def test_a_slow_wave_is_neither_delayed_nor_changed():
     time = np.arange(5000) / 1000
     found = tv.preprocess.decimate(recording_of(np.sin(2 * np.pi * 3 * time), start=-1.0), 100)
@@ -97,3 +106,5 @@ def test_a_rate_that_does_not_divide_is_refused(random, rate, message):
 def test_a_record_shorter_than_the_filter_is_refused(random):
     with pytest.raises(tv.InputError, match="30 samples is shorter than the filter's 31"):
         tv.preprocess.decimate(recording_of(random.normal(size=30)), 100)
+    with pytest.raises(tv.InputError, match="200 samples is shorter than the filter's 201"):
+        tv.preprocess.decimate(recording_of(random.normal(size=200)), 100, sharp=True)

@@ -81,7 +81,8 @@ def identify(
     serve the recording is skipped, and the reason is printed. One that fails spoils no other; the exit code is then 1.
 
     A joint that follows a measured variable needs no period: with `--scheduling` and without `--period`, all of the
-    record is one realization. The variable is read under the name `scheduling`.
+    record is one realization, and `--decimate` takes a sharper filter, as torque beyond the new band counts more there.
+    The variable is read under the name `scheduling`.
 
     With `--align-channels`, the delay of the torque is estimated as by `tvsysid inspect --diagnose`. One that is found
     is corrected before decimation, and printed with what it did to inertia and viscosity. The figure's title states
@@ -136,7 +137,7 @@ def identify(
         if align_channels:
             recording = _aligned(recording, period or PIECES, context)
         if decimate is not None:
-            recording = preprocess.decimate(recording, decimate)
+            recording = preprocess.decimate(recording, decimate, sharp=period is None)
         if recording.sampling_rate > SLOW_RATE:
             text = "may take minutes; --decimate 100 is usual, and enough for a joint"
             remark("note", f"identifying at {recording.sampling_rate:g} Hz {text}")

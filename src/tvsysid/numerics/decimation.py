@@ -10,28 +10,29 @@ from scipy.signal import firwin, upfirdn
 from tvsysid.numerics import Array
 
 TAPS = 31
+SHARP = 20  # taps for each of the factor, of a filter that passes hardly anything from 1.2 times the new Nyquist on
 
 
 @lru_cache(maxsize=16)
-def decimation_weights(factor: int) -> Array:
-    """Hamming-window low-pass with -6 dB at the new Nyquist frequency, shape (31,)."""
-    weights = firwin(TAPS, 1 / factor)
+def decimation_weights(factor: int, taps: int = TAPS) -> Array:
+    """Hamming-window low-pass with -6 dB at the new Nyquist frequency, shape (taps,)."""
+    weights = firwin(taps, 1 / factor)
     weights.flags.writeable = False
     return np.asarray(weights)
 
 
-def keep_every(x: Array, factor: int) -> Array:
+def keep_every(x: Array, factor: int, taps: int = TAPS) -> Array:
     """Every factor-th sample (..., time) of the zero-delay convolution of x with the low-pass; odd reflection at ends.
 
-    The first sample stays the first; there must be at least 31.
+    The first sample stays the first; there must be as many as taps, whose number is odd.
     """
     if factor == 1:
         return x
-    half = TAPS // 2
+    half = taps // 2
     skip = -(-2 * half // factor)  # outputs that lie before the first sample
     before = skip * factor - half  # so that the outputs fall on the samples 0, factor, 2 factor, ...
     head = 2 * x[..., :1] - x[..., half:0:-1]
     tail = 2 * x[..., -1:] - x[..., -2 : -2 - half : -1]
     extended = np.concatenate([np.zeros((*x.shape[:-1], before - half)), head, x, tail], axis=-1)
     kept = -(-x.shape[-1] // factor)
-    return np.asarray(upfirdn(decimation_weights(factor), extended, down=factor)[..., skip : skip + kept])
+    return np.asarray(upfirdn(decimation_weights(factor, taps), extended, down=factor)[..., skip : skip + kept])

@@ -11,7 +11,7 @@ import numpy as np
 
 from tvsysid.checked import checked_rate
 from tvsysid.errors import InputError
-from tvsysid.numerics.decimation import TAPS, keep_every
+from tvsysid.numerics.decimation import SHARP, TAPS, keep_every
 from tvsysid.numerics.interpolation import SINC, between
 from tvsysid.signals import Array, Ensemble, Recording
 
@@ -48,7 +48,7 @@ def check_seconds(step: str, *, positive: bool = False, **durations: float) -> N
             raise InputError(f"{step}: {name} must be {expected}, got {seconds!r}")
 
 
-def decimate(recording: Recording, rate: float) -> Recording:
+def decimate(recording: Recording, rate: float, *, sharp: bool = False) -> Recording:
     r"""Low-pass and keep every r-th sample, r being the ratio of the rates.
 
     The filter is a 31-tap Hamming-window FIR with -6 dB at the new Nyquist frequency; its delay is removed, so that the
@@ -63,6 +63,10 @@ def decimate(recording: Recording, rate: float) -> Recording:
         Trials that are no shorter than the filter.
     rate
         New sampling rate in Hz; must divide the old one.
+    sharp
+        A filter of 20 r + 1 taps instead, for a record whose angle and torque reach beyond the new Nyquist frequency: 31
+        taps let that pass as slower movements (aliases), which no method can explain. It smears a sudden change over
+        :math:`\pm 10` samples of the new rate.
 
     References
     ----------
@@ -82,11 +86,12 @@ def decimate(recording: Recording, rate: float) -> Recording:
     if factor == 1:
         return recording
     shortest = min(trial.stop - trial.start for trial in recording.trials)
-    if shortest < TAPS:
-        raise InputError(f"decimate: a trial of {shortest} samples is shorter than the filter's {TAPS} samples")
+    taps = SHARP * factor + 1 if sharp else TAPS
+    if shortest < taps:
+        raise InputError(f"decimate: a trial of {shortest} samples is shorter than the filter's {taps} samples")
 
     def lower(x: Array) -> Array:
-        return np.concatenate([keep_every(x[trial], factor) for trial in recording.trials])
+        return np.concatenate([keep_every(x[trial], factor, taps) for trial in recording.trials])
 
     starts = _starts(-(-(trial.stop - trial.start) // factor) for trial in recording.trials)
     recorded = np.concatenate([_recorded(recording, trial, factor) for trial in recording.trials])

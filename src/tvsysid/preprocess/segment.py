@@ -64,7 +64,7 @@ def decimate(recording: Recording, rate: float, *, sharp: bool = False) -> Recor
     rate
         New sampling rate in Hz; must divide the old one.
     sharp
-        A filter of 20 r + 1 taps instead, for a record whose angle and torque reach beyond the new Nyquist frequency: 31
+        A filter of 20 r + 1 taps, for a record whose angle and torque reach beyond the new Nyquist frequency: 31
         taps let that pass as slower movements (aliases), which no method can explain. It smears a sudden change over
         :math:`\pm 10` samples of the new rate.
 

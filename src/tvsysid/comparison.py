@@ -21,6 +21,7 @@ from tvsysid.methods.base import SkippedError
 from tvsysid.methods.travel import pickled
 from tvsysid.metrics import time_varying_vaf, vaf
 from tvsysid.models import Model
+from tvsysid.showing import Shown, summary_html
 from tvsysid.signals import Array, Ensemble
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ Progress = Callable[[int, int], object]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Comparison(Frozen):
+class Comparison(Shown, Frozen):
     """What several methods found in one ensemble; mappings are by the methods' labels.
 
     ``methods`` have the settings that were used, and ``evidence`` says why where these were chosen from the data.
@@ -65,7 +66,10 @@ class Comparison(Frozen):
         return f"Comparison({', '.join(self.models)} on {self.ensemble!r}{failed})"
 
     def _repr_html_(self) -> str:
-        return str(self.summary().to_html(index=False, na_rep="", float_format="{:.4g}".format))
+        table, told = self.summary(), {"skipped": self.skipped, "failed": self.failed}
+        notes = [f"{label} {what}: {why}" for what, each in told.items() for label, why in each.items()]
+        about = f"{', '.join(self.models)} on {self.ensemble!r}"
+        return summary_html("Comparison", about, list(map(str, table.columns)), table.itertuples(index=False), notes)
 
     def summary(self) -> pd.DataFrame:
         """A row for each method: means over time, extremes of the stiffness with their times, VAF; units in the names.

@@ -25,6 +25,7 @@ from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.estimates import UNITS, Estimate, frozen
 from tvsysid.numerics.bands import mean_known
 from tvsysid.numerics.moments import convolve_lags
+from tvsysid.showing import Shown
 from tvsysid.signals import Array, Ensemble
 
 if TYPE_CHECKING:
@@ -60,7 +61,7 @@ class Diagnostics(Frozen):
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class Model(ABC):
+class Model(Shown, ABC):
     """What was identified over one realization.
 
     By a ``method``, told in words with its settings; at a ``time`` in s within a realization, shape (time,). The
@@ -212,9 +213,6 @@ class Model(ABC):
                 **self.diagnostics.details,
             },
         )
-
-    def _repr_html_(self) -> str:
-        return str(self.to_xarray()._repr_html_())
 
     def _identified(self) -> tuple[Labelled, Labelled]:
         """Variables and coordinates beside the estimates."""

@@ -15,6 +15,7 @@ from tvsysid.checked import Frozen, checked_array, checked_rate
 from tvsysid.errors import InputError
 from tvsysid.numerics import Array as Array  # noqa: PLC0414  # most rooms take both from here
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
+from tvsysid.showing import Shown
 
 SMALLEST, LARGEST = 1e-30, 1e30  # of an ensemble's largest angle and torque; squares of squares end beyond
 
@@ -23,7 +24,7 @@ def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-class _Signals(Frozen):
+class _Signals(Shown, Frozen):
     """What recordings and ensembles have in common."""
 
     angle: Array

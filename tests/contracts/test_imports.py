@@ -16,7 +16,7 @@ PACKAGE = Path(tvsysid.__file__).parent
 # From the foundations up; rooms on one line do not import each other.
 LEVELS = [
     ["errors", "limits"],
-    ["numerics"],
+    ["numerics", "showing"],
     ["checked"],
     ["signals", "impedance", "estimates"],
     ["models"],

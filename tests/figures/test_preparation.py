@@ -5,8 +5,9 @@ from matplotlib.colors import to_hex
 from tests.virtual import prepared, simulated
 
 from tvsysid.figures import preparation_steps
-from tvsysid.figures.preparation import COLOURS, KEPT
+from tvsysid.figures.preparation import COLOURS
 from tvsysid.figures.saving import drawn
+from tvsysid.figures.style import KEPT
 from tvsysid.preprocess import prepare
 
 

@@ -3,12 +3,14 @@
 A ``title`` stands above all of a figure.
 """
 
+from tvsysid.figures.adaptive import adaptive_impedance
 from tvsysid.figures.comparison import BARS_OF_PATHWAYS, method_comparison
 from tvsysid.figures.diagnosis import diagnosis_illustration, diagnosis_panels
 from tvsysid.figures.identification import identified_impedance, tuning_curves
+from tvsysid.figures.objects import plot
 from tvsysid.figures.participants import participant_in_detail, stiffness_of_participants, stiffness_with_bands
 from tvsysid.figures.preparation import preparation_steps
-from tvsysid.figures.recorded import recorded_channels, recorded_signals
+from tvsysid.figures.recorded import ensemble_signals, recorded_channels, recorded_signals
 from tvsysid.figures.saving import Illustration, Picture, draw_all, drawn, helpers, save, share_out
 from tvsysid.figures.scheduling import scheduled_estimates
 from tvsysid.figures.simulations import coverage_over_time, error_against, error_against_amount, impulse_responses
@@ -19,14 +21,22 @@ __all__ = [
     "BARS_OF_PATHWAYS",
     "Illustration",
     "Picture",
+    "adaptive_impedance",
     "coverage_over_time",
     "diagnosis_illustration",
     "diagnosis_panels",
     "draw_all",
     "error_against",
 ]
-__all__ += ["drawn", "error_against_amount", "error_against_truth", "helpers", "identified_impedance"]
-__all__ += ["impulse_responses", "lines", "method_comparison", "participant_in_detail", "preparation_steps"]
+__all__ += [
+    "drawn",
+    "ensemble_signals",
+    "error_against_amount",
+    "error_against_truth",
+    "helpers",
+    "identified_impedance",
+]
+__all__ += ["impulse_responses", "lines", "method_comparison", "participant_in_detail", "plot", "preparation_steps"]
 __all__ += [
     "recorded_channels",
     "recorded_signals",

@@ -35,25 +35,20 @@ def identified_impedance(models: Mapping[str, Model], vaf: Mapping[str, Array], 
     Parameters
     ----------
     models, vaf
-        By label: the models, and their time-varying VAF in per cent, shape (time,).
+        By label: the models, and their time-varying VAF in per cent, shape (time,); no axes for it if it is empty.
     """
     further = [name for model in models.values() for name in model.estimates if name not in IMPEDANCE]
     beside = [*IMPEDANCE[1:], *dict.fromkeys(further)]
     figure = style.blank(11.0, max(6.0, 2.2 * len(beside) + 0.8), title)
     grid = figure.add_gridspec(3 * len(beside), 2, width_ratios=[1.6, 1])
-    largest = figure.add_subplot(grid[: 2 * len(beside), 0])
-    below = figure.add_subplot(grid[2 * len(beside) :, 0], sharex=largest)
+    largest = figure.add_subplot(grid[: 2 * len(beside) if vaf else 3 * len(beside), 0])
     looks = style.lines(list(models))
     draw_quantity(largest, "stiffness", models)
-    largest.tick_params(labelbottom=False)
-    for label, model in reversed(list(models.items())):
-        hue, dash = looks[label]
-        below.plot(model.time, vaf[label], color=hue, linestyle=dash, linewidth=_width(label, models))
-    if not any(np.isfinite(vaf[label]).any() for label in models):
-        style.remark(below, "takes several realizations")
-    below.set_ylabel("time-varying VAF (%)")
-    below.set_ylim(0, 102)
-    below.set_xlabel(style.REALIZATION_TIME)
+    if vaf:
+        largest.tick_params(labelbottom=False)
+        _varying_vaf(figure.add_subplot(grid[2 * len(beside) :, 0], sharex=largest), models, vaf)
+    else:
+        largest.set_xlabel(style.REALIZATION_TIME)
     for place, name in enumerate(beside):
         axes = figure.add_subplot(grid[3 * place : 3 * place + 3, 1])
         over = draw_quantity(axes, name, models)
@@ -67,6 +62,18 @@ def identified_impedance(models: Mapping[str, Model], vaf: Mapping[str, Array], 
         figure, [style.line_key(label, color=hue, linestyle=dash) for label, (hue, dash) in looks.items()]
     )
     return figure
+
+
+def _varying_vaf(axes: Axes, models: Mapping[str, Model], vaf: Mapping[str, Array]) -> None:
+    looks = style.lines(list(models))
+    for label, model in reversed(list(models.items())):
+        hue, dash = looks[label]
+        axes.plot(model.time, vaf[label], color=hue, linestyle=dash, linewidth=_width(label, models))
+    if not any(np.isfinite(vaf[label]).any() for label in models):
+        style.remark(axes, "takes several realizations")
+    axes.set_ylabel("time-varying VAF (%)")
+    axes.set_ylim(0, 102)
+    axes.set_xlabel(style.REALIZATION_TIME)
 
 
 def draw_quantity(axes: Axes, name: str, models: Mapping[str, Model]) -> str:

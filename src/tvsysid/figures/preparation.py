@@ -7,7 +7,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.figures.style import PALETTE, REALIZATION_TIME, TRUTH, blank, legend_below, line_key, styled
+from tvsysid.figures.style import (
+    KEPT,
+    PALETTE,
+    REALIZATION_TIME,
+    TRUTH,
+    blank,
+    legend_below,
+    line_key,
+    realizations,
+    styled,
+)
 from tvsysid.numerics import Array
 from tvsysid.preprocess import Preparation, Step
 
@@ -16,7 +26,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-KEPT = "#B8B8B8"
 REFERENCE: dict[str, Any] = {"color": "black", "linewidth": 1.6}
 MEAN: dict[str, Any] = {"color": TRUTH, "linewidth": 1.2}
 LIMIT: dict[str, Any] = MEAN | {"linestyle": "--"}
@@ -65,16 +74,10 @@ def preparation_steps(preparation: Preparation, title: str = "") -> Figure:
 
 
 def _realizations(axes: Axes, time: Array, torque: Array, steps: NDArray[np.str_]) -> None:
-    """Every realization, those excluded in front and in the colour of the step."""
-    from matplotlib.collections import LineCollection  # noqa: PLC0415  # heavy
-
+    """Every realization, in the colour of the step that excluded it."""
     for step, colour in {"": KEPT, **COLOURS}.items():
-        lines = [np.column_stack([time, values]) for values in torque[steps == step]]
         width, opacity = (0.8, 0.9) if step else (0.4, 0.6)
-        # Hundreds of lines as paths would make a vector file of many megabytes.
-        drawn = LineCollection(lines, colors=colour, linewidths=width, alpha=opacity, rasterized=True)
-        axes.add_collection(drawn)
-    axes.autoscale_view()
+        realizations(axes, time, torque[steps == step], colour, width, opacity)
 
 
 def _limits(axes: Axes, time: Array, step: Step) -> None:

@@ -7,10 +7,20 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import NDArray
 
-from tvsysid.figures.style import PALETTE, TARGET, legend_below, line_key, panels, styled
+from tvsysid.figures.style import (
+    KEPT,
+    PALETTE,
+    REALIZATION_TIME,
+    TARGET,
+    legend_below,
+    line_key,
+    panels,
+    realizations,
+    styled,
+)
 from tvsysid.figures.words import wrapped
 from tvsysid.recordings import Channel
-from tvsysid.signals import Recording
+from tvsysid.signals import Ensemble, Recording
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -39,6 +49,23 @@ def recorded_channels(
         axes.set_ylabel(channel.unit or "unit not stated")
         axes.set_xlabel("sample" if rate is None else "time (s)")
         axes.margins(x=0)
+    return figure
+
+
+@styled
+def ensemble_signals(ensemble: Ensemble, title: str = "") -> Figure:
+    """Angle, torque and channels of every realization over time, and their mean over realizations."""
+    signals = {"angle (rad)": ensemble.angle, "torque (N·m)": ensemble.torque, **ensemble.channels}
+    figure, grid = panels(len(signals), 1, 7.0, 0.7 + 1.8 * len(signals), title, sharex=True)
+    for axes, (name, values) in zip(grid[:, 0], signals.items(), strict=True):
+        shown = values[:, ensemble.core]
+        realizations(axes, ensemble.time, shown, KEPT)
+        axes.plot(ensemble.time, shown.mean(axis=0), color=TARGET, linewidth=1.2)
+        axes.set_ylabel(wrapped(name))
+        axes.margins(x=0)
+    grid[-1, 0].set_xlabel(REALIZATION_TIME)
+    figure.align_ylabels(grid)
+    legend_below(figure, [line_key(f"{len(ensemble)} realizations", color=KEPT), line_key("their mean", color=TARGET)])
     return figure
 
 

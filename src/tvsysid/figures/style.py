@@ -25,6 +25,7 @@ PALETTE: tuple[str, ...] = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00
 PALETTE += ("#999933", "#332288", "#661100", "#44AA99", "#AA4499", "#117733", "#DDCC77")
 TRUTH = "#444444"
 TARGET = "#111111"  # the torque to be followed
+KEPT = "#B8B8B8"  # realizations that were kept
 GREY = "#777777"  # what a legend says of all methods
 TRUE_LINE: dict[str, Any] = {"color": TRUTH, "linewidth": 1.0, "linestyle": "--", "label": "truth"}
 REALIZATION_TIME = "time within a realization (s)"
@@ -85,9 +86,9 @@ def _as_written(figure: Figure) -> Figure:
 
 def blank(width: float, height: float, title: str = "") -> Figure:
     """Figure of a size in inches without axes."""
-    from matplotlib.figure import Figure  # noqa: PLC0415  # heavy
+    from tvsysid.figures.canvas import OwnFigure  # noqa: PLC0415  # heavy
 
-    figure = Figure(figsize=(width, height), layout="constrained")
+    figure = OwnFigure(figsize=(width, height), layout="constrained")
     figure.suptitle(title)
     return figure
 
@@ -137,6 +138,16 @@ def curve_with_band(
         lower, upper = band
         axes.fill_between(time, lower, upper, color=hue, alpha=0.25, linewidth=0)
     axes.plot(time, values, color=hue, **({"linewidth": 1.4} | look))
+
+
+def realizations(axes: Axes, time: Array, values: Array, colour: str, width: float = 0.4, opacity: float = 0.6) -> None:
+    """Line for each realization of values, shape (realization, time)."""
+    from matplotlib.collections import LineCollection  # noqa: PLC0415  # heavy
+
+    lines = [np.column_stack([time, each]) for each in values]
+    # Hundreds of lines as paths would make a vector file of many megabytes.
+    axes.add_collection(LineCollection(lines, colors=colour, linewidths=width, alpha=opacity, rasterized=True))
+    axes.autoscale_view()
 
 
 def remark(axes: Axes, text: str) -> None:

@@ -10,11 +10,12 @@ import numpy as np
 from tvsysid.preprocess.account import Account, Step
 from tvsysid.preprocess.exclude import align, exclude_residual_outliers, exclude_task_outliers
 from tvsysid.preprocess.segment import decimate, segment, subtract_mean, trim
+from tvsysid.showing import Shown
 from tvsysid.signals import Ensemble, Recording
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Preparation:
+class Preparation(Shown):
     """An ensemble ready for identification, and how it came about.
 
     ``ensemble`` holds the realizations that were kept, their mean subtracted, ``recorded`` all as they were cut, for

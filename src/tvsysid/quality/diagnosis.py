@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -19,6 +18,7 @@ from tvsysid.quality.catalogue import FAULTS, Fault
 from tvsysid.quality.curves import Curves, curves
 from tvsysid.quality.fitted import FittedEnsemble, NotJudged, Seen
 from tvsysid.quality.resampling import SHORTEST, known_samples
+from tvsysid.showing import Shown, summary_html
 from tvsysid.signals import Ensemble, Recording
 
 if TYPE_CHECKING:
@@ -105,7 +105,7 @@ class Finding:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Diagnosis:
+class Diagnosis(Shown):
     """What was looked at in an ensemble, and what is wrong with it.
 
     Parameters
@@ -180,15 +180,8 @@ class Diagnosis:
         return "\n".join([*lines, *self.notes])
 
     def _repr_html_(self) -> str:
-        def row(kind: str, *texts: str) -> str:
-            cells = (f"<{kind} style='text-align:left'>{html.escape(text)}</{kind}>" for text in texts)
-            return f"<tr>{''.join(cells)}</tr>"
-
-        told = [(each.name, each.what, each.strength, each.fault.effect, each.fault.remedy) for each in self.findings]
-        rows = "".join(row("td", *texts) for texts in told)
-        table = f"<table><thead>{row('th', *HEADINGS)}</thead><tbody>{rows}</tbody></table>" if rows else ""
-        notes = "".join(f"<p>{html.escape(line)}.</p>" for line in self.notes)
-        return f"<p><b>Diagnosis</b> of {html.escape(self.ensemble)}: {html.escape(self.verdict)}.</p>{table}{notes}"
+        rows = [(each.name, each.what, each.strength, each.fault.effect, each.fault.remedy) for each in self.findings]
+        return summary_html("Diagnosis", f"{self.ensemble}: {self.verdict}", HEADINGS, rows, self.notes)
 
 
 def diagnose(ensemble: Ensemble, reference: str | None = None) -> Diagnosis:

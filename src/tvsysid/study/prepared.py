@@ -87,7 +87,7 @@ def shown(experiment: Experiment, recorded: Recorded) -> tuple[Recording, Prepar
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DataQualityWarning)  # told when it was prepared
         recording, _ = _recording(experiment, recorded, _simulated(recorded))
-        return _excerpt(recording, experiment.preparation.reference), _preparation(experiment, recording)
+        return excerpt(recording, experiment.preparation.reference), _preparation(experiment, recording)
 
 
 def _prepared(experiment: Experiment, recorded: Recorded) -> Prepared:
@@ -201,7 +201,7 @@ def _files(folder: Path, patterns: tuple[str, ...]) -> tuple[dict[str, Path], di
     return {name: folder / name for name in files.values()}, missing
 
 
-def _excerpt(recording: Recording, reference: str | None) -> Recording:
+def excerpt(recording: Recording, reference: str | None) -> Recording:
     """Ten seconds from the middle of the first trial, counted from its beginning, with the torque to be followed."""
     trial = recording.trials[0]
     count = min(round(EXCERPT * recording.sampling_rate), trial.stop - trial.start)

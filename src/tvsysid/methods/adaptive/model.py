@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import ndtr
 
 from tvsysid.estimates import StandardError
 from tvsysid.methods.adaptive.mixture import Mixture
-from tvsysid.methods.adaptive.plot import figure_of
 from tvsysid.methods.shared.pathways import TwoPathwayModel
 from tvsysid.models import Labelled, Model
 from tvsysid.numerics import Array
 from tvsysid.numerics.bands import critical_value, simultaneous_value
 from tvsysid.signals import Ensemble
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 BISECTIONS = 26
 INSIDE = 1e-3  # share of the usual half width by which a band goes beyond its estimate at least
@@ -111,10 +107,6 @@ class AdaptiveModel(Model):
     switches: tuple[Switch, ...] = ()
     smoothness: tuple[Smoothness, ...] = ()
     beside: TwoPathwayModel | None = None
-
-    def plot(self) -> Figure:
-        """Figure of the estimates with 95 % bands, the switches, and how probable each smooth part is."""
-        return figure_of(self)
 
     def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
         signals = ensemble.derivatives()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
@@ -14,6 +13,7 @@ from tvsysid.estimates import frozen
 from tvsysid.methods.base import Method
 from tvsysid.models import Model
 from tvsysid.numerics.bases import Basis, CubicBSplines, FourierSeries, HaarWavelets, evaluate
+from tvsysid.showing import Shown, summary_html
 from tvsysid.signals import Array, Ensemble
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ CLEARLY = 3.0  # log evidence by which a basis must be better than the one given
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class Evidence(Shown):
     """What speaks for settings that were chosen from data.
 
     The ``criterion``, in a ``unit``, of which ``"higher"`` or ``"lower"`` values are better; the settings ``tried`` by
@@ -85,8 +85,8 @@ class Evidence:
         return f"Evidence({self})"
 
     def _repr_html_(self) -> str:
-        table = self.to_pandas().to_html(index=False, na_rep="", float_format="{:.4g}".format)
-        return f"<p>{html.escape(str(self))}</p>{table}"
+        table = self.to_pandas()
+        return summary_html("Evidence", str(self), list(map(str, table.columns)), table.itertuples(index=False))
 
     def to_pandas(self) -> pd.DataFrame:
         """A row for each trial: settings, criterion, its value and unit, standard error, and whether it was chosen."""

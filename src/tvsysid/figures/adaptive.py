@@ -1,4 +1,4 @@
-"""A picture of what was found: impedance over time with bands, switches, and how probable each smooth part is."""
+"""What adaptive regression found: impedance over time with bands, switches, and how probable each smooth part is."""
 
 from __future__ import annotations
 
@@ -6,29 +6,30 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tvsysid.figures import style
+from tvsysid.figures.words import unit_name
+from tvsysid.methods.adaptive.model import AdaptiveModel
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-    from tvsysid.methods.adaptive.model import AdaptiveModel
 
 HUES = {"stiffness": "#0072B2", "viscosity": "#D55E00", "inertia": "#009E73", "reflex_gain": "#CC79A7"}
 LIKELY = 0.05  # probability from which on a switch is drawn
 MOST = 8  # smooth parts that are listed
 
 
-def figure_of(model: AdaptiveModel) -> Figure:
-    """Figure with axes for each quantity over time, and one for the smooth parts."""
-    from matplotlib.figure import Figure  # noqa: PLC0415  # heavy
-
+@style.styled
+def adaptive_impedance(model: AdaptiveModel, title: str = "") -> Figure:
+    """Estimates of adaptive regression with 95 % bands, the switches, and how probable each smooth part is."""
     names = [name for name in HUES if name in model.estimates]
-    figure = Figure(figsize=(9.0, 1.6 + 1.5 * len(names)), layout="constrained")
+    figure = style.blank(9.0, 1.6 + 1.5 * len(names), title)
     grid = figure.add_gridspec(len(names), 2, width_ratios=[2.2, 1], height_ratios=[2.2, *[1] * (len(names) - 1)])
     for row, name in enumerate(names):
         axes = figure.add_subplot(grid[row, 0])
         _over_time(axes, model, name)
         if row == len(names) - 1:
-            axes.set_xlabel("time within a realization (s)")
+            axes.set_xlabel(style.REALIZATION_TIME)
     _smoothness(figure.add_subplot(grid[:, 1]), model)
     return figure
 
@@ -43,7 +44,7 @@ def _over_time(axes: Axes, model: AdaptiveModel, name: str) -> None:
             axes.axvline(switch.time, color="#444444", linestyle="--", linewidth=0.8, alpha=switch.probability)
             text = f"{switch.size:+.3g} at {switch.time:.3f} s\n{100 * switch.probability:.0f} %"
             axes.annotate(text, (switch.time, 0.98), xycoords=("data", "axes fraction"), fontsize=7, va="top")
-    axes.set_ylabel(f"{name.replace('_', ' ')}\n({estimate.unit})")
+    axes.set_ylabel(f"{name.replace('_', ' ')}\n({unit_name(estimate.unit)})")
     axes.set_xlim(model.time[0], model.time[-1])
 
 

@@ -1,0 +1,59 @@
+"""How objects show themselves: a line of HTML in a notebook, and a picture when they are asked to ``plot()``."""
+
+from __future__ import annotations
+
+import html
+import math
+from collections.abc import Iterable, Sequence
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+from tvsysid.errors import printable
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FOLDED = 20  # rows beyond which a table is folded
+
+
+class Shown:
+    """Object whose ``repr`` is a line, and that :mod:`tvsysid.figures` has a picture of."""
+
+    def plot(self, title: str = "") -> Figure:
+        """Figure of it, as :func:`tvsysid.figures.plot` draws it; a notebook shows it."""
+        # Figures stand above all that they show: no room below imports them until somebody asks for one.
+        figure: Figure = import_module("tvsysid.figures").plot(self, title)
+        return figure
+
+    def _repr_html_(self) -> str:
+        line, *notes = repr(self).split("\n")
+        kind, _, about = line.partition("(")
+        return summary_html(kind, about.removesuffix(")"), notes=notes)
+
+
+def summary_html(
+    kind: str,
+    about: str,
+    headings: Sequence[str] = (),
+    rows: Iterable[Sequence[object]] = (),
+    notes: Iterable[str] = (),
+) -> str:
+    """What a notebook shows of an object: its kind and a line about it, a table, and further lines; all escaped."""
+
+    def row(kind: str, cells: Sequence[object]) -> str:
+        shown = (f"<{kind} style='text-align:left'>{_escaped(cell)}</{kind}>" for cell in cells)
+        return f"<tr>{''.join(shown)}</tr>"
+
+    body = [row("td", each) for each in rows]
+    table = f"<table><thead>{row('th', headings)}</thead><tbody>{''.join(body)}</tbody></table>" if body else ""
+    if len(body) > FOLDED:
+        table = f"<details><summary>{len(body)} rows</summary>{table}</details>"
+    lines = "".join(f"<p>{_escaped(note)}</p>" for note in notes)
+    return f"<p><b>{_escaped(kind)}</b>: {_escaped(about)}</p>{table}{lines}"
+
+
+def _escaped(cell: object) -> str:
+    """Text of others as HTML; numbers with four digits, nothing for what is not known."""
+    if isinstance(cell, float):
+        return "" if math.isnan(cell) else f"{cell:.4g}"
+    return html.escape(printable(str(cell)))

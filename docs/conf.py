@@ -1,0 +1,64 @@
+"""How the documentation site is built: from this folder, ``examples`` and the package's docstrings.
+
+It asks no host for anything, neither when it is built nor when it is read.
+"""
+
+import sys
+from pathlib import Path
+
+import tvsysid
+
+sys.path.insert(0, str(Path(__file__).parent / "extensions"))
+
+project = "tvsysid"
+author = copyright = "the tvsysid developers"
+version = release = tvsysid.__version__
+
+extensions = [
+    "myst_parser",
+    "numpydoc",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx_gallery.gen_gallery",
+    "mathml",
+    "reference",
+]
+exclude_patterns = ["learn/*.ipynb", "learn/*.py", "learn/*.zip"]
+suppress_warnings = ["config.cache"]
+html_math_renderer = "mathml"
+myst_enable_extensions = ["dollarmath", "colon_fence"]
+myst_heading_anchors = 3
+highlight_language = "text"
+
+autosummary_generate = False
+autodoc_typehints = "none"
+numpydoc_show_class_members = False
+
+sphinx_gallery_conf = {
+    "examples_dirs": "../examples",
+    "gallery_dirs": "learn",
+    "filename_pattern": r"\.py$",
+    "abort_on_example_error": True,
+    "download_all_examples": False,
+    "remove_config_comments": True,
+    "show_memory": False,
+    "write_computation_times": False,
+    "within_subsection_order": "FileNameSortKey",
+    "copyfile_regex": r"",
+}
+
+html_theme = "pydata_sphinx_theme"
+html_title = "tvsysid"
+html_static_path = ["static"]
+html_css_files = ["site.css"]
+html_show_sourcelink = False
+html_copy_source = False
+html_theme_options = {
+    "navigation_with_keys": False,
+    "show_toc_level": 2,
+    "secondary_sidebar_items": ["page-toc"],
+    "footer_start": ["copyright"],
+    "footer_end": [],
+    "pygments_light_style": "a11y-high-contrast-light",
+    "pygments_dark_style": "a11y-high-contrast-dark",
+}

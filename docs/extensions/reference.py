@@ -1,0 +1,97 @@
+"""Pages of the reference that the package itself writes: its functions and classes, command line, and settings."""
+
+import importlib
+import inspect
+from pathlib import Path
+
+from sphinx.application import Sphinx
+from typer.cli import get_docs_for_click
+from typer.main import get_command
+
+import tvsysid as tv
+from tvsysid.cli.app import app as program
+
+PACKAGES = (
+    "tvsysid",
+    "tvsysid.recordings",
+    "tvsysid.preprocess",
+    "tvsysid.methods",
+    "tvsysid.uncertainty",
+    "tvsysid.quality",
+    "tvsysid.metrics",
+    "tvsysid.simulate",
+    "tvsysid.study",
+    "tvsysid.figures",
+    "tvsysid.report",
+)
+
+
+def command_line() -> str:
+    """Every command with its arguments and options, as ``--help`` explains them."""
+    group = get_command(program)
+    context = group.make_context("tvsysid", [], resilient_parsing=True)
+    text = get_docs_for_click(obj=group, ctx=context, name="tvsysid")
+    return text.replace("# `tvsysid`", "# Command line", 1).replace("```console\n$ ", "```text\n")
+
+
+def settings() -> str:
+    """Settings of every method with their defaults."""
+    lines = [
+        "# Settings of the methods",
+        "",
+        "Settings follow the key, `--method sds:window=0.2,max_lag=0.1`, or are arguments of the class,",
+        "`tv.ShortDataSegments(window=0.2, max_lag=0.1)`. Durations are in s, frequencies in Hz. What each means",
+        "stands with the class. `--tune`, or `method.tuned(ensemble)`, [chooses them from the data](../tuning.md).",
+        "",
+    ]
+    for key in tv.methods.names():
+        told, kind = tv.methods.describe(key), type(tv.methods.create(key)).__name__
+        lines += [f"## `{key}`: {told.title.lower()}", ""]
+        lines += [f"Class {{class}}`tvsysid.{kind}`, for {told.purpose}. It reports {', '.join(told.reports)}.", ""]
+        lines += [f"It needs {'; '.join(told.needs)}.", ""] if told.needs else []
+        lines += [*(f"- {each}" for each in told.assumptions), ""]
+        rows = [each.partition(" = ") for each in told.settings]
+        if rows:
+            lines += ["| setting | default |", "|---|---|"]
+            lines += [f"| `{name}` | `{default}` |" for name, _, default in rows]
+        lines += [""] if rows else ["It has no settings.", ""]
+    return "\n".join(lines)
+
+
+def package(name: str) -> str:
+    """Functions and classes of one package, but those that stand in `tvsysid` itself."""
+    module = importlib.import_module(name)
+    found = {each: getattr(module, each) for each in getattr(module, "__all__", vars(module))}
+    own = {
+        each: value
+        for each, value in sorted(found.items(), key=lambda item: item[0].lower())
+        if (inspect.isfunction(value) or inspect.isclass(value))
+        and value.__module__.startswith("tvsysid")
+        and not each.startswith("_")
+        and (name == "tvsysid" or each not in tv.__all__)
+    }
+    lines = [name, "=" * len(name), "", f".. automodule:: {name}", "", f".. currentmodule:: {name}", ""]
+    lines += [".. autosummary::", "", *(f"   {each}" for each in own), ""]
+    for each, value in own.items():
+        lines += [each, "-" * len(each), ""]
+        lines += [f".. autoclass:: {each}", "   :members:", ""] if inspect.isclass(value) else []
+        lines += [f".. autofunction:: {each}", ""] if inspect.isfunction(value) else []
+    return "\n".join(lines)
+
+
+def write(app: Sphinx) -> None:
+    """Write the pages where the builder finds them, if they have changed."""
+    folder = Path(app.srcdir) / "generated"
+    folder.mkdir(exist_ok=True)
+    pages = {"command-line.md": command_line(), "settings.md": settings()}
+    pages |= {f"{name}.rst": package(name) for name in PACKAGES}
+    for name, text in pages.items():
+        place = folder / name
+        if not place.exists() or place.read_text(encoding="utf-8") != text:
+            place.write_text(text, encoding="utf-8")
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Write the pages before any page is read."""
+    app.connect("builder-inited", write)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -277,6 +277,7 @@ def odd_ensembles():
     yield "one sine", tv.Ensemble(one, one, 100.0, context=12)
     spike = np.zeros((6, 84))
     spike[2, 40] = 1.0
+    yield "sampled fast", replace(usual, sampling_rate=1e6)
     yield "one spike", tv.Ensemble(spike, spike, 100.0, context=12)
 
 
@@ -300,7 +301,19 @@ def test_what_data_leave_open_is_one_warning():
         assert [text in each for each in texts if "leave open" in each] == [True]
 
 
+def test_nothing_is_concluded_from_an_angle_that_is_still(random):
+    angle = np.cumsum(random.normal(size=(40, 184)), axis=1)
+    angle[:, 70:110] = 0.0
+    torque = 80 * angle + random.normal(size=angle.shape)
+    model = METHOD.identify(tv.Ensemble(angle, torque, 100.0, context=12))
+    np.testing.assert_allclose(model.stiffness, 80, atol=0.5)
+    assert not model.switches
+
+
 def test_what_it_cannot_serve_it_says():
+    nothing = np.eye(9, 60)
+    with pytest.raises(tv.InputError, match="the torque is 0 in all realizations, their context aside"):
+        METHOD.identify(tv.Ensemble(nothing.cumsum(axis=1), nothing, 100.0, context=12))
     usual = ensemble_of(40.0)
     assert "at least 4 realizations, got 3" in METHOD.skip(usual.select([0, 1, 2]))
     assert "at least 16 samples with derivatives, got 6" in METHOD.skip(

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 Number = TypeVar("Number", np.float64, np.complex128)
 Chosen = TypeVar("Chosen", bound="Method")
 MOST_VALUES = 100_000  # of a variable of a method's own
+NOTHING = 1e-12  # share of the largest value that is rounding
 Kind = Literal["input", "reference", "scheduling"]
 
 
@@ -214,6 +215,13 @@ def _check_ensemble(method: Method, verb: str, ensemble: object) -> None:
             f"{verb}: expected an Ensemble, got {type(ensemble).__name__}; "
             "cut a Recording with tvsysid.preprocess.segment"
         )
+    for name in ("angle", "torque"):
+        values = np.abs(ensemble.signal(name))
+        if values[:, ensemble.core].max() <= NOTHING * values.max():
+            raise InputError(
+                f"{verb}: the {name} is 0 in all realizations, their context aside; cut others, or is this the right "
+                "channel?"
+            )
     if reason := reason_to_skip(method, ensemble):
         raise InputError(f"{type(method).__name__}: {reason}")
 

@@ -243,7 +243,7 @@ def _segment_fit(
     fit += acceleration * at_centre[2]
     left = torque - fit
     filters = shared.derivative_filters(reach, rate)
-    longest = round(shared.LONGEST_COLOUR * rate)
+    longest = shared.colour_lags(ensemble)
     colour = shared.Colour.of(ensemble, left, _taken(power, len(ensemble), longest + 1), filters, products)
     covariance = shared.angle_covariance(ensemble, products, 2 * min(centre, longest))
     # The response itself would not do for a comparison, because leakage takes more from it than higher dynamics.

@@ -39,6 +39,7 @@ from tvsysid.signals import Array, Ensemble
 LEAST, LONGEST = 4, 3000  # realizations at least, samples of one at most
 ROUNDS = 2  # of stiffness beside a viscosity that changes
 EXCITED_BELOW = 5.0  # Hz
+UNSEEN = 1e4  # standard error, in sizes, of what a signal that is still says
 
 
 @dataclass(frozen=True)
@@ -181,7 +182,7 @@ class Identification:
             error += alike(times, rate) * (both + beyond.inertia * np.outer(mixed[:, 1], mixed[:, 1]))
         if variance is not None:
             error += np.diag(mixed[:, 0] ** 2 * variance)
-        result = averaged(self._line(seen, error, self.power))
+        result = averaged(self._line(U, seen, error))
         return Stiffness(result, result.mixture.mean(), result.mixture.variance(), found, beyond, scatters)
 
     def viscosity(self, beside: Stiffness) -> Averaged:
@@ -198,13 +199,19 @@ class Identification:
         error += others @ steady.covariance[1:, 1:] @ others.T
         if beside.misfit.inertia:
             error += alike(len(gram), self.signals.rate) * (beside.misfit.inertia * np.outer(mixed[:, A], mixed[:, A]))
-        return averaged_beside(self._line(seen, error, power), beside.averaged)
+        return averaged_beside(self._line(V, seen, error), beside.averaged)
 
-    def _line(self, seen: Array, error: Array, power: Array) -> Line:
-        """What is seen of a quantity, beside its size: its mean by the ``power`` (time,) of its signal, and never 0."""
+    def _line(self, signal: int, seen: Array, error: Array) -> Line:
+        """What is seen of a signal's coefficient; its size is its mean by the signal's power, and never 0.
+
+        Where the signal is still, nothing is seen, however small the noise.
+        """
+        own = self.gram[:, signal, signal]
+        power = floored(own)
         total = float(np.sum(seen * power) / np.sum(power))
         least = 1e-6 * float(np.sqrt(np.mean(self.gram[:, -1, -1]) / np.mean(power)))
-        return Line.of(self.axis, seen, error, max(abs(total), least))
+        size, still = max(abs(total), least), own < power
+        return Line.of(self.axis, np.where(still, total, seen), error + np.diag(still * (UNSEEN * size) ** 2), size)
 
     def model(self, name: str) -> AdaptiveModel:
         """Everything that was found."""

@@ -82,4 +82,5 @@ def _limits(candidate: Candidate, place: int) -> tuple[float, float]:
     order = np.argsort(offsets)
     total = np.cumsum(share[order])
     first, last = np.searchsorted(total, [0.025, 0.975])
-    return float(mode + offsets[order][first]), float(mode + offsets[order][min(last, len(order) - 1)])
+    early, late = offsets[order][first], offsets[order][min(last, len(order) - 1)]
+    return float(mode + min(early, 0.0)), float(mode + max(late, 0.0))

@@ -15,11 +15,11 @@ from tvsysid.methods.shared.correlations import (
 )
 from tvsysid.methods.shared.instrument import LEAST, Instrument, WhereStrong, reference_input, segment_fit
 from tvsysid.methods.shared.residuals import (
-    LONGEST_COLOUR,
     Colour,
     PosteriorErrors,
     agreement_of,
     angle_covariance,
+    colour_lags,
     colour_products,
     counted,
     independent_realizations,

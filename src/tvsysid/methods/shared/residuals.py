@@ -100,7 +100,7 @@ class Colour(NamedTuple):
 
         ``taken`` is the share of noise whose mean over realizations, if it was subtracted, is not missing.
         """
-        lags = round(LONGEST_COLOUR * ensemble.sampling_rate)
+        lags = colour_lags(ensemble)
         share = taken * len(ensemble) / independent_realizations(ensemble)
         return cls(autocovariance(left, lags), share, filters, products)
 
@@ -114,9 +114,14 @@ class Colour(NamedTuple):
         return noise, colour_factors(regressors, noise * seen)
 
 
+def colour_lags(ensemble: Ensemble) -> int:
+    """Samples over which the noise's autocorrelation counts: no more than a realization has."""
+    return min(round(LONGEST_COLOUR * ensemble.sampling_rate), ensemble.angle.shape[1])
+
+
 def colour_products(ensemble: Ensemble, width: int = 2 * HALF_WIDTH + 1) -> Array:
     """Moments of the angle along the diagonals as far as so wide filters and the noise's colour need them."""
-    return angle_products(ensemble.angle, width, round(LONGEST_COLOUR * ensemble.sampling_rate))
+    return angle_products(ensemble.angle, width, colour_lags(ensemble))
 
 
 def angle_covariance(ensemble: Ensemble, products: Array, lags: int) -> Array:

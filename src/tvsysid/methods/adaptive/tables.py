@@ -52,7 +52,7 @@ def switches(quantity: str, found: Averaged, unit: float, missing: int, rate: fl
         for place, position in enumerate(positions):
             if any(distance(line, np.array([other]), position)[0] < CLOSE for other, _ in seen):
                 continue
-            weight = sum(share for each, share in _near(found, position))
+            weight = min(sum(share for _, share in _near(found, position)), 1.0)  # rounding may exceed it
             earliest, latest = _limits(candidate, place)
             error = float(np.sqrt(sizes.covariance[place, place]))
             size = line.size * unit

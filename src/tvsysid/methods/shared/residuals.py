@@ -116,7 +116,7 @@ class Colour(NamedTuple):
 
 def colour_lags(ensemble: Ensemble) -> int:
     """Samples over which the noise's autocorrelation counts: no more than a realization has."""
-    return min(round(LONGEST_COLOUR * ensemble.sampling_rate), ensemble.angle.shape[1])
+    return min(round(LONGEST_COLOUR * ensemble.sampling_rate), int(ensemble.angle.shape[1]))
 
 
 def colour_products(ensemble: Ensemble, width: int = 2 * HALF_WIDTH + 1) -> Array:

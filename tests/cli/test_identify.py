@@ -76,7 +76,7 @@ def test_by_default_the_answer_comes_first(tvsysid, tmp_path):
     assert [float(each) for each in found.groups()] == pytest.approx([50, 150], abs=5)
     assert switch.startswith("  it switches by +")
     assert float(re.search(r"at ([\d.]+) s", other)[1]) == pytest.approx(1.5, abs=0.02)
-    assert between.startswith("  between them it ")
+    assert between.startswith("  it is constant between switches")
     rows = [line.split("│")[1].strip() for line in table if line.startswith("│")]
     assert [name for name in rows if name] == list(DEFAULT_METHODS)
     frame = pd.read_csv(tmp_path / "tvsysid-identify" / "stiffness.csv")

@@ -4,6 +4,7 @@ import pickle
 import warnings
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,8 @@ from tests.conftest import ensemble_of
 
 import tvsysid as tv
 from tvsysid.methods.adaptive import averaging, evidence, mixture, moments, noise, placing, prior, search
-from tvsysid.methods.adaptive.model import MixtureError
+from tvsysid.methods.adaptive.model import MixtureError, Smoothness, Switch
+from tvsysid.methods.adaptive.words import changes
 from tvsysid.numerics.differentiation import differentiate
 
 METHOD = tv.AdaptiveRegression()
@@ -221,6 +223,24 @@ def test_a_model_shows_its_tables_and_a_figure():
     axes = model.plot().axes
     assert [each.get_ylabel().split("\n")[0] for each in axes] == ["stiffness", "viscosity", "inertia", ""]
     assert "100 %" in axes[0].texts[0].get_text()
+
+
+def test_what_it_says_is_as_sure_as_it_is():
+    switches = [Switch("stiffness", 0.5, 0.4, 0.6, 100.0, 1.0, 1.0), Switch("stiffness", 1, 0.9, 1.1, -8, 2, 0.33)]
+    none, smooth = (Smoothness("stiffness", kind, 2.0, 0.1, 0.9) for kind in ("none", "smooth"))
+    both = SimpleNamespace(switches=switches, smoothness=[none])
+    assert changes(both) == [
+        "it switches by +100.0 ± 2.0 N·m/rad at 0.500 s",
+        "it may switch by -8.0 ± 3.9 N·m/rad at 1.000 s, but more likely does not (probability 33 %)",
+        "it is constant between switches (probability 90 %)",
+    ]
+    probable = SimpleNamespace(switches=[switches[0]._replace(probability=0.7)], smoothness=[])
+    assert changes(probable) == [
+        "it probably switches by +100.0 ± 2.0 N·m/rad at 0.500 s (probability 70 %)",
+        "it changes smoothly between switches",
+    ]
+    open_one = SimpleNamespace(switches=[], smoothness=[smooth, none._replace(probability=0.4)])
+    assert changes(open_one) == ["whether it changes smoothly is open (probability 60 %)"]
 
 
 def test_what_does_not_change_is_constant_and_what_is_smooth_has_no_switch():

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 DEFAULT_METHODS = ["adaptive", "eirf", "sds", "birf", "esm", "kbr"]  # of tvsysid.methods, which takes long to import
 SCHEDULED_METHODS = ["lpv", "lpvkbi"]  # with a scheduling variable
 PIECES = 2.0  # seconds of the realizations in which a delay is looked for where there is no period
-CERTAIN = 0.995  # probability from which on it is not mentioned
 SLOW_RATE = 250.0  # Hz from which on identifying without decimation takes minutes
 REFLEX = {"delay": "s", "frequency": "rad/s", "damping": "", "threshold": "rad/s"}  # units of what shapes a reflex
 EXPLAINED = {"vaf": "torque explained", "vaf_intrinsic": "by the intrinsic pathway", "vaf_reflex": "by the reflex"}
@@ -195,6 +194,7 @@ def _show_answer(found: Comparison) -> None:
     import numpy as np
 
     from tvsysid.methods.adaptive.model import AdaptiveModel
+    from tvsysid.methods.adaptive.words import changes
 
     for label, model in found.models.items():
         if not isinstance(model, AdaptiveModel):
@@ -205,19 +205,8 @@ def _show_answer(found: Comparison) -> None:
             f"stiffness by {label}, the one to go by: {known.min():.1f} to {known.max():.1f} N·m/rad, "
             f"{known.mean():.1f} on average, 95 % band ± {band:.1f}"
         )
-        switches = [each for each in model.switches if each.quantity == "stiffness"]
-        for each in switches:
-            size = f"{each.size:+.1f} ± {1.96 * each.size_error:.1f} N·m/rad"
-            say(f"  it switches by {size} at {each.time:.3f} s{_probable(each.probability)}")
-        smooth = [each for each in model.smoothness if each.quantity == "stiffness" and each.kind != "none"]
-        share = sum(each.probability for each in smooth)
-        words = f"it changes smoothly{_probable(share)}" if share > 0.5 else f"it is constant{_probable(1 - share)}"
-        say(f"  {'between them ' if switches else ''}{words}")
-
-
-def _probable(share: float) -> str:
-    """Probability in words, of what is not as good as certain."""
-    return f", with a probability of {100 * share:.0f} %" if share < CERTAIN else ""
+        for sentence in changes(model):
+            say(f"  {sentence}")
 
 
 def _title(file: Path, found: Comparison) -> str:

@@ -1,0 +1,37 @@
+"""How stiffness changes by a model of adaptive regression, in sentences that say how sure it is."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from tvsysid.methods.adaptive.model import AdaptiveModel, Switch
+
+CERTAIN, LIKELY = 0.995, 0.8  # probabilities from which on they are not mentioned; and below which something is open
+FAINT = 0.05  # below which a switch is not mentioned
+
+
+def changes(model: AdaptiveModel) -> list[str]:
+    """When stiffness switches, in the order of time, and whether it changes smoothly."""
+    switches = [each for each in model.switches if each.quantity == "stiffness" and each.probability >= FAINT]
+    constant = sum(row.probability for row in model.smoothness if (row.quantity, row.kind) == ("stiffness", "none"))
+    likely = any(each.probability > 0.5 for each in switches)
+    return [*map(_switch, switches), _smoothly(constant, " between switches" if likely else "")]
+
+
+def _switch(switch: Switch) -> str:
+    size = f"by {switch.size:+.1f} ± {1.96 * switch.size_error:.1f} N·m/rad at {switch.time:.3f} s"
+    share = f"{100 * switch.probability:.0f} %"
+    if switch.probability >= CERTAIN:
+        return f"it switches {size}"
+    if switch.probability > 0.5:
+        return f"it probably switches {size} (probability {share})"
+    return f"it may switch {size}, but more likely does not (probability {share})"
+
+
+def _smoothly(constant: float, where: str) -> str:
+    share = max(constant, 1 - constant)
+    if share < LIKELY:
+        return f"whether it changes smoothly{where} is open (probability {100 * (1 - constant):.0f} %)"
+    words = "it is constant" if constant > 0.5 else "it changes smoothly"
+    return f"{words}{where}" + (f" (probability {100 * share:.0f} %)" if share < CERTAIN else "")

@@ -7,7 +7,7 @@ the reflex gain.
 
 With a file (and the names of its channels), what the methods find in it; their orders by folds; and, as an independent
 check, stiffness by methods that know nothing of a variable, from the parts of the record in which it is near a value:
-``sds``, which takes a reflex for stiffness, and ``pc``, which tells the two apart.
+``sds``, which takes a reflex for stiffness; ``pc``, which tells the two apart; and ``lpv`` itself of order 0.
 """
 
 from __future__ import annotations
@@ -104,7 +104,8 @@ def recorded(recording: tv.Recording, values: Array) -> Iterator[Table]:
         shares = [f"{model.diagnostics.details[each]:.1f}" for each in ("vaf", "vaf_folds")]
         table.add_row(name, *(f"{value:.1f} ± {error:.1f}" for value, error in both), *shares, f"{seconds:.2f}")
     pieces = tv.preprocess.segment(recording, PIECE, 0.75)
-    for method in (tv.ShortDataSegments(max_lag=0.04, window=0.4), tv.ParallelCascade(memory=0.7)):
+    constant = tv.ScheduledIRF(order=0, reflex_order=0, memory=0.7)
+    for method in (tv.ShortDataSegments(max_lag=0.04, window=0.4), tv.ParallelCascade(memory=0.7), constant):
         table.add_row(f"{method.key}, parts", *(by_parts(method, pieces, value) for value in values), "", "", "")
     yield table
     table = Table(title="VAF of folds held out by order, %")
@@ -118,11 +119,17 @@ def recorded(recording: tv.Recording, values: Array) -> Iterator[Table]:
 def by_parts(method: tv.methods.Method, pieces: tv.Ensemble, value: float) -> str:
     """Stiffness by a method from the pieces in which the variable is near a value, with its error where stated."""
     chosen = np.abs(pieces.channels["scheduling"][:, pieces.core] - value).max(axis=1) < NEAR
-    if chosen.sum() < 2 or method.skip(part := tv.preprocess.subtract_mean(pieces.select(chosen))):
+    if chosen.sum() < 2:
         return "-"
-    found = method.identify(part).estimates["stiffness"]
-    error = float(np.nanmean(found.standard_error.values)) if np.isfinite(found.standard_error.values).any() else np.nan
-    return f"{np.nanmean(found.values):.1f} ± {error:.1f} ({chosen.sum()})"
+    part = pieces.select(chosen)
+    part = part if isinstance(method, tv.ScheduledIRF) else tv.preprocess.subtract_mean(part)
+    if method.skip(part):
+        return "-"
+    estimates = method.identify(part).estimates
+    found, error = estimates["stiffness"], estimates["stiffness"].standard_error.values
+    stated = f" ± {np.nanmean(error):.1f}" if np.isfinite(error).any() else ""
+    gain = f"; gain {np.nanmean(estimates['reflex_gain'].values):.1f}" if "reflex_gain" in estimates else ""
+    return f"{np.nanmean(found.values):.1f}{stated} ({chosen.sum()}){gain}"
 
 
 def main() -> None:

@@ -139,6 +139,18 @@ def test_an_angle_that_counts_from_elsewhere_adds_stiffness_to_the_torque_at_res
     assert 0.05 < np.abs(mean.at(GRID)["stiffness"].values - STIFFNESS(GRID)).max() < 1
 
 
+def test_a_torque_at_rest_that_follows_the_variable_is_told_and_can_be_taken_out(noisy, found):
+    assert not found.diagnostics.warnings
+    follows = dataclasses.replace(noisy, torque=noisy.torque + 3 * (noisy.channels["scheduling"] + 0.1))
+    with pytest.warns(
+        tv.DataQualityWarning, match=r"standard errors\) if the torque at rest followed.*use rest_order=2"
+    ):
+        misled = tv.ScheduledIRF().identify(follows).at(GRID)
+    free, own = (tv.ScheduledIRF(rest_order=2).identify(each).at(GRID) for each in (follows, noisy))
+    assert np.abs(misled["stiffness"].values - own["stiffness"].values).max() > 3
+    np.testing.assert_allclose(free["stiffness"].values, own["stiffness"].values, rtol=1e-4)
+
+
 def changed(ensemble, factor=1.0, shift=0.0, offset=0.0):
     channels = {"scheduling": factor * ensemble.channels["scheduling"] + shift}
     recorded = ensemble.recorded_angle + offset

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -27,7 +28,8 @@ class Rows(NamedTuple):
 
     The ``columns`` (column, row), of which the first has so many ``parts`` rest, intrinsic and reflex columns; the
     ``torque`` and the ``variable`` (row,); and on which sample of one long record each lies, ``place`` (row,): the
-    stretches of time that the ensemble holds, with gaps between them that are longer than the noise's colour.
+    stretches of time that the ensemble holds, with gaps between them that are longer than the noise's colour. Which of
+    the ensemble's samples the rows are, is ``known`` (sample,).
     """
 
     columns: Array
@@ -35,13 +37,14 @@ class Rows(NamedTuple):
     torque: Array
     variable: Array
     place: NDArray[np.int64]
+    known: NDArray[np.bool_]
 
     @classmethod
     def of(cls, structure: Structure, ensemble: Ensemble) -> Rows:
         """Rows of an ensemble; raises InputError where they are too few."""
         order = np.concatenate(ensemble.runs)
         parts = structure.parts(ensemble)
-        columns = np.concatenate(parts)[:, order].reshape(sum(map(len, parts)), -1)
+        columns = _in_order(np.concatenate(parts), ensemble)
         torque, variable = (
             ensemble.signal(name)[order, ensemble.core].ravel() for name in ("torque", structure.variable)
         )
@@ -55,13 +58,18 @@ class Rows(NamedTuple):
             )
         place = np.arange(columns.shape[1]) + gaps
         columns = columns if known.all() else columns[:, known]
-        return cls(columns, tuple(map(len, parts)), torque[known], variable[known], place[known])
+        return cls(columns, tuple(map(len, parts)), torque[known], variable[known], place[known], known)
 
     @property
     def folds(self) -> list[slice]:
         """Rows of each fold."""
         ends = np.linspace(0, len(self.torque), FOLDS + 1).astype(int)
         return [slice(first, last) for first, last in pairwise(ends)]
+
+
+def _in_order(columns: Array, ensemble: Ensemble) -> Array:
+    """Columns (column, realization, time) in the order of time, (column, sample)."""
+    return columns[:, np.concatenate(ensemble.runs)].reshape(len(columns), -1)
 
 
 class Fit(NamedTuple):
@@ -84,7 +92,18 @@ class Fit(NamedTuple):
 
 def fitted(structure: Structure, ensemble: Ensemble) -> Fit:
     """Fit of the torque, and of each fold's by the others."""
-    rows = Rows.of(structure, ensemble)
+    return _fitted(structure, Rows.of(structure, ensemble))
+
+
+def with_rest(fit: Fit, ensemble: Ensemble, degrees: int) -> Fit:
+    """Fit of the same ensemble whose torque at rest has a polynomial with so many degrees."""
+    structure, rows = replace(fit.structure, rest=degrees), fit.rows
+    rest = _in_order(structure.at_rest(ensemble), ensemble)[:, rows.known]
+    columns = np.concatenate([rest, rows.columns[rows.parts[0] :]])
+    return _fitted(structure, rows._replace(columns=columns, parts=(degrees, *rows.parts[1:])))
+
+
+def _fitted(structure: Structure, rows: Rows) -> Fit:
     both = np.concatenate([rows.columns, rows.torque[None], np.ones((1, len(rows.torque)))])
     moments = [both[:, fold] @ both[:, fold].T for fold in rows.folds]
     whole = np.sum(moments, axis=0)

@@ -11,8 +11,9 @@ from typing import ClassVar
 import numpy as np
 
 from tvsysid.errors import InputError
+from tvsysid.estimates import Estimate
 from tvsysid.methods import base
-from tvsysid.methods.scheduled.fit import FOLDS, Fit, covariance_of, fitted
+from tvsysid.methods.scheduled.fit import FOLDS, Fit, covariance_of, fitted, with_rest
 from tvsysid.methods.scheduled.model import GRID, Curves, ScheduledModel
 from tvsysid.methods.scheduled.structure import Reflex, Structure
 from tvsysid.methods.shared.pathways import Stretch, history
@@ -24,6 +25,8 @@ from tvsysid.signals import Array, Ensemble
 ORDERS = range(7)  # of the polynomials, that are tried
 CLEARLY = 0.5  # per cent of the torque's variance by which an order must predict better than the one given
 POOR = 60.0  # per cent of the torque's variance held out below which the model is doubtful
+RESTS = 2.0  # standard errors by which stiffness may change if the torque at rest follows the variable
+MATTERS = 0.05  # share of the highest stiffness below which such a change is none
 LOST = 5.0  # per cent by which folds held out may be worse than the fit itself
 ORDINALS = ("first", "second", "third", "fourth", "fifth")
 MISSING = 0.5  # share of the samples that may have no past
@@ -92,7 +95,7 @@ class Scheduled(base.Method):
         over_time = curves.at(ensemble.signal(self.variable)[:, ensemble.core], ("realization", "time"))
         over_variable = {f"scheduled_{name}": each for name, each in curves.at(grid, (self.variable,)).items()}
         details = _details(fit, shares)
-        texts = tuple(_warnings(fit, details))
+        texts = (*_warnings(fit, details), *_at_rest(fit, ensemble, grid, over_variable["scheduled_stiffness"]))
         return ScheduledModel(
             method=repr(self),
             sampling_rate=rate,
@@ -160,7 +163,7 @@ class ScheduledIRF(Scheduled):
         Degree of the polynomial for the torque at rest, :math:`y_0`. Two things make that follow the variable: a torque
         that the variable causes by itself, and an angle that does not count from where the joint is at rest, which adds
         stiffness times the difference. From ``order`` on, no offset of the angle matters; but then what the reflex's
-        mean torque would tell of its gain is not used.
+        mean torque would tell of its gain is not used. A warning says where that matters to stiffness.
     delay, memory
         Of the reflex in s: d, and how long its response lasts after that.
     filters, time_constant
@@ -309,3 +312,24 @@ def _warnings(fit: Fit, details: dict[str, float]) -> Iterator[str]:
         )
     elif details["vaf_folds"] < POOR:
         yield f"only {details['vaf_folds']:.1f} % of the torque is explained in folds that were not fitted to"
+
+
+def _at_rest(fit: Fit, ensemble: Ensemble, grid: Array, stiffness: Estimate) -> Iterator[str]:
+    """Warning where stiffness on a grid of the variable hangs on a torque at rest that follows it too little."""
+    degrees = max(fit.structure.degrees, fit.structure.reflex.degrees if fit.structure.reflex else 1)
+    if fit.structure.rest >= degrees or stiffness.standard_error is None:
+        return
+    other = with_rest(fit, ensemble, degrees)
+    weights = other.coefficients @ other.structure.readouts(ensemble.sampling_rate)["stiffness"]
+    change = other.structure.polynomials(grid)[:, : len(weights)] @ weights - stiffness.values
+    most = int(np.argmax(np.abs(change) / stiffness.standard_error.values))
+    errors, gained = abs(change[most]) / stiffness.standard_error.values[most], other.held_out.mean()
+    matters = abs(change[most]) > MATTERS * stiffness.values.max()
+    if errors > RESTS and matters and gained > fit.held_out.mean() - CLEARLY:
+        side = "higher" if change[most] > 0 else "lower"
+        yield (
+            f"at {fit.structure.variable} {grid[most]:.3g}, stiffness would be {abs(change[most]):.1f} N·m/rad {side} "
+            f"({errors:.1f} standard errors) if the torque at rest followed the variable, which predicts folds as well "
+            f"({gained:.1f} against {fit.held_out.mean():.1f} %): use rest_order={degrees - 1}, unless you know that "
+            "the torque at rest is constant"
+        )

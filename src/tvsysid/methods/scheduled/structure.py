@@ -110,12 +110,15 @@ class Structure:
         polynomials = self.polynomials(ensemble.signal(self.variable))
         own = np.moveaxis(polynomials[:, ensemble.core], -1, 0)
         pairs = zip(self.signals(ensemble), self.counts, strict=True)
-        found = [own[: self.rest], np.concatenate([own[:count] * signal for signal, count in pairs])]
+        found = [np.concatenate([own[:count] * signal for signal, count in pairs])]
         if self.reflex is not None:
             found.append(self.reflex.columns(ensemble, polynomials))
-        if not ensemble.mean_subtracted:
-            return found
-        return [each - mean_known(each.swapaxes(0, 1))[:, None] for each in found]
+        return [self.at_rest(ensemble), *(_about_mean(each, ensemble) for each in found)]
+
+    def at_rest(self, ensemble: Ensemble) -> Array:
+        """The first of the parts: (degree, realization, time)."""
+        own = self.polynomials(ensemble.signal(self.variable)[:, ensemble.core])[..., : self.rest]
+        return _about_mean(np.moveaxis(own, -1, 0), ensemble)
 
     def readouts(self, rate: float) -> dict[str, Array]:
         """What gives each quantity's weights from the coefficients of all columns, (coefficient, degree)."""
@@ -129,3 +132,8 @@ class Structure:
         before = self.rest + sum(self.counts)
         found = {name: np.pad(each, ((0, len(reflex)), (0, 0))) for name, each in found.items()}
         return found | {"reflex_gain": np.pad(reflex, ((before, 0), (0, 0)))}
+
+
+def _about_mean(columns: Array, ensemble: Ensemble) -> Array:
+    """Columns (column, realization, time) less their mean over realizations, where the ensemble has lost its own."""
+    return columns - mean_known(columns.swapaxes(0, 1))[:, None] if ensemble.mean_subtracted else columns

@@ -50,7 +50,7 @@ class Rows(NamedTuple):
         )
         gap = round(COLOUR * ensemble.sampling_rate)
         gaps = np.repeat(np.arange(len(ensemble.runs)) * gap, [len(run) * ensemble.samples for run in ensemble.runs])
-        known = np.isfinite(columns).all(axis=0)
+        known = np.asarray(np.isfinite(columns).all(axis=0))
         if known.sum() < FEWEST * len(columns):
             raise InputError(
                 f"{known.sum()} samples, at which all lags and the reflex's memory were recorded, are too few for "

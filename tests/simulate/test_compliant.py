@@ -3,6 +3,7 @@ import math
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
 from scipy.signal import lsim
 
 import tvsysid as tv
@@ -89,6 +90,17 @@ def test_a_torque_on_a_load_equals_the_differential_equation(load):
     # As it steps from sample to sample, it needs no finer tolerance.
     found = solve_ivp(slope, (0, 2), [angle[1000], velocity], t_eval=time[inside], rtol=1e-6, max_step=1e-3).y[0]
     assert np.std(found - angle[inside]) < 1e-3 * np.std(angle)
+
+
+@perturbed
+@pytest.mark.parametrize("actuator", [10.0, 1e3])
+def test_torque_and_angle_belong_together_however_soft_the_actuator(actuator, perturbation):
+    # Of a soft actuator the angle is a small part of the reference.
+    system = CompliantActuator(Constant(100.0), actuator_stiffness=actuator)
+    recording = simulate(system, 2.0, perturbation=PERTURBATIONS[perturbation], snr_db=np.inf).recording
+    angle = CubicSpline(recording.time, recording.angle)
+    answer = 100 * recording.angle + 2.2 * angle(recording.time, 1) + 0.02 * angle(recording.time, 2)
+    assert np.std((recording.torque - answer)[10:-10]) < 0.01 * np.std(recording.torque)
 
 
 def test_the_reference_alone_moves_the_angle_by_half_a_degree():

@@ -19,6 +19,7 @@ from tvsysid.simulate.setup import BANDWIDTH, Setup
 from tvsysid.simulate.simulation import Simulation
 
 Disturbance = Literal["angle", "torque"]
+STIFF = 0.1  # squared natural frequency times step, beyond which an actuator counts as stiff
 QUANTITIES = ("stiffness", "viscosity", "inertia")
 
 
@@ -102,11 +103,12 @@ class CompliantActuator(Joint):
             between = self._impedance(setup, finer, 2)
             held = np.stack([between[name][::2] for name in QUANTITIES]) + self._load[:, None]
             applied, motion = drive, self._moved(load, np.stack([drive, -noise]), setup.rate, held)
-        else:  # as a deviation from the reference, which is smoother than that is between samples
+        else:  # as a deviation from a share of the reference, for its acceleration is not linear between samples
             reference = np.stack(Actuator(setup.rate)(drive))
-            pull = np.einsum("qt,qt->t", weights + self._load[:, None] * [[0.0], [1.0], [1.0]], reference)
-            applied, motion = reference[0], self._moved(load, np.stack([-pull, -noise]), setup.rate)
-            motion[:, 0] += reference
+            part = self._followed(load, setup.rate)
+            pull = self.actuator_stiffness * reference[0] - part * np.einsum("qt,qt->t", load, reference)
+            applied, motion = reference[0], self._moved(load, np.stack([pull, -noise]), setup.rate)
+            motion[:, 0] += part * reference
         motion, weights, applied, noise = (x[..., run_in:] for x in (motion, weights, applied, noise))
 
         scale = setup.scale_of(motion[0, 0])
@@ -128,6 +130,15 @@ class CompliantActuator(Joint):
         if damping is None:
             damping = 1.4 * math.sqrt(self.actuator_stiffness * self.actuator_inertia)
         return np.array([self.actuator_stiffness, damping, self.actuator_inertia])
+
+    def _followed(self, load: Array, rate: float) -> float:
+        """Share of the reference that the joint follows at once: none of a soft actuator's, all of a stiff one's.
+
+        Integrated as the angle itself, the motion on a stiff actuator would ring between samples; as a deviation from
+        all of the reference, that on a soft one would be a small difference of two large ones.
+        """
+        turned = float(load[0].mean()) / (self.inertia + self.actuator_inertia) / rate**2  # squared, within a step
+        return turned**2 / (STIFF**2 + turned**2)
 
     def _moved(self, load: Array, forces: Array, rate: float, held: Array | None = None) -> Array:
         """Angle, velocity and acceleration (3, force, time) of joint and load together (quantity, time or step)."""

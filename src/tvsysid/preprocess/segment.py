@@ -13,9 +13,14 @@ from tvsysid.checked import checked_rate
 from tvsysid.errors import InputError
 from tvsysid.numerics.decimation import SHARP, TAPS, keep_every
 from tvsysid.numerics.interpolation import SINC, between
+from tvsysid.preprocess.repeated import repeated_lines
 from tvsysid.signals import Array, Ensemble, Recording
 
 ROUNDING = 1e-9
+DIFFER = (
+    "the perturbation must differ from realization to realization: a multisine needs lines that are no multiples of "
+    "1/period"
+)
 ALIKE = 3e-3  # share of its change from sample to sample below which what differs between realizations is noise alone
 
 
@@ -305,14 +310,15 @@ def subtract_mean(ensemble: Ensemble, channels: Iterable[str] = ()) -> Ensemble:
     InputError
         For one realization, and where angle or channel hardly differ between realizations: their changes from sample to
         sample by less than 0.3 %. A perturbation of 0.5 degrees beside a movement of 60 degrees leaves 8 %; noise that
-        moves an actuator of 100 kN·m/rad, 0.1 %. Of a softer one it leaves more; there a reference says it.
+        moves an actuator of 100 kN·m/rad, 0.1 %. Of a softer one it leaves more: there, where lines that are multiples
+        of 1/period hold most of the angle's movement above 5 Hz, and the rest does not answer as a joint does.
     """
     if len(ensemble) < 2:
         raise InputError(
             "subtract_mean: expected at least two realizations, got one; its mean is the signal itself; cut the "
             "recording with a shorter period (--period)"
         )
-    deviations = {}
+    channels, deviations = tuple(channels), {}
     for name in dict.fromkeys(("angle", "torque", *channels)):
         values = ensemble.signal(name)
         deviations[name] = values - values.mean(axis=0)
@@ -320,9 +326,15 @@ def subtract_mean(ensemble: Ensemble, channels: Iterable[str] = ()) -> Ensemble:
         if left <= (ROUNDING if name == "torque" else ALIKE):  # torque has noise of its own
             raise InputError(
                 f"subtract_mean: the {name} is the same in all {len(ensemble)} realizations, which differ by "
-                f"{100 * left:.1g} %, so that nothing but noise is left; the perturbation must differ from realization "
-                "to realization: a multisine needs lines that are no multiples of 1/period"
+                f"{100 * left:.1g} %, so that nothing but noise is left; {DIFFER}"
             )
+    lines, share = repeated_lines(ensemble)
+    if lines.size and not channels:  # of a channel that differs, such as the disturbance, it was seen above
+        raise InputError(
+            f"subtract_mean: the perturbation is the same in all {len(ensemble)} realizations: lines at "
+            f"{', '.join(f'{line:g}' for line in lines)} Hz hold {100 * share:.0f} % of the angle's fast movement, and "
+            f"what differs is no answer of the joint, so that nothing but noise is left; {DIFFER}"
+        )
     pair = {name: deviations.pop(name) for name in ("angle", "torque")}
     changes = pair | {"recorded_angle": ensemble.angle_as_recorded}
     return replace(ensemble, **changes, channels={**ensemble.channels, **deviations}, mean_subtracted=True)

@@ -1,13 +1,17 @@
 """Claims of the paper's experiment against made-up figures."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import xarray as xr
 from scipy.stats import ttest_1samp
 
-from tvsysid.studies.van_de_ruit_2021 import judge
+import tvsysid as tv
+from tvsysid.studies.van_de_ruit_2021 import folder, judge
 from tvsysid.studies.van_de_ruit_2021.experiment import CLAIMS, EXCLUDED, FIVE
 from tvsysid.studies.verdicts import COLUMNS
+from tvsysid.study import Experiment
 
 VAF = {"noise": {"eirf": 62, "sds": 52, "birf": 51, "esm": 50, "kbr": 67},
        "prbs": {"eirf": 87, "sds": 76, "birf": 75, "esm": 75, "kbr": 50}}  # fmt: skip
@@ -152,3 +156,12 @@ def test_limits_are_those_of_a_t_distribution_over_participants():
         pytest.approx(low),
         pytest.approx(high),
     )
+
+
+def test_a_recording_with_a_reference_is_diagnosed_with_it():
+    methods = ["sds", "kbr:reference=disturbance", "kbr:reference=other"]
+    experiment = Experiment(virtual=[1], methods=methods)
+    values = np.arange(18.0).reshape(2, 9)
+    recorded = tv.Ensemble(values, values, 100.0)
+    assert folder._reference(experiment, recorded) is None
+    assert folder._reference(experiment, replace(recorded, channels={"disturbance": values})) == "disturbance"

@@ -195,7 +195,8 @@ def reason_to_skip(method: object, ensemble: Ensemble) -> str | None:
         needed = ", ".join(f"{item.name!r} ({item.kind}, {item.unit})" for item in missing)
         there = ", ".join(map(repr, ensemble.channels)) or "no further channel"
         return (
-            f"it needs the channel {needed}, the ensemble has {there}; read it as a further channel (--channel NAME=…)"
+            f"it needs the channel {needed}, the ensemble has {there}; read it as a further channel (--channel NAME=…; "
+            "for an experiment under [reading.channels])"
         )
     skip = getattr(method, "skip", None)
     reason = skip(ensemble) if callable(skip) else None

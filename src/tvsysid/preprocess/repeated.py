@@ -13,7 +13,7 @@ SURE = 2.0  # standard errors from zero
 
 
 def repeated_lines(ensemble: Ensemble) -> tuple[Array, float]:
-    r"""Lines in Hz that move all realizations alike where nothing else moves them, and their share of the angle's power.
+    r"""Lines in Hz that move all realizations alike, if nothing else moves them, and their share of the angle's power.
 
     None where the rest answers as the lines do: the energy that the joint takes,
     :math:`\sum_k f_k\, \mathrm{Im}\, Y(k)\, U^*(k)`, then has one sign in both. Noise of the torque gives it back.

@@ -12,9 +12,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from tvsysid.errors import InputError
 from tvsysid.figures import Illustration, Picture, draw_all, helpers, share_out
+from tvsysid.methods.base import inputs_of
 from tvsysid.quality import Diagnosis, diagnose
 from tvsysid.recordings import whole_file, write_ensemble
 from tvsysid.report import CLAIMS, alignment, write_diagnosis, write_experiment_report, write_report
+from tvsysid.signals import Ensemble
 from tvsysid.studies.van_de_ruit_2021.experiment import COUNTS, judge_experiment
 from tvsysid.studies.van_de_ruit_2021.experiment_figures import experiment_figures, participant_figures, representative
 from tvsysid.studies.van_de_ruit_2021.figures import example_responses, study_figures
@@ -150,7 +152,8 @@ def write_experiment(
         for label, ensemble in ensembles.items():
             write_ensemble(folder / "prepared" / f"{label}.nc", ensemble)
         pictures = _experiment_pictures(experiment, results, summary, prepared, folder / "figures", pool)
-        diagnoses = share_out(diagnose, {label: (ensemble,) for label, ensemble in ensembles.items()}, pool)
+        jobs = {label: (each, _reference(experiment, each)) for label, each in ensembles.items()}
+        diagnoses = share_out(diagnose, jobs, pool)
         if diagnoses:
             each = changed.groupby("recording", sort=False)
             beside = {str(name): f"{alignment.sentence(one)} {alignment.REMEDY}" for name, one in each}
@@ -161,6 +164,12 @@ def write_experiment(
     files = (*pages, *tables, "prepared/", f"figures/ ({len(pictures)})")
     told = f"{', '.join(changed.recording)}: {alignment.sentence(changed)} {alignment.REMEDY}" if len(changed) else ""
     return Written(summary, claims, files, diagnoses, told)
+
+
+def _reference(experiment: Experiment, ensemble: Ensemble) -> str | None:
+    """Channel that a method takes as the disturbance that was applied, if any does and it was recorded."""
+    every = (item for method in experiment.named_methods.values() for item in inputs_of(method))
+    return next((item.name for item in every if item.kind == "reference" and item.name in ensemble.channels), None)
 
 
 def _write_tables(folder: Path, tables: Mapping[str, pd.DataFrame]) -> None:

@@ -228,18 +228,19 @@ def test_a_model_shows_its_tables_and_a_figure():
 def test_what_it_says_is_as_sure_as_it_is():
     switches = [Switch("stiffness", 0.5, 0.4, 0.6, 100.0, 1.0, 1.0), Switch("stiffness", 1, 0.9, 1.1, -8, 2, 0.33)]
     none, smooth = (Smoothness("stiffness", kind, 2.0, 0.1, 0.9) for kind in ("none", "smooth"))
-    both = SimpleNamespace(switches=switches, smoothness=[none])
+    both = SimpleNamespace(switches=switches, smoothness=[none], beside=None)
     assert changes(both) == [
         "it switches by +100.0 ± 2.0 N·m/rad at 0.500 s",
         "it may switch by -8.0 ± 3.9 N·m/rad at 1.000 s, but more likely does not (probability 33 %)",
         "it is constant between switches (probability 90 %)",
     ]
-    probable = SimpleNamespace(switches=[switches[0]._replace(probability=0.7)], smoothness=[])
+    probable = SimpleNamespace(switches=[switches[0]._replace(probability=0.7)], smoothness=[], beside=True)
     assert changes(probable) == [
         "it probably switches by +100.0 ± 2.0 N·m/rad at 0.500 s (probability 70 %)",
         "it changes smoothly between switches",
+        "a stretch reflex is shown, and taken out of it",
     ]
-    open_one = SimpleNamespace(switches=[], smoothness=[smooth, none._replace(probability=0.4)])
+    open_one = SimpleNamespace(switches=[], smoothness=[smooth, none._replace(probability=0.4)], beside=None)
     assert changes(open_one) == ["whether it changes smoothly is open (probability 60 %)"]
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from tvsysid.figures import style
 from tvsysid.figures.words import unit_name
 from tvsysid.methods.adaptive.model import AdaptiveModel
+from tvsysid.signals import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
 HUES = {"stiffness": "#0072B2", "viscosity": "#D55E00", "inertia": "#009E73", "reflex_gain": "#CC79A7"}
 LIKELY = 0.05  # probability from which on a switch is drawn
 MOST = 8  # smooth parts that are listed
+WIDE = 0.3  # of the axes, that a switch's label is
+LEAST = 0.2  # range of an axis at least, as a share of its largest value
 
 
 @style.styled
@@ -36,16 +39,29 @@ def adaptive_impedance(model: AdaptiveModel, title: str = "") -> Figure:
 
 def _over_time(axes: Axes, model: AdaptiveModel, name: str) -> None:
     estimate, hue = model.estimates[name], HUES[name]
-    axes.fill_between(model.time, *estimate.band(), color=hue, alpha=0.25, linewidth=0, label="95 % band")
+    lower, upper = estimate.band()
+    axes.fill_between(model.time, lower, upper, color=hue, alpha=0.25, linewidth=0)
     axes.plot(model.time, estimate.values, color=hue, linewidth=1.5)
-    for switch in model.switches:
-        if switch.quantity == name and switch.probability >= LIKELY:
-            axes.axvspan(switch.earliest, switch.latest, color="#777777", alpha=0.3 * switch.probability, linewidth=0)
-            axes.axvline(switch.time, color="#444444", linestyle="--", linewidth=0.8, alpha=switch.probability)
-            text = f"{switch.size:+.3g} at {switch.time:.3f} s\n{100 * switch.probability:.0f} %"
-            axes.annotate(text, (switch.time, 0.98), xycoords=("data", "axes fraction"), fontsize=7, va="top")
+    switches = [each for each in model.switches if each.quantity == name and each.probability >= LIKELY]
     axes.set_ylabel(f"{name.replace('_', ' ')}\n({unit_name(estimate.unit)})")
     axes.set_xlim(model.time[0], model.time[-1])
+    axes.set_ylim(*_limits(lower, upper, 0.3 * bool(switches)))
+    late, last = 0.0, -np.inf  # how far down the last label is, and where: labels of close switches alternate
+    for switch in switches:
+        axes.axvspan(switch.earliest, switch.latest, color="#777777", alpha=0.3 * switch.probability, linewidth=0)
+        axes.axvline(switch.time, color="#444444", linestyle="--", linewidth=0.8, alpha=switch.probability)
+        late = 0.13 - late if switch.time - last < WIDE * model.time[-1] else 0.0
+        last = switch.time
+        text = f" {switch.size:+.3g} at {switch.time:.3f} s, {100 * switch.probability:.0f} % "
+        side = "right" if switch.time > (1 - WIDE) * model.time[-1] else "left"
+        axes.annotate(text, (last, 0.98 - late), xycoords=("data", "axes fraction"), fontsize=7, va="top", ha=side)
+
+
+def _limits(lower: Array, upper: Array, more: float) -> tuple[float, float]:
+    """Of a band with room above, wide enough that what hardly changes looks like it."""
+    low, high = float(np.nanmin(lower)), float(np.nanmax(upper))
+    middle, half = (low + high) / 2, max(high - low, LEAST * max(abs(low), abs(high))) / 2 or 1.0
+    return middle - 1.1 * half, middle + (1.1 + 2 * more) * half
 
 
 def _smoothness(axes: Axes, model: AdaptiveModel) -> None:

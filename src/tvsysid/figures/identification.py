@@ -79,6 +79,7 @@ def _varying_vaf(axes: Axes, models: Mapping[str, Model], vaf: Mapping[str, Arra
 def draw_quantity(axes: Axes, name: str, models: Mapping[str, Model]) -> str:
     """Draw what every model says of a quantity; return the axis that it is over."""
     shown, unit, over = [np.array([np.nan])], UNITS.get(name, ""), "time"
+    band: list[Array] | None = None
     looks = style.lines(list(models))
     for label, model in reversed(list(models.items())):
         estimate, (hue, dash) = model.estimates.get(name), looks[label]
@@ -98,7 +99,7 @@ def draw_quantity(axes: Axes, name: str, models: Mapping[str, Model]) -> str:
         style.curve_with_band(axes, where, values, band, hue, **look)
         shown.append(values)
     axes.set_ylabel(f"{name.replace('_', ' ')} ({unit_name(unit)})")
-    _limit(axes, np.concatenate(shown))
+    _limit(axes, np.concatenate(shown), band)  # that of the first model
     return over
 
 
@@ -107,14 +108,20 @@ def _width(label: str, models: Mapping[str, Model]) -> float:
     return 2.2 if len(models) > 1 and label == next(iter(models)) else 1.4
 
 
-def _limit(axes: Axes, shown: Array) -> None:
-    """Limits by what is usual: a method that is out of its depth has spikes, which shall not hide the others."""
+def _limit(axes: Axes, shown: Array, band: list[Array] | None) -> None:
+    """Limits by what is usual: a method that is out of its depth has spikes, which shall not hide the others.
+
+    The ``band`` of the one in front is shown.
+    """
     if not np.isfinite(shown).any():
         style.remark(axes, "not identified")
         return
     low, high = np.nanpercentile(shown, [3, 97])
     room = 0.35 * max(high - low, 0.2 * max(abs(low), abs(high))) or 1.0  # all zero, as where a method prunes
-    axes.set_ylim(low - room, high + room)
+    low, high = low - room, high + room
+    if band is not None and np.isfinite(band).any():
+        low, high = min(low, np.nanpercentile(band[0], 3)), max(high, np.nanpercentile(band[1], 97))
+    axes.set_ylim(low, high)
 
 
 @style.styled

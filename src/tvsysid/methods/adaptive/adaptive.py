@@ -106,7 +106,9 @@ class AdaptiveRegression(base.Method):
     assumptions: ClassVar[tuple[str, ...]] = (
         "Behaviour is the same in all realizations, of which there are at least four.",
         "The joint is of second order (inertia, viscosity, stiffness); its inertia is constant.",
-        "Stiffness and viscosity are smooth but for a few switches; how smooth is found from the data.",
+        "Stiffness and viscosity are smooth but for a few switches; how smooth is found from the data. Where the "
+        "functions of time that stiffness is a sum of are known, birf with these is more exact.",
+        "Noise of the torque does not move the angle (no closed loop).",
     )
 
     def skip(self, ensemble: Ensemble) -> str | None:

@@ -12,11 +12,12 @@ FAINT = 0.05  # below which a switch is not mentioned
 
 
 def changes(model: AdaptiveModel) -> list[str]:
-    """When stiffness switches, in the order of time, and whether it changes smoothly."""
+    """When stiffness switches, in the order of time, whether it changes smoothly, and whether a reflex is taken out."""
     switches = [each for each in model.switches if each.quantity == "stiffness" and each.probability >= FAINT]
     constant = sum(row.probability for row in model.smoothness if (row.quantity, row.kind) == ("stiffness", "none"))
     likely = any(each.probability > 0.5 for each in switches)
-    return [*map(_switch, switches), _smoothly(constant, " between switches" if likely else "")]
+    reflex = ["a stretch reflex is shown, and taken out of it"] if model.beside is not None else []
+    return [*map(_switch, switches), _smoothly(constant, " between switches" if likely else ""), *reflex]
 
 
 def _switch(switch: Switch) -> str:

@@ -1,5 +1,7 @@
 """Figure of what was identified from one recording."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.conftest import ensemble_of
@@ -95,3 +97,13 @@ def test_any_quantity_is_drawn_over_its_own_axis():
     np.testing.assert_array_equal(slope.lines[0].get_xdata(), levels)
     assert slope.get_xlabel() == "emg"
     assert slope.collections[0].get_paths()[0].vertices[:, 1].max() == pytest.approx(2.0 + 1.96 * 0.1, abs=1e-3)
+
+
+def test_the_whole_band_of_the_first_method_is_shown(drawn):
+    first = drawn[0]["sds"]
+    wide = tv.Estimate(np.full(200, 40.0), "N m s/rad", error=StandardError(np.full(200, 10.0), np.inf))
+    model = replace(first, estimates={**first.estimates, "reflex_gain": wide})
+    axes = {each.get_ylabel(): each for each in identified_impedance({"one": model}, {}).axes}
+    low, high = axes["reflex gain (N·m·s/rad)"].get_ylim()
+    assert low < 20
+    assert high > 60

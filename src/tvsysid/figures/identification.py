@@ -120,7 +120,8 @@ def _limit(axes: Axes, shown: Array, band: list[Array] | None) -> None:
     room = 0.35 * max(high - low, 0.2 * max(abs(low), abs(high))) or 1.0  # all zero, as where a method prunes
     low, high = low - room, high + room
     if band is not None and np.isfinite(band).any():
-        low, high = min(low, np.nanpercentile(band[0], 3)), max(high, np.nanpercentile(band[1], 97))
+        lower, upper = np.nanpercentile(band[0], 3), np.nanpercentile(band[1], 97)
+        low, high = min(low, 1.1 * lower - 0.1 * upper), max(high, 1.1 * upper - 0.1 * lower)
     axes.set_ylim(low, high)
 
 

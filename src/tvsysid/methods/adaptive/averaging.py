@@ -148,7 +148,9 @@ def _averaged(line: Line, others: Placed | None = None) -> Averaged:
     windows, sets = Windows(line), list[Placed]()
     found_ones = found_sets(grid, smooths, states)
     for found in [*found_ones[:-1][:MOST_SETS], found_ones[-1]]:
-        add(sets, simplified(refined(found, windows), found.smooth, windows), line)
+        placed = refined(found, windows)
+        add(sets, placed, line)
+        add(sets, simplified(placed, found.smooth, windows), line)
     every = candidates(smooths, sets)
     again: list[Placed] = []
     for placed in sets:

@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, cho_solve, cholesky, solve_triangular
+from scipy.linalg import cho_solve
+from scipy.linalg.lapack import dpotrf, dtrtrs
 
 from tvsysid.methods.adaptive.prior import SIZES, Axis, Roughness
 from tvsysid.numerics import Array
@@ -18,11 +19,17 @@ ROUNDING = 1e-10  # share of a matrix's trace that is rounding
 
 def factor_of(matrix: Array) -> Array:
     """Cholesky factor; of a matrix that is singular to rounding, that of one that is not."""
-    try:
-        return np.asarray(cholesky(matrix, lower=True, check_finite=False))
-    except LinAlgError:
-        raised = matrix + ROUNDING * np.trace(matrix) * np.eye(len(matrix))
-        return np.asarray(cholesky(raised, lower=True, check_finite=False))
+    factor, failed = dpotrf(matrix, lower=1, clean=1)  # many are small: checks around it take longer than it does
+    if failed:
+        factor, failed = dpotrf(matrix + ROUNDING * np.trace(matrix) * np.eye(len(matrix)), lower=1, clean=1)
+    if failed:
+        raise np.linalg.LinAlgError("a matrix of products is not positive definite")
+    return np.asarray(factor)
+
+
+def solved_by(factor: Array, right: Array) -> Array:
+    """Inverse of a Cholesky factor times something."""
+    return np.asarray(dtrtrs(factor, right, lower=1)[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +124,7 @@ class Smooth:
 
     def solved(self, right: Array) -> Array:
         """Inverse of the Cholesky factor times something."""
-        return np.asarray(solve_triangular(self.factor, right, lower=True, check_finite=False))
+        return solved_by(self.factor, right)
 
     def reduced(self, features: Array) -> Array:
         """What the smooth part takes of columns with these products with the features, (coefficient, column)."""
@@ -205,7 +212,7 @@ def jumps(gram: Array, cross: Array, sizes: Sizes) -> Jumps:
     system = turn.T @ gram @ turn
     system.flat[:: len(system) + 1] += sizes.spread**-2
     factor = factor_of(system)
-    half = solve_triangular(factor, turn.T, lower=True, check_finite=False)
+    half = solved_by(factor, turn.T)
     answer = half @ cross
     log_determinant = 2 * float(np.log(np.diag(factor)).sum()) + 2 * len(system) * float(np.log(sizes.spread))
     return Jumps(0.5 * float(answer @ answer) - 0.5 * log_determinant, answer @ half, half.T @ half)
@@ -231,9 +238,7 @@ def one_more(own: Products, gram: Array, cross: Array, mixed: Array, power: Arra
     system = turn.T @ gram @ turn
     system.flat[:: len(system) + 1] += 1 / variance
     factor = factor_of(system) if len(system) else system
-    half = (
-        solve_triangular(factor, np.column_stack([turn.T @ cross, turned.T]), lower=True) if len(system) else turned.T
-    )
+    half = solved_by(factor, np.column_stack([turn.T @ cross, turned.T])) if len(system) else turned.T
     if len(system):
         answer, half = half[:, 0], half[:, 1:]
         wanted, power = wanted - answer @ half, power - np.einsum("kc,kc->c", half, half)

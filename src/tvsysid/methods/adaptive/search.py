@@ -6,6 +6,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tvsysid.methods.adaptive.evidence import Line, Products, Sizes, Smooth, every_sizes, jumps, one_more
 from tvsysid.methods.adaptive.placing import APART, Found, Windows, distance, refined, together
@@ -13,9 +14,11 @@ from tvsysid.numerics import Array
 
 FINE, COARSE, PAIRS = 400, 200, 100  # positions that are tried: of one more switch, of the first, of a pair at most
 POLISHED, ABOUT = 1 / 8, 1.5  # samples to which positions are polished after each step, and how far they may move
+SPLIT = 8  # grid steps to either side of a switch within which two may stand in its place
 STEPS, MOST = 60, 12  # of the search, and switches at most
 GAIN = 50.0  # log evidence that a further switch is taken to bring at most
 EAGER, EAGER_STEPS = 6.0, 12  # log evidence by which others than the best are followed at first, and how long
+NEARLY = 5.0  # log evidence below the best down to which a set counts that is no gain
 REACH = 12.0  # log evidence below the best down to which sets are kept
 START = Sizes(0.2, False)
 
@@ -129,7 +132,7 @@ class Walk:
         return tuple(float(each) for each in placed.positions)
 
     def best_step(self, state: State) -> State:
-        """Best of one switch less, another in the place of one or of two neighbours, one more; else a pair more."""
+        """Best of one switch less, one elsewhere or for two neighbours, one more; else a pair more, or two for one."""
         places, count = state.places, len(state.places)
         fewer = [places[:j] + places[j + 1 :] for j in range(count)]
         options = [(self.score(each), each) for each in fewer]
@@ -141,23 +144,41 @@ class Walk:
             options.append((score, tuple(sorted((*each, place)))))
         score, found = max(options)
         if score <= state.score + 1e-6 and count < MOST - 1:
-            found = self.with_pair(places)
+            found = max([self.with_pair(places), *self.with_split(places)], key=self.score)
         found = self.polished(found)
         score = self.score(found)
         return State(found, score, score - state.score)
 
     def with_pair(self, places: tuple[float, ...]) -> tuple[float, ...]:
         """A set and the best pair of opposite switches more."""
-        grid = self.grid
-        index = grid.coarse[grid.pairs]
-        products, less = self.products.take(index), None
-        if places:
-            steps, mixed = self.at(places)
-            factor = np.linalg.cholesky(steps.between(steps) + START.spread**-2 * np.eye(len(places)))
-            less = np.linalg.solve(factor, mixed[index].T)
-            products = products._replace(cross=products.cross - np.linalg.solve(factor, steps.cross) @ less)
-        pair = _pair(products, grid, less)[1]
+        products, less = self.left(self.grid.coarse[self.grid.pairs], places)
+        pair = _pair(products, self.grid, less)[1]
         return tuple(sorted({*places, *(float(products.columns.positions[k]) for k in pair)}))
+
+    def with_split(self, places: tuple[float, ...]) -> list[tuple[float, ...]]:
+        """A set with the best two neighbours in the place of each of its switches."""
+        grid, out = self.grid, []
+        for j, place in enumerate(places):
+            others = places[:j] + places[j + 1 :]
+            near = np.flatnonzero(distance(grid.line, grid.fine.positions, place) <= SPLIT * grid.step)
+            products, less = self.left(near, others)
+            positions, cross = products.columns.positions, products.cross
+            gram = products.between(products) - less.T @ less
+            power = np.diag(gram) + START.spread**-2
+            square = power[:, None] * power - gram**2
+            value = cross[:, None] ** 2 * power - cross[:, None] * cross * gram
+            value = (value + value.T) / (2 * square) - np.log(square) / 2
+            value[distance(grid.line, positions[:, None], positions) < APART] = -np.inf
+            pair = np.unravel_index(int(np.argmax(value)), value.shape)
+            out.append(tuple(sorted((*others, *(float(positions[k]) for k in pair)))))
+        return out
+
+    def left(self, index: NDArray[np.intp], places: tuple[float, ...]) -> tuple[Products, Array]:
+        """Products of some positions with what a set leaves, and the factor of what it takes of their gram."""
+        products, (steps, mixed) = self.products.take(index), self.at(places)
+        factor = np.linalg.cholesky(steps.between(steps) + START.spread**-2 * np.eye(len(places)))
+        less = np.linalg.solve(factor, mixed[index].T)
+        return products._replace(cross=products.cross - np.linalg.solve(factor, steps.cross) @ less), less
 
 
 def found_sets(grid: Grid, smooths: tuple[Smooth, ...], states: list[State]) -> list[Found]:
@@ -189,11 +210,12 @@ def found_sets(grid: Grid, smooths: tuple[Smooth, ...], states: list[State]) -> 
                 open_ones[key] = State(places, walk.score(places), open_ones[key].gain)
                 note(open_ones[key], key)
         after = walks[key].best_step(open_ones[key])
+        if after.score > best - NEARLY:
+            note(after, key)
         if after.gain <= 1e-6:
             closed_at.add(open_ones.pop(key).places)
             continue
         open_ones[key] = after
-        note(after, key)
     scores.pop((), None)
     best = max([score for score, _ in scores.values()] + [max(smooth.score for smooth in smooths)])
     near = sorted(

@@ -48,9 +48,9 @@ def switches(quantity: str, found: Averaged, unit: float, missing: int, rate: fl
         positions = candidate.placed.positions
         if not len(positions):
             continue
-        sizes = path(candidate).found
+        sizes, before = path(candidate).found, [other for other, _ in seen]
         for place, position in enumerate(positions):
-            if any(distance(line, np.array([other]), position)[0] < CLOSE for other, _ in seen):
+            if any(distance(line, np.array([other]), position)[0] < CLOSE for other in before):
                 continue
             weight = min(sum(share for _, share in _near(found, position)), 1.0)  # rounding may exceed it
             earliest, latest = _limits(candidate, place)

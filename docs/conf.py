@@ -9,6 +9,7 @@ from pathlib import Path
 import tvsysid
 
 sys.path.insert(0, str(Path(__file__).parent / "extensions"))
+import pictures  # of that folder
 
 project = "tvsysid"
 author = copyright = "the tvsysid developers"
@@ -33,11 +34,15 @@ highlight_language = "text"
 autosummary_generate = False
 autodoc_typehints = "none"
 numpydoc_show_class_members = False
+toc_object_entries = False
 
 sphinx_gallery_conf = {
     "examples_dirs": "../examples",
     "gallery_dirs": "learn",
     "filename_pattern": r"\.py$",
+    "image_scrapers": (pictures.scrape,),
+    "capture_repr": (),
+    "show_signature": False,
     "abort_on_example_error": True,
     "download_all_examples": False,
     "remove_config_comments": True,
@@ -55,6 +60,7 @@ html_show_sourcelink = False
 html_copy_source = False
 html_theme_options = {
     "navigation_with_keys": False,
+    "navbar_persistent": ["search-button"],
     "show_toc_level": 2,
     "secondary_sidebar_items": ["page-toc"],
     "footer_start": ["copyright"],

@@ -71,7 +71,7 @@ def package(name: str) -> str:
         and (name == "tvsysid" or each not in tv.__all__)
     }
     lines = [name, "=" * len(name), "", f".. automodule:: {name}", "", f".. currentmodule:: {name}", ""]
-    lines += [".. autosummary::", "", *(f"   {each}" for each in own), ""]
+    lines += [".. autosummary::", "   :nosignatures:", "", *(f"   {each}" for each in own), ""]
     for each, value in own.items():
         lines += [each, "-" * len(each), ""]
         lines += [f".. autoclass:: {each}", "   :members:", ""] if inspect.isclass(value) else []

@@ -1,0 +1,38 @@
+"""
+Spectra of short segments: esm
+==============================
+
+``esm`` gives the joint's frequency response at each time; its value at 0 Hz is the stiffness.
+"""
+
+import numpy as np
+from matplotlib.figure import Figure
+
+import tvsysid as tv
+
+joint = tv.simulate.Joint(stiffness=tv.simulate.SineWave())
+simulation = joint.simulate(100, perturbation=tv.simulate.PRBS(), snr_db=15, seed=5)
+recording = tv.preprocess.decimate(simulation.recording, 100)
+ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))
+
+# %%
+# With ``stiffness="fit"`` the stiffness comes from a fit of second order to the segments' spectra instead of the value
+# at 0 Hz, which leaks: that is less biased.
+
+model = tv.EnsembleSpectral(stiffness="fit").identify(ensemble)
+
+# %%
+# The response where the joint is softest and where it is stiffest, with that of the true joint (dashed).
+
+figure = Figure(figsize=(8, 3.4), layout="constrained")
+axes = figure.subplots()
+truth = simulation.truth_of(ensemble)["stiffness"][0]
+for time, colour in ((truth.argmin(), "C0"), (truth.argmax(), "C1")):
+    shown = model.frequencies <= 20
+    omega = 2 * np.pi * model.frequencies[shown]
+    exact = truth[time] + 2.2j * omega - 0.02 * omega**2
+    label = f"{ensemble.time[time]:.2f} s, {truth[time]:.0f} N·m/rad"
+    axes.plot(model.frequencies[shown], abs(model.frequency_response[time, shown]), "o-", color=colour, label=label)
+    axes.plot(model.frequencies[shown], abs(exact), "--", color=colour)
+axes.set(xlabel="frequency (Hz)", ylabel="gain (N·m/rad)", ylim=(0, None))
+axes.legend(loc="upper left")

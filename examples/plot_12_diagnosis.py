@@ -1,0 +1,33 @@
+"""
+What is wrong with a recording?
+===============================
+
+A diagnosis looks for 32 faults before you believe a stiffness. Here two are planted.
+"""
+
+import dataclasses
+
+import numpy as np
+
+import tvsysid as tv
+
+joint = tv.simulate.Joint(stiffness=tv.simulate.SineWave())
+simulation = joint.simulate(60, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=12)
+
+# %%
+# The torque is 4 ms late, as an unequal filter makes it, and the amplifier clips it at two standard deviations.
+
+torque = np.roll(simulation.recording.torque, 4)
+recording = dataclasses.replace(simulation.recording, torque=np.clip(torque, -2 * torque.std(), 2 * torque.std()))
+
+# %%
+# Diagnose at the recorded rate: decimation hides some faults. Each finding says what it does to the result, and what
+# to do.
+
+ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))
+diagnosis = tv.diagnose(ensemble)
+print(diagnosis)
+
+# %%
+
+figure = diagnosis.plot()

@@ -14,13 +14,14 @@ from tvsysid.checked import Frozen
 from tvsysid.errors import DataQualityWarning, InputError, describe_error
 from tvsysid.estimates import IMPEDANCE
 from tvsysid.limits import TIME_LIMIT
-from tvsysid.methods import DEFAULT_METHODS, Evidence, Tuned, label_of, parse
-from tvsysid.methods.apart import Identified, checked_limit, identify
+from tvsysid.methods import DEFAULT_METHODS, Evidence, Tuned, deviating_channels, label_of, parse
+from tvsysid.methods.apart import Identified, checked_limit, identify, predicted
 from tvsysid.methods.apply import Identifies
 from tvsysid.methods.base import SkippedError
 from tvsysid.methods.travel import pickled
 from tvsysid.metrics import time_varying_vaf, vaf
 from tvsysid.models import Model
+from tvsysid.numerics.bands import mean_known
 from tvsysid.showing import Shown, summary_html
 from tvsysid.signals import Array, Ensemble
 
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Progress = Callable[[int, int], object]
+FOLDS = 5  # into which realizations are dealt, to predict each from the others
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -43,7 +45,7 @@ class Comparison(Shown, Frozen):
     Notes
     -----
     The torque is that of the very data that were identified: a method with many parameters has a high VAF even where
-    its stiffness is noise.
+    its stiffness is noise. :meth:`held_out_vaf` is that of realizations that were left out.
     """
 
     ensemble: Ensemble
@@ -99,6 +101,81 @@ class Comparison(Shown, Frozen):
                 }
             )
         return pd.DataFrame(rows)
+
+    def held_out_vaf(
+        self, folds: int = FOLDS, *, progress: Progress | None = None, time_limit: float = TIME_LIMIT
+    ) -> dict[str, Array]:
+        r"""Variance accounted for of realizations that were left out, in per cent, shape (realization,), by label.
+
+        Realizations are dealt, in the order of the record, into so many folds of consecutive ones, whose slow changes
+        so count as they would in a new experiment. Each method, with the settings that it has in ``methods``, is
+        identified from all folds but one, and predicts the torque of that one:
+
+        .. math:: \hat y_r(t) = \bar y(t) + \hat m(\theta_r - \bar\theta)(t) - \overline{\hat m}(t)
+
+        Where the ensemble's mean was subtracted, the means (bars) are those of the realizations kept, subtracted anew
+        from all: nothing of a realization's torque is in its prediction. Its VAF is that of its deviation from that
+        mean, :func:`tvsysid.metrics.vaf` of :math:`y_r - \bar y` and :math:`\hat y_r - \bar y`.
+
+        Parameters
+        ----------
+        folds
+            At least two; as many as there are realizations where these are fewer. It takes as many identifications by
+            each method.
+        progress, time_limit
+            As of :func:`compare`.
+
+        Returns
+        -------
+        dict
+            NaN where a method cannot identify without the fold, which is warned of, and for a single realization.
+
+        Raises
+        ------
+        InputError
+            For fewer than two folds.
+
+        Warns
+        -----
+        DataQualityWarning
+            If a method cannot identify from the realizations kept; says why.
+
+        Notes
+        -----
+        The samples of context around realizations next to a fold are the fold's own. Settings that were chosen from the
+        data (``tune``) were chosen from all of them, and are not chosen anew.
+
+        Examples
+        --------
+        >>> import tvsysid as tv
+        >>> simulation = tv.simulate.Joint(stiffness=tv.simulate.SineWave()).simulate(
+        ...     60, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1)
+        >>> ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), period=2.0)
+        >>> found = tv.compare(tv.preprocess.subtract_mean(ensemble), ["eirf", "sds"])
+        >>> {label: int(vaf.mean()) for label, vaf in found.vaf.items()}
+        {'eirf': 96, 'sds': 92}
+        >>> {label: int(vaf.mean()) for label, vaf in found.held_out_vaf().items()}
+        {'eirf': ..., 'sds': ...}
+        """
+        if isinstance(folds, bool) or not isinstance(folds, (int, np.integer)) or folds < 2:
+            raise InputError(f"held_out_vaf: folds must be a whole number from 2 on, got {folds!r}")
+        limit, ensemble = checked_limit(time_limit), self.ensemble
+        parts = np.array_split(np.concatenate(ensemble.runs), min(folds, len(ensemble)))
+        found = {label: np.full(len(ensemble), np.nan) for label in self.models}
+        failed: dict[str, str] = {}
+        jobs = [(label, part) for part in parts for label in found if len(parts) > 1]
+        with threadpool_limits(1):
+            for number, (label, part) in enumerate(jobs):
+                if progress is not None:
+                    progress(number, len(jobs))
+                try:
+                    found[label][part] = _vaf_of(self.methods[label], ensemble, part, label, limit)
+                except Exception as error:  # a method of one's own may raise anything
+                    failed.setdefault(label, str(error) if isinstance(error, InputError) else describe_error(error))
+        for label, reason in failed.items():
+            text = f"{label}: no held-out VAF where it cannot identify without a fold of the realizations: {reason}"
+            warnings.warn(text, DataQualityWarning, stacklevel=2)
+        return found
 
     def over_time(self) -> pd.DataFrame:
         """A row for each method and time: every quantity over time with its 95 % band, and the time-varying VAF."""
@@ -225,6 +302,32 @@ def compare(
         evidence,
         failed,
     )
+
+
+def _vaf_of(method: Identifies, ensemble: Ensemble, left: Array, label: str, limit: float) -> Array:
+    """VAF of the realizations ``left`` out, by what the others show; (realization,)."""
+    kept = np.setdiff1d(np.arange(len(ensemble)), left)
+    every = ensemble
+    if ensemble.mean_subtracted:
+        names = [name for name in deviating_channels([method]) if name in ensemble.channels]
+        deviations = {name: values - values[kept].mean(axis=0) for name, values in _acting(ensemble, names).items()}
+        own = {name: deviations.pop(name) for name in ("angle", "torque")}
+        every = replace(ensemble, **own, channels={**ensemble.channels, **deviations})
+    torque = every.torque[:, every.core]
+    unseen = np.array(every.torque)
+    unseen[left] = 0.0  # whatever predicts cannot look at it
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DataQualityWarning)  # that of the whole was warned of
+        known = every.select(kept)
+        values = predicted(pickled({label: method})[label], known, replace(every, torque=unseen), label, limit=limit)
+    if ensemble.mean_subtracted:
+        values = values - mean_known(values[kept])
+    return vaf(torque[left], values[left])
+
+
+def _acting(ensemble: Ensemble, channels: Iterable[str]) -> dict[str, Array]:
+    """Angle, torque and those channels that act on the joint."""
+    return {name: ensemble.signal(name) for name in ("angle", "torque", *channels)}
 
 
 def _with_settings(method: Identifies, evidence: Evidence) -> Identifies:

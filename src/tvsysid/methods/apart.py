@@ -81,6 +81,20 @@ def _identified(method: Any, ensemble: Ensemble, label: str, tune: bool) -> Iden
     return Identified(model, evidence, time.perf_counter() - started)
 
 
+def predicted(method: bytes, kept: Ensemble, every: Ensemble, label: str, *, limit: float = TIME_LIMIT) -> Array:
+    """Torque of all realizations, (realization, time), by what a pickled method identifies from those ``kept``."""
+    try:
+        own = plain(method)
+    except Exception:  # as in :func:`identify`
+        found: Array = call(method, _predicted, kept, every, label, limit=limit)
+        return found
+    return _predicted(own, kept, every, label)
+
+
+def _predicted(method: Any, kept: Ensemble, every: Ensemble, label: str) -> Array:
+    return np.array(_identified(method, kept, label, tune=False).model.predict(every))
+
+
 def _tuned(method: Any, ensemble: Ensemble) -> tuple[Method, Evidence | None]:
     """Method with settings chosen from the data, and the evidence for them."""
     own = method.method if isinstance(method, Tuned) else method

@@ -127,6 +127,7 @@ def undrawn(monkeypatch):
     monkeypatch.setattr("tvsysid.studies.van_de_ruit_2021.folder.write_diagnosis", lambda *given: None)
     monkeypatch.setattr("tvsysid.studies.van_de_ruit_2021.folder.helpers", lambda workers: nullcontext())
     monkeypatch.setattr("tvsysid.figures.save", lambda figure, file: None)
+    monkeypatch.setattr("tvsysid.report.write_identification", lambda *given: None)
 
 
 @pytest.fixture

@@ -207,3 +207,62 @@ def test_what_a_model_says_is_nobodys_to_change():
     rank[0] = 2.0
     with pytest.raises(tv.InputError, match=r"expected a tuple of axes, got 'emg'; write \('emg',\)"):
         tv.Estimate(np.ones(3), "N m/rad", "emg")
+
+
+def by_hand(raw, method, folds):
+    """Held-out VAF of whole realizations, by subtracting the means of those kept."""
+    out = np.full(len(raw), np.nan)
+    for part in np.array_split(np.arange(len(raw)), folds):
+        kept = np.setdiff1d(np.arange(len(raw)), part)
+        model = method.identify(tv.preprocess.subtract_mean(raw.select(kept)))
+        left = dataclasses.replace(
+            raw.select(part),
+            angle=raw.angle[part] - raw.angle[kept].mean(axis=0),
+            torque=raw.torque[part] - raw.torque[kept].mean(axis=0),
+        )
+        out[part] = tv.metrics.vaf(left.torque[:, left.core], model.predict(left))
+    return out
+
+
+@pytest.mark.filterwarnings("ignore:eirf. 45 realizations are less than twice the 25 lags")
+def test_vaf_of_realizations_held_out_is_that_of_the_raw_data_less_means_of_the_others():
+    raw = ensemble_of(120.0)
+    raw = dataclasses.replace(raw, torque=raw.torque + np.sin(np.arange(raw.torque.shape[1]) / 20), angle=raw.angle + 1)
+    found = tv.compare(tv.preprocess.subtract_mean(raw), ["sds", "eirf", "birf"])
+    calls = []
+    held_out = found.held_out_vaf(4, progress=lambda done, total: calls.append((done, total)))
+    assert calls == [(number, 12) for number in range(12)]
+    for label, method in found.methods.items():
+        np.testing.assert_allclose(held_out[label], by_hand(raw, method, 4), atol=1e-8)
+    # In sample, the method with the most parameters is the best; of other realizations it predicts the least.
+    assert found.vaf["eirf"].mean() > found.vaf["sds"].mean() + 2
+    assert held_out["eirf"].mean() < held_out["sds"].mean() - 3
+
+
+def test_nothing_of_what_is_held_out_is_seen(monkeypatch):
+    seen = []
+    monkeypatch.setattr(
+        "tvsysid.comparison.predicted", lambda *given, limit: seen.append(given[1:3]) or np.zeros((40, 200))
+    )
+    found = tv.compare(tv.preprocess.subtract_mean(ensemble_of(80.0)), ["sds"])
+    assert not found.held_out_vaf()["sds"].any()
+    parts = np.array_split(np.arange(40), 5)
+    for (kept, every), part in zip(seen, parts, strict=True):
+        np.testing.assert_array_equal(kept.onsets, np.delete(found.ensemble.onsets, part))
+        np.testing.assert_allclose([kept.angle.mean(axis=0), kept.torque.mean(axis=0)], 0, atol=1e-13)
+        assert not every.torque[part].any()
+        assert len(every) == 40
+
+
+def test_held_out_vaf_says_where_a_method_cannot_do_without_a_fold():
+    ensemble = tv.preprocess.subtract_mean(ensemble_of(20.0).select([0, 1, 2, 3]))
+    with pytest.warns(tv.DataQualityWarning, match="leave open whether there is a stretch reflex"):
+        found = tv.compare(ensemble, ["adaptive", "kbr"])
+    with pytest.warns(tv.DataQualityWarning, match="adaptive: no held-out VAF .*: it needs at least 4 realizations"):
+        held_out = found.held_out_vaf()
+    assert np.isnan(held_out["adaptive"]).all()
+    assert np.isfinite(held_out["kbr"]).all()
+    with pytest.raises(tv.InputError, match="folds must be a whole number from 2 on, got 1"):
+        found.held_out_vaf(1)
+    alone = dataclasses.replace(found, ensemble=ensemble.select([0]))
+    assert np.isnan(alone.held_out_vaf()["kbr"]).all()

@@ -42,7 +42,7 @@ def test_names_neither_steer_the_terminal_nor_stop_the_work(tvsysid, tmp_path):
     words = ("--angle", ANGLE, "--torque", TORQUE, "--rate", 1000, "--period", 2)
     for command, files in (
         (("inspect", FILE, "--diagnose", *words), 2),
-        (("identify", FILE, *words, "--decimate", 100, "--method", "sds"), 4),
+        (("identify", FILE, *words, "--decimate", 100, "--method", "sds"), 5),
     ):
         code, out, err = tvsysid(*command)
         assert (code, err) == (0, "")

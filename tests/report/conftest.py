@@ -4,12 +4,14 @@ from dataclasses import replace
 
 import pandas as pd
 import pytest
+from tests.conftest import ensemble_of
 from tests.experimental import claims as experimental_claims
 from tests.experimental import experiment_of
 from tests.experimental import fail as fail_recording
 from tests.experimental import summary_of as experimental_summary
 from tests.synthetic import SQUARE, claims, fail, responses_of, results_of, summary_of
 
+import tvsysid as tv
 from tvsysid.figures import draw_all
 from tvsysid.figures.style import panels
 from tvsysid.report import write_experiment_report, write_report
@@ -92,6 +94,24 @@ def experiment_page(experiment, tmp_path_factory):
         COUNTS,
         ALIGNED,
     )
+    return path
+
+
+@pytest.fixture(scope="session")
+def identified():
+    """A joint that switches, by three methods; held-out VAF of the quick ones."""
+    ensemble = replace(tv.preprocess.subtract_mean(ensemble_of(120.0, profile="square")), left_out=2)
+    found = tv.compare(ensemble, ["eirf", "sds", "adaptive"])
+    held_out = tv.compare(ensemble, ["eirf", "sds"]).held_out_vaf()
+    source = {"file": "<ankle>.mat", "angle": "channel pos, in rad", "torque": "channel tq"}
+    return tv.report.Account(found, held_out, tv.diagnose(ensemble), source=source)
+
+
+@pytest.fixture(scope="session")
+def identification_page(identified, tmp_path_factory):
+    """Path of an identification's page."""
+    path = tmp_path_factory.mktemp("report") / "report.html"
+    tv.report.write_identification(path, identified, "tvsysid identify ankle.mat && echo")
     return path
 
 

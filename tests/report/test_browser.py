@@ -82,6 +82,18 @@ def test_numbers_sort_as_numbers_and_the_missing_come_last(seen):
     assert data == ["40"] * 4 + ["80"] * 4 + ["150"] * 4
 
 
+IDENTIFIED = """
+  seen.width = page.documentElement.scrollWidth;
+  seen.images = [...page.images].map((image) => image.complete && image.naturalWidth > 0);
+"""
+
+
+def test_an_identification_is_shown_on_a_phone(browser, identification_page, tmp_path):
+    seen = look(browser, identification_page, IDENTIFIED, tmp_path)
+    assert (seen["broken"], seen["images"]) == ([], [True, True])
+    assert seen["width"] <= 360
+
+
 def test_it_prints(browser, page, tmp_path):
     browser("--no-pdf-header-footer", f"--print-to-pdf={tmp_path / 'page.pdf'}", page.as_uri())
     content = (tmp_path / "page.pdf").read_bytes()

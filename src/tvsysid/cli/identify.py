@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,21 +11,21 @@ import typer
 
 from tvsysid.cli import options
 from tvsysid.cli.console import progress, remark, say, say_written, show_table, shown_warnings
-from tvsysid.cli.running import check_folder
+from tvsysid.cli.running import check_folder, command_line
 from tvsysid.errors import InputError
 from tvsysid.limits import TIME_LIMIT
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from tvsysid.comparison import Comparison
+    from tvsysid.report import Account
     from tvsysid.signals import Recording
 
 DEFAULT_METHODS = ["adaptive", "eirf", "sds", "birf", "esm", "kbr"]  # of tvsysid.methods, which takes long to import
 SCHEDULED_METHODS = ["lpv", "lpvkbi"]  # with a scheduling variable
 PIECES = 2.0  # seconds of the realizations in which a delay is looked for where there is no period
 SLOW_RATE = 250.0  # Hz from which on identifying without decimation takes minutes
-REFLEX = {"delay": "s", "frequency": "rad/s", "damping": "", "threshold": "rad/s"}  # units of what shapes a reflex
-EXPLAINED = {"vaf": "torque explained", "vaf_intrinsic": "by the intrinsic pathway", "vaf_reflex": "by the reflex"}
-EXPLAINED |= {"vaf_held_out": "of realizations held out", "vaf_folds": "of five folds held out"}
 
 
 def identify(
@@ -74,6 +73,8 @@ def identify(
 
     VAF is the share of the recorded torque's variance that the model predicts. It is computed from the data that the
     model was identified from, so a method with many parameters has a high VAF even where its stiffness is mostly noise.
+    Compare methods by the VAF of realizations that were held out: each fifth of them (consecutive ones) is predicted
+    by what the method identifies from the others.
 
     A method that needs a further channel (EMG, a reference signal, a scheduling variable) gets it by `--channel`. An
     input or a reference loses its mean as angle and torque do; a scheduling variable keeps it. A method that cannot
@@ -88,6 +89,10 @@ def identify(
     it, and `delay_removed` (in s) in `models.nc`.
 
     Writes to the folder:
+
+    - `report.html`: all of it on one page: the stiffness to report with its band, how it was found, what is wrong with
+    the data and what to do, the methods side by side and why they differ, and a methods paragraph with references
+    (BibTeX) for a paper;
 
     - `stiffness.csv`: time_s, method, stiffness (N·m/rad), viscosity (N·m·s/rad) and inertia (kg·m²), each with its
     95 % band (`stiffness_lower`, `stiffness_upper`, …), and time_varying_vaf (%); a further quantity that a method
@@ -113,13 +118,12 @@ def identify(
 
     Example: `tvsysid identify ankle.mat --angle pos --torque tq --rate 1000 --decimate 100 --scheduling ankle_angle`
     """
-    import numpy as np
-
     from tvsysid import preprocess
     from tvsysid.comparison import compare
-    from tvsysid.figures import identified_impedance, save
+    from tvsysid.figures import identified_impedance
     from tvsysid.methods import deviating_channels, parse
     from tvsysid.recordings import whole_file, write_models
+    from tvsysid.report import write_identification
 
     if period is None and scheduling is None:
         raise InputError(
@@ -155,18 +159,18 @@ def identify(
         found.over_time().to_csv(table, index=False, float_format="%.6g")
     write_models(out / "models.nc", {label.replace("/", "_"): each for label, each in found.models.items()}, ensemble)
     title = _title(file, found)
-    unknown = np.full(ensemble.samples, np.nan)  # over realizations, of which there must be several
-    vaf = found.time_varying_vaf if len(ensemble) > 1 else dict.fromkeys(found.models, unknown)
-    figure = identified_impedance(found.models, vaf, title)
-    for ending in ("png", "pdf"):
-        save(figure, out / f"stiffness.{ending}")
+    _save(identified_impedance(found.models, found.vaf_over_time(), title), out / "stiffness")
     scheduled = _write_scheduled(found, out, title)
-    _show_impedance(found)
+    reversed_ = ", with its sign reversed" if torque_sign == -1 else ""
+    source = {"file": file.name, "angle": f"channel {angle}, in {angle_unit}", "torque": f"channel {torque}{reversed_}"}
+    account = _account(found, time_limit, source)
+    write_identification(out / "report.html", account, command_line())
+    _show_impedance(account)
     _show_further(found)
     _show_reflex(found)
-    say_written(
-        out, ["stiffness.csv", "models.nc", "stiffness.png", "stiffness.pdf", *scheduled, *_write_tuning(found, out)]
-    )
+    _show_diagnosis(account)
+    written = ["report.html", "stiffness.csv", "models.nc", "stiffness.png", "stiffness.pdf"]
+    say_written(out, [*written, *scheduled, *_write_tuning(found, out)])
     if found.failed:
         raise typer.Exit(1)
 
@@ -175,56 +179,37 @@ def _aligned(recording: Recording, period: float, context: float) -> Recording:
     """Recording less a delay between the channels, if one is found; prints what was done."""
     from tvsysid.preprocess import align_channels
     from tvsysid.quality import find_delay
+    from tvsysid.report.answer import taken
 
     delay = find_delay(recording, period, context)
     if not delay.found:
         say(f"--align-channels: nothing is corrected; the delay is {delay.state}: {delay.what}")
         return recording
-    say(f"--align-channels: {_taken(delay.value / 1000)}; {delay.what}")
+    say(f"--align-channels: {taken(delay.value / 1000)}; {delay.what}")
     return align_channels(recording, delay.value / 1000)
-
-
-def _taken(seconds: float) -> str:
-    """What is done about a delay of the torque, in words."""
-    return f"the torque is taken {abs(1000 * seconds):.3g} ms {'earlier' if seconds > 0 else 'later'}"
-
-
-def _show_answer(found: Comparison) -> None:
-    """Print what the stiffness does by the method that decides this from the data."""
-    import numpy as np
-
-    from tvsysid.methods.adaptive.model import AdaptiveModel
-    from tvsysid.methods.adaptive.words import changes
-
-    for label, model in found.models.items():
-        if not isinstance(model, AdaptiveModel):
-            continue
-        lower, upper = found.bands[label]["stiffness"]
-        known, band = model.stiffness[np.isfinite(model.stiffness)], float(np.nanmean(upper - lower)) / 2
-        say(
-            f"stiffness by {label}, the one to go by: {known.min():.1f} to {known.max():.1f} N·m/rad, "
-            f"{known.mean():.1f} on average, 95 % band ± {band:.1f}"
-        )
-        for sentence in changes(model):
-            say(f"  {sentence}")
 
 
 def _title(file: Path, found: Comparison) -> str:
     """What the figure shows: of which data, whether with bands, and what was done about a delay."""
     from tvsysid.figures.words import count
+    from tvsysid.report.answer import taken
 
     ensemble = found.ensemble
     title = f"{file.name}: {count(len(ensemble), 'realization')} of {ensemble.duration:g} s"
     title += ", with 95 % bands" if found.has_bands else ""
-    return f"{title}; {_taken(ensemble.delay_removed)}" if ensemble.delay_removed else title
+    return f"{title}; {taken(ensemble.delay_removed)}" if ensemble.delay_removed else title
 
 
-def _show_impedance(found: Comparison) -> None:
+def _show_impedance(account: Account) -> None:
+    """Print the answer of the method to go by, and a row for each method."""
     from tvsysid.figures.words import count
+    from tvsysid.methods.adaptive.model import AdaptiveModel
+    from tvsysid.report.answer import answer
 
-    _show_answer(found)
-    headings = ["method", "mean\n(N·m/rad)", "95 % band\npointwise\n(N·m/rad)", "lowest, at\n(N·m/rad, s)"]
-    headings += ["highest, at\n(N·m/rad, s)", "inertia\n(kg·m²)", "VAF\n(%)"]
+    found = account.found
+    if isinstance(found.models[found.leading], AdaptiveModel):
+        say("\n  ".join(answer(found)))
+    headings = ["method", "mean", "95 %\nband", "lowest, at", "highest, at", "inertia", "VAF", "VAF\nheld\nout"]
     rows = [
         (
             row["method"],
@@ -236,11 +221,12 @@ def _show_impedance(found: Comparison) -> None:
             ),
             _number(row["inertia (kg·m²)"], "{:.4f}"),
             _number(row["VAF (%)"]),
+            _number(account.held_out_mean(row["method"])),
         )
         for row in found.summary().to_dict("records")
     ]
     cut = f"{count(len(found.ensemble), 'realization')} of {found.ensemble.duration:g} s"
-    title = f"stiffness, inertia and VAF: {cut}"
+    title = f"stiffness (N·m/rad) with its pointwise band and extremes (at, s), inertia (kg·m²) and VAF (%): {cut}"
     show_table(title, headings, rows)
 
 
@@ -248,51 +234,50 @@ def _show_further(found: Comparison) -> None:
     """Print what the methods estimate beside stiffness, viscosity and inertia over time, and the reflex's shape."""
     import numpy as np
 
-    from tvsysid.figures.words import unit_name
+    from tvsysid.report.answer import further, reflex_shape
 
     rows = []
-    for label, model in found.models.items():
-        for name, estimate in model.estimates.items():
-            if name in ("stiffness", "viscosity", "inertia") and set(estimate.axes) <= {"realization", "time"}:
-                continue
-            known = estimate.values[np.isfinite(estimate.values)]
-            numbers = [f"{each:.4g}" for each in ((known.mean(), known.min(), known.max()) if known.size else ())]
-            error = estimate.standard_error
-            if error is not None and numbers and np.isfinite(error.values).any():
-                lower, upper = estimate.band()
-                numbers.insert(1, f"± {np.nanmean(upper - lower) / 2:.3g}")
-            else:
-                numbers.insert(1, "-")
-            rows.append((label, name.replace("_", " "), unit_name(estimate.unit), ", ".join(estimate.axes), *numbers))
+    for each in further(found):
+        numbers = [f"{end(each.values):.4g}" if each.values.size else "-" for end in (np.mean, np.min, np.max)]
+        numbers.insert(1, _number(each.half_band, "± {:.3g}"))
+        rows.append((each.method, each.quantity, each.unit, each.over, *numbers))
     if rows:
         headings = ["method", "quantity", "unit", "over", "mean", "95 % band", "lowest", "highest"]
         show_table("further estimates", headings, rows, "llll")
     for label, model in found.models.items():
-        if shape := _shape(model.diagnostics.details):
+        if shape := reflex_shape(model.diagnostics.details):
             say(f"{label}: {shape}")
 
 
-def _shape(details: Mapping[str, float]) -> str:
-    """Delay, muscle and threshold of a reflex, and how much of the torque each pathway explains."""
-    found = []
-    for name, unit in REFLEX.items():
-        if name in details:
-            error = details.get(f"{name}_error")
-            spread = "" if error is None else f" ± {1.96 * error:.2g}"
-            found.append(f"{name} {details[name]:.3g}{spread} {unit}".rstrip())
-    shares = [f"{words} {details[name]:.1f} %" for name, words in EXPLAINED.items() if name in details]
-    return "; ".join(part for part in (", ".join(found), ", ".join(shares)) if part)
+def _account(found: Comparison, time_limit: float, source: dict[str, str]) -> Account:
+    """What was found, with held-out VAF and a diagnosis of the same ensemble."""
+    from threadpoolctl import threadpool_limits
+
+    from tvsysid.quality import diagnose
+    from tvsysid.report import Account
+
+    with shown_warnings(), progress("predicting realizations held out") as advance:
+        held_out = found.held_out_vaf(progress=advance, time_limit=time_limit)
+    try:
+        with threadpool_limits(1):
+            return Account(found, held_out, diagnose(found.ensemble), source=source)
+    except InputError as error:
+        return Account(found, held_out, undiagnosed=str(error), source=source)
+
+
+def _show_diagnosis(account: Account) -> None:
+    """Say what a diagnosis of the ensemble found, in a line."""
+    if account.diagnosis is not None:
+        names = ", ".join(each.name for each in account.diagnosis.findings)
+        say(f"diagnosis: {account.diagnosis.verdict}{f': {names} (report.html says what to do)' if names else ''}")
 
 
 def _show_reflex(found: Comparison) -> None:
     """Say whether the data show a reflex that some of the methods take for stiffness."""
     from tvsysid.quality import find_reflex
+    from tvsysid.report.answer import one_pathway
 
-    one_path = [
-        label
-        for label, model in found.models.items()
-        if "reflex" not in getattr(found.methods[label], "pathway_names", ()) and "reflex_gain" not in model.estimates
-    ]
+    one_path = one_pathway(found)
     reflex = find_reflex(found.ensemble)
     if one_path and reflex.found:
         remark(
@@ -302,7 +287,7 @@ def _show_reflex(found: Comparison) -> None:
 
 def _write_scheduled(found: Comparison, out: Path, title: str) -> list[str]:
     """Write what was estimated over variables, and draw it over the first of them; returns the names of the files."""
-    from tvsysid.figures import save, scheduled_estimates
+    from tvsysid.figures import scheduled_estimates
     from tvsysid.recordings import whole_file
 
     table = found.over_variables()
@@ -313,9 +298,7 @@ def _write_scheduled(found: Comparison, out: Path, title: str) -> list[str]:
     variable = str(table.variable[0])
     if variable not in found.ensemble.channels:
         return ["scheduled.csv"]
-    figure = scheduled_estimates(found.models, found.ensemble, variable, title)
-    for ending in ("png", "pdf"):
-        save(figure, out / f"scheduled.{ending}")
+    _save(scheduled_estimates(found.models, found.ensemble, variable, title), out / "scheduled")
     return ["scheduled.csv", "scheduled.png", "scheduled.pdf"]
 
 
@@ -323,7 +306,7 @@ def _write_tuning(found: Comparison, out: Path) -> list[str]:
     """Print which settings were chosen, and write all that were tried; returns the names of the files."""
     import pandas as pd
 
-    from tvsysid.figures import save, tuning_curves
+    from tvsysid.figures import tuning_curves
     from tvsysid.methods import Method, typed
     from tvsysid.recordings import whole_file
 
@@ -337,10 +320,16 @@ def _write_tuning(found: Comparison, out: Path) -> list[str]:
     table = pd.concat(tables, ignore_index=True)
     with whole_file(out / "tuning.csv") as file:
         table[["method", *table.columns.drop("method")]].to_csv(file, index=False, float_format="%.6g")
-    figure = tuning_curves(found.evidence)
-    for ending in ("png", "pdf"):
-        save(figure, out / f"tuning.{ending}")
+    _save(tuning_curves(found.evidence), out / "tuning")
     return ["tuning.csv", "tuning.png", "tuning.pdf"]
+
+
+def _save(figure: Figure, stem: Path) -> None:
+    """Write a figure in both of its forms."""
+    from tvsysid.figures import save
+
+    for ending in ("png", "pdf"):
+        save(figure, stem.with_name(f"{stem.name}.{ending}"))
 
 
 def _number(value: float, text: str = "{:.1f}") -> str:

@@ -66,6 +66,8 @@ class Method(ABC):
     key: ClassVar[str]
     title: ClassVar[str]
     assumptions: ClassVar[tuple[str, ...]]
+    differs: ClassVar[str] = ""  # why its stiffness differs from the true one and from other methods', in a sentence
+    cites: ClassVar[tuple[str, ...]] = ()  # keys of tvsysid.methods.references; none of a method that is our own
     inputs: ClassVar[tuple[Input, ...]] = ()  # signals that it needs beside angle and torque; channels of the ensemble
     contiguous: ClassVar[bool] = False  # whether it needs realizations that follow each other in the record
     time_invariant: ClassVar[bool] = False  # whether it takes the joint as constant

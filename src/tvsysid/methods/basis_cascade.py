@@ -73,7 +73,7 @@ class BasisCascade(in_turn.InTurn):
 
     References
     ----------
-    Guarin & Kearney 2017, Front. Comput. Neurosci. 11:35, and 2018, IEEE Trans. Neural Syst. Rehabil. Eng. 26.
+    Guarin & Kearney 2017, Front. Comput. Neurosci. 11:51, and 2018, IEEE Trans. Neural Syst. Rehabil. Eng. 26.
     """
 
     max_lag: float = 0.04
@@ -93,6 +93,11 @@ class BasisCascade(in_turn.InTurn):
         "The intrinsic response ends before the reflex's delay does.",
         "The reflex answers a static function of the velocity, or EMG.",
     )
+    differs: ClassVar[str] = (
+        "It changes as its basis functions can; the pathways are identified in turn, so that each may keep a part"
+        " of the other's torque."
+    )
+    cites: ClassVar[tuple[str, ...]] = ("guarin2017", "guarin2018")
 
     def __post_init__(self) -> None:
         base.check_positive(self, max_lag=self.max_lag, memory=self.memory)

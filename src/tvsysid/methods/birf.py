@@ -76,6 +76,10 @@ class BasisIRF(base.Method):
         "Its change over time is a sum of the basis functions chosen; faster changes are missed.",
         "For stiffness: the joint is of second order (inertia, viscosity, stiffness).",
     )
+    differs: ClassVar[str] = (
+        "It changes as its basis functions can: what changes faster comes out slower, with ripples about a switch."
+    )
+    cites: ClassVar[tuple[str, ...]] = ("guarin2017", "guarin2018", "vanderuit2021")
 
     def __post_init__(self) -> None:
         base.check_positive(self, max_lag=self.max_lag)

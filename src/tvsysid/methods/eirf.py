@@ -66,6 +66,11 @@ class EnsembleIRF(Method):
         "Nothing is assumed of the dynamics, or of how they change in time.",
         "Many realizations are needed: at least as many as lags, better a few hundred.",
     )
+    differs: ClassVar[str] = (
+        "Every time is estimated by itself, with as many unknowns as lags: of few realizations its random error "
+        "is the largest by far, and it explains noise as well."
+    )
+    cites: ClassVar[tuple[str, ...]] = ("macneil1992", "vanderuit2021")
 
     def __post_init__(self) -> None:
         check_positive(self, max_lag=self.max_lag)

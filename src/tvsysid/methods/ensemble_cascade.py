@@ -71,6 +71,11 @@ class EnsembleCascade(in_turn.InTurn):
         "The intrinsic response ends before the reflex's delay does.",
         "Many realizations are needed: without a window, 500 to 800.",
     )
+    differs: ClassVar[str] = (
+        "It is a mean over its window, with a large random error of few realizations; the pathways are identified"
+        " in turn."
+    )
+    cites: ClassVar[tuple[str, ...]] = ("ludvig2011",)
 
     def __post_init__(self) -> None:
         base.check_positive(self, max_lag=self.max_lag, memory=self.memory)

@@ -67,6 +67,10 @@ class ModalDecomposition(base.Method):
         "Nothing else moves it; its impedance hardly changes within a window.",
         "Behaviour is the same in all realizations.",
     )
+    differs: ClassVar[str] = (
+        "It is read from how the joint rings after each impulse, and means nothing where that dies away within a cycle."
+    )
+    cites: ClassVar[tuple[str, ...]] = ("piovesan2012",)
     uses_recorded_angle: ClassVar[bool] = True
     perturbation: ClassVar[str] = "pulses:duration=0.02,interval=1"
     system: ClassVar[str] = (

@@ -75,6 +75,11 @@ class ParallelCascade(base.Method):
         "The intrinsic response ends before the reflex's delay does; nothing else is assumed of either's dynamics.",
         "The reflex answers a static function of the velocity.",
     )
+    differs: ClassVar[str] = (
+        "It is one constant, some mean where the joint changes; the pathways are identified in turn, so that each"
+        " may keep a part of the other's torque."
+    )
+    cites: ClassVar[tuple[str, ...]] = ("kearney1997",)
     quantities: ClassVar[tuple[str, ...]] = ("reflex_gain",)
     pathway_names: ClassVar[tuple[str, ...]] = ("intrinsic", "reflex")
     uses_recorded_angle: ClassVar[bool] = True

@@ -67,6 +67,10 @@ class ShortDataSegments(Method):
         "The joint is constant over a short window, which limits the fastest change that is seen.",
         "Nothing is assumed of the dynamics.",
     )
+    differs: ClassVar[str] = (
+        "It is a mean over its window: what changes faster comes out slower, a switch as a ramp as long as the window."
+    )
+    cites: ClassVar[tuple[str, ...]] = ("ludvig2012", "vanderuit2021")
 
     def __post_init__(self) -> None:
         check_positive(self, max_lag=self.max_lag, window=self.window)

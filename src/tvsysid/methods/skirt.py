@@ -67,6 +67,8 @@ class SkirtDecomposition(base.Method):
         "Impedance changes over a realization as a sum of a few harmonics, alike in all realizations.",
         "The joint is of second order, its inertia constant.",
     )
+    differs: ClassVar[str] = "It changes as a few harmonics of the period can: what changes faster comes out slower."
+    cites: ClassVar[tuple[str, ...]] = ("lataire2012",)
     perturbation: ClassVar[str] = "multisine"
 
     def __post_init__(self) -> None:

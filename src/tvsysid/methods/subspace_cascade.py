@@ -116,6 +116,8 @@ class SubspaceCascade(Method):
         "The reflex is a static nonlinearity before a linear system of low order.",
         "The joint does not change, or changes little within the window.",
     )
+    differs: ClassVar[str] = "It is one constant, or a mean over its window, some mean where the joint changes faster."
+    cites: ClassVar[tuple[str, ...]] = ("jalaleddini2017", "jalaleddini2017segments")
 
     def __post_init__(self) -> None:
         check_positive(self, delay=self.delay, horizon=self.horizon)

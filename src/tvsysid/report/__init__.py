@@ -1,8 +1,11 @@
-"""A study, an experiment or a diagnosis as one page: what was done, what came out, and how to do it again."""
+"""A study, an experiment, an identification or a diagnosis as one page: what was done, and what came out."""
 
+from tvsysid.report.answer import Account
 from tvsysid.report.diagnosis import diagnosis_section, write_diagnosis
 from tvsysid.report.experiment import write_experiment_report
+from tvsysid.report.identification import write_identification
 from tvsysid.report.sections import problems
 from tvsysid.report.study import CLAIMS, write_report
 
-__all__ = ["CLAIMS", "diagnosis_section", "problems", "write_diagnosis", "write_experiment_report", "write_report"]
+__all__ = ["CLAIMS", "Account", "diagnosis_section", "problems", "write_diagnosis", "write_experiment_report"]
+__all__ += ["write_identification", "write_report"]

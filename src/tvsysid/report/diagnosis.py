@@ -98,10 +98,6 @@ def _anchors(diagnoses: Mapping[str, Diagnosis]) -> list[str]:
 
 def _one(name: str, diagnosis: Diagnosis, anchor: str, picture: Picture) -> list[page.Block]:
     """Blocks about one ensemble."""
-    found = [
-        page.Row((f"{each.fault.title} ({each.name})", each.what, each.strength, each.fault.effect, each.fault.remedy))
-        for each in diagnosis.findings
-    ]
     checks = [
         page.Row((each.name, f"{SYMBOLS[each.state]} {each.state}", each.strength, each.what, each.fault.measure))
         for each in diagnosis.checks
@@ -111,7 +107,6 @@ def _one(name: str, diagnosis: Diagnosis, anchor: str, picture: Picture) -> list
         for key, (value, unit) in diagnosis.measures.items()
         if math.isfinite(value)
     ]
-    caption = f"What was found in {name}, what it does to the result, and what to do."
     looked_at = f"All checks of {name}"
     limits = (
         "All that was looked for. A fault is beyond its limit and, where noise reaches it, significant (p < 0.00001)."
@@ -121,12 +116,22 @@ def _one(name: str, diagnosis: Diagnosis, anchor: str, picture: Picture) -> list
         page.Heading(name, anchor),
         f"{diagnosis.ensemble}: {diagnosis.verdict}.",
         *(f"{line[:1].upper()}{line[1:]}." for line in diagnosis.notes),
-        *([page.Table(f"Findings in {name}", caption, FOUND, found)] if found else []),
+        *findings_table(diagnosis, name),
         page.Figure(f"{anchor}-figure", picture),
         page.Heading(looked_at, f"{anchor}-checks", 4),
         page.Table(looked_at, limits, CHECKED, checks),
         page.Table(f"Values about {name}", values, MEASURED, measures),
     ]
+
+
+def findings_table(diagnosis: Diagnosis, name: str) -> list[page.Block]:
+    """What is wrong with an ensemble of this name, what that does to the result, and what to do; none if nothing is."""
+    rows = [
+        page.Row((f"{each.fault.title} ({each.name})", each.what, each.strength, each.fault.effect, each.fault.remedy))
+        for each in diagnosis.findings
+    ]
+    caption = f"What was found in {name}, what it does to the result, and what to do."
+    return [page.Table(f"Findings in {name}", caption, FOUND, rows)] if rows else []
 
 
 def _lower(title: str) -> str:

@@ -118,12 +118,13 @@ class Fold:
 
 @dataclass(frozen=True)
 class Figure:
-    """Picture with its title and description; a number of 0 is not shown."""
+    """Picture with its title and description; a number of 0 is not shown, nor the anchor unless a file is ``saved``."""
 
     kind: ClassVar = "figure"
     anchor: str
     picture: Picture
     number: int = 0
+    saved: bool = True
 
     @property
     def source(self) -> str:

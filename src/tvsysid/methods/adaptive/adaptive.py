@@ -110,6 +110,10 @@ class AdaptiveRegression(base.Method):
         "functions of time that stiffness is a sum of are known, birf with these is more exact.",
         "Noise of the torque does not move the angle (no closed loop).",
     )
+    differs: ClassVar[str] = (
+        "How fast stiffness changes is found from the data, and the band counts how unsure that is; where a "
+        "reflex is shown, its torque is no stiffness."
+    )
 
     def skip(self, ensemble: Ensemble) -> str | None:
         """Too few realizations, or samples of one."""

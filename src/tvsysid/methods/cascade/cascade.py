@@ -112,6 +112,11 @@ class JointCascade(base.Method):
         "The reflex answers the velocity of stretch beyond a threshold, through a muscle of second order.",
         "Behaviour is the same in all realizations, and periodic; without a period, that of a realization.",
     )
+    differs: ClassVar[str] = (
+        "The torque of the reflex is taken out of the stiffness, in which methods of one pathway leave it; "
+        "harmonics of the period smooth a switch."
+    )
+    cites: ClassVar[tuple[str, ...]] = ("kearney1997",)
     quantities: ClassVar[tuple[str, ...]] = ("reflex_gain",)
     pathway_names: ClassVar[tuple[str, ...]] = ("intrinsic", "reflex")
     takes_deviations: ClassVar[bool] = True

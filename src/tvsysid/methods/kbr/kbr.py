@@ -135,6 +135,11 @@ class KernelRegression(Method):
         "The joint is of second order (or of the order given), with at most one lag of the torque.",
         "The record is continuous; one realization is enough, more are better.",
     )
+    differs: ClassVar[str] = (
+        "Its kernel says beforehand how smooth and how periodic stiffness is: a switch comes out smooth, with "
+        "ripples beside it."
+    )
+    cites: ClassVar[tuple[str, ...]] = ("lataire2017", "cavallo2020", "vanderuit2021")
 
     def __post_init__(self) -> None:
         check_choice(self, "weighting", Weights)

@@ -204,6 +204,10 @@ class ScheduledIRF(Scheduled):
         "It does so as a polynomial.",
         "The intrinsic response ends before the reflex's delay does.",
     )
+    differs: ClassVar[str] = (
+        "It follows the measured variable as a polynomial: what changes for another reason is averaged over."
+    )
+    cites: ClassVar[tuple[str, ...]] = ("sobhani2013", "sobhani2015")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -235,6 +239,10 @@ class ScheduledImpedance(Scheduled):
         "Stiffness, viscosity and reflex do so as polynomials; inertia is constant.",
         "The joint is of second order (inertia, viscosity, stiffness).",
     )
+    differs: ClassVar[str] = (
+        "It follows the measured variable as a polynomial: what changes for another reason is averaged over."
+    )
+    cites: ClassVar[tuple[str, ...]] = ("sobhani2013", "sobhani2015")
 
     def _lags(self, ensemble: Ensemble) -> int:
         return 0

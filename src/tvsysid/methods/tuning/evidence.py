@@ -28,7 +28,15 @@ BASES: tuple[Basis, ...] = (
     *(HaarWavelets(functions) for functions in (2, 4, 8, 16, 32)),
 )
 MOST = 500  # coefficients of the largest model that is tried
-OF_THE_METHOD = {"key", "assumptions", "inputs", "contiguous", "skip"}  # what holds with any settings
+OF_THE_METHOD = {
+    "key",
+    "assumptions",
+    "inputs",
+    "contiguous",
+    "skip",
+    "differs",
+    "cites",
+}  # what holds with any settings
 OF_THE_METHOD |= {"quantities", "pathway_names", "scheduled_quantities"}
 CLEARLY = 3.0  # log evidence by which a basis must be better than the one given to be chosen: 20 to 1
 

@@ -1,0 +1,142 @@
+"""What an identification found, in sentences and rows: what the command line prints, and pages show."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from tvsysid.comparison import Comparison
+from tvsysid.errors import DataQualityWarning
+from tvsysid.figures.words import unit_name
+from tvsysid.methods.adaptive.model import AdaptiveModel, Switch
+from tvsysid.methods.adaptive.words import FAINT, changes
+from tvsysid.models import Model
+from tvsysid.quality import Diagnosis
+from tvsysid.signals import Array
+
+IMPEDANCE_UNITS = {"stiffness": "N·m/rad", "viscosity": "N·m·s/rad", "inertia": "kg·m²"}
+REFLEX = {"delay": "s", "frequency": "rad/s", "damping": "", "threshold": "rad/s"}  # units of what shapes a reflex
+EXPLAINED = {"vaf": "torque explained", "vaf_intrinsic": "by the intrinsic pathway", "vaf_reflex": "by the reflex"}
+EXPLAINED |= {"vaf_held_out": "of realizations held out", "vaf_folds": "of five folds held out"}
+
+
+@dataclass(frozen=True, eq=False)
+class Account:
+    """All that is known of an identification.
+
+    What was ``found``; the ``held_out`` VAF of :meth:`tvsysid.Comparison.held_out_vaf`, if it was computed; the
+    ``diagnosis`` of the same ensemble, or why there is none (``undiagnosed``); the ``source`` of the data, as rows of a
+    table (``{"file": "ankle.mat", "angle": "channel pos"}``).
+    """
+
+    found: Comparison
+    held_out: Mapping[str, Array] = field(default_factory=dict)
+    diagnosis: Diagnosis | None = None
+    undiagnosed: str = "nobody looked"
+    source: Mapping[str, str] = field(default_factory=dict)
+
+    def held_out_mean(self, label: str) -> float:
+        """Held-out VAF of a method in per cent, the mean over realizations; NaN where it is not known."""
+        return mean_of(self.held_out.get(label, np.array([])))
+
+
+class Further(NamedTuple):
+    """An estimate beside impedance over time: of which method, what, its unit, over which axes, and its values."""
+
+    method: str
+    quantity: str
+    unit: str
+    over: str
+    values: Array
+    half_band: float
+
+
+def mean_of(values: Array) -> float:
+    """Mean of what is known; NaN where nothing is."""
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if known.size else float("nan")
+
+
+def answer(found: Comparison) -> list[str]:
+    """Stiffness by the method to go by, its switches, and how it changes between them."""
+    label = found.leading
+    model = found.models[label]
+    known = model.stiffness[np.isfinite(model.stiffness)]
+    if not known.size:
+        return [f"{label} estimates no stiffness over time"]
+    lower, upper = found.bands[label]["stiffness"]
+    band = mean_of(upper - lower) / 2
+    role = ", the one to go by" if isinstance(model, AdaptiveModel) else ""
+    lines = [
+        f"stiffness by {label}{role}: {known.min():.1f} to {known.max():.1f} N·m/rad, {known.mean():.1f} on average, "
+        + (f"95 % band ± {band:.1f}" if np.isfinite(band) else "without a band")
+    ]
+    return lines + (changes(model) if isinstance(model, AdaptiveModel) else [])
+
+
+def switches(model: Model, quantity: str = "stiffness") -> list[Switch]:
+    """Sudden changes that were found; none by a method that does not look for them."""
+    found = getattr(model, "switches", ())
+    return [each for each in found if each.quantity == quantity and each.probability >= FAINT]
+
+
+def why_leading(found: Comparison) -> str:
+    """Why it is this method whose stiffness to report."""
+    label = found.leading
+    if isinstance(found.models[label], AdaptiveModel):
+        return (
+            f"{label} is the method to go by: it has no settings that could be chosen wrongly, and its band counts how "
+            "unsure it is of how fast stiffness changes, and of when it switches."
+        )
+    missing = {"skipped": found.skipped, "failed": found.failed}
+    reasons = [f"adaptive is {how}: {each['adaptive']}. " for how, each in missing.items() if "adaptive" in each]
+    if len(found.models) == 1:
+        return f"{''.join(reasons)}{label} is the only method that was used."
+    return f"{''.join(reasons)}{label} comes first among the methods that were asked for; the data did not choose it."
+
+
+def taken(seconds: float) -> str:
+    """What is done about a delay of the torque, in words."""
+    return f"the torque is taken {abs(1000 * seconds):.3g} ms {'earlier' if seconds > 0 else 'later'}"
+
+
+def further(found: Comparison) -> Iterator[Further]:
+    """What the methods estimate beside stiffness, viscosity and inertia over time."""
+    for label, model in found.models.items():
+        for name, estimate in model.estimates.items():
+            if name in IMPEDANCE_UNITS and set(estimate.axes) <= {"realization", "time"}:
+                continue
+            half, error = float("nan"), estimate.standard_error
+            if error is not None and np.isfinite(error.values).any():
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore", DataQualityWarning)  # that there is none
+                    lower, upper = estimate.band()
+                half = float(np.nanmean(upper - lower)) / 2
+            known = estimate.values[np.isfinite(estimate.values)]
+            over = ", ".join(estimate.axes)
+            yield Further(label, name.replace("_", " "), unit_name(estimate.unit), over, known, half)
+
+
+def reflex_shape(details: Mapping[str, float]) -> str:
+    """Delay, muscle and threshold of a reflex, and how much of the torque each pathway explains."""
+    found = []
+    for name, unit in REFLEX.items():
+        if name in details:
+            error = details.get(f"{name}_error")
+            spread = "" if error is None else f" ± {1.96 * error:.2g}"
+            found.append(f"{name} {details[name]:.3g}{spread} {unit}".rstrip())
+    shares = [f"{words} {details[name]:.1f} %" for name, words in EXPLAINED.items() if name in details]
+    return "; ".join(part for part in (", ".join(found), ", ".join(shares)) if part)
+
+
+def one_pathway(found: Comparison) -> list[str]:
+    """Labels of the methods that take a reflex for stiffness."""
+    return [
+        label
+        for label, model in found.models.items()
+        if "reflex" not in getattr(found.methods[label], "pathway_names", ()) and "reflex_gain" not in model.estimates
+    ]

@@ -1,0 +1,348 @@
+"""The page of one identification: the stiffness to report, how it was found, and how far it can be trusted."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from tvsysid.figures import Illustration, draw_all, identified_impedance
+from tvsysid.figures.words import count, unit_name
+from tvsysid.methods.adaptive.model import AdaptiveModel
+from tvsysid.report import page
+from tvsysid.report.answer import (
+    IMPEDANCE_UNITS,
+    Account,
+    answer,
+    further,
+    mean_of,
+    one_pathway,
+    reflex_shape,
+    switches,
+    taken,
+    why_leading,
+)
+from tvsysid.report.diagnosis import findings_table
+from tvsysid.report.paragraph import methods_bibliography, methods_paragraph, settings_of
+
+BAND = (
+    "At each time, the true value should lie in the band with a probability of 95 %. The band counts noise, and "
+    "nothing that the method smooths away."
+)
+ADAPTIVE_BAND = (
+    "At each time, the true value should lie in the band with a probability of 95 %. The band counts noise, and how "
+    "unsure the method is of how fast stiffness changes and of when it switches."
+)
+VAF = (
+    "VAF is the share of the torque’s variance that a model predicts; a prediction worse than none counts as 0. In "
+    "sample, it is that of the data that the model was identified from, and rises with every parameter, whatever it "
+    "means. Held out, it is that of realizations that the model was not identified from: compare methods by this one. "
+    "Noise of the torque, which nothing predicts, keeps both below 100 %. A high VAF does not make a stiffness right: "
+    "a reflex that is taken for stiffness is predicted too."
+)
+
+
+def write_identification(path: str | Path, account: Account, command: str = "") -> None:
+    """Write one HTML file that says what was identified and how, and needs nothing else.
+
+    Parameters
+    ----------
+    path
+        Of the file, which appears whole or not at all.
+    account
+        What was found, and what is known of it.
+    command
+        What was typed, if it is to be mentioned.
+
+    Examples
+    --------
+    >>> import tempfile, tvsysid as tv
+    >>> simulation = tv.simulate.Joint().simulate(40, perturbation=tv.simulate.PRBS(), snr_db=10, seed=1)
+    >>> ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), period=2.0)
+    >>> ensemble = tv.preprocess.subtract_mean(ensemble)
+    >>> found = tv.compare(ensemble, ["sds", "birf"])
+    >>> account = tv.report.Account(found, found.held_out_vaf(), tv.diagnose(ensemble))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     tv.report.write_identification(f"{folder}/report.html", account)
+    """
+    found = account.found
+    name = account.source.get("file", "an ensemble")
+    pictures = draw_all(_illustrations(account))
+    figures: list[page.Block] = [
+        page.Figure(f"{stem}-figure", picture, place, saved=False)
+        for place, (stem, picture) in enumerate(pictures.items(), 1)
+    ]
+    parts = [
+        _outcome(account, figures[:1]),
+        _made(account),
+        _diagnosed(account),
+        _methods(account, figures[1:]),
+        *_beside(account),
+        _met(account),
+        _paragraph(account),
+        _again(command),
+    ]
+    subtitle = f"{count(len(found.models), 'method')} on {count(len(found.ensemble), 'realization')} of "
+    subtitle += f"{found.ensemble.duration:g} s: stiffness, viscosity and inertia over time."
+    page.write_page(path, page.Page(f"Joint impedance identified from {name}", subtitle, parts))
+
+
+def _illustrations(account: Account) -> dict[str, Illustration]:
+    """The answer alone, and all methods side by side if there are several."""
+    found, label = account.found, account.found.leading
+    shown = {"answer": [label]} | ({"methods": list(found.models)} if len(found.models) > 1 else {})
+    titles = {"answer": f"Impedance over time by {label}", "methods": "Impedance over time by all methods"}
+    texts = {
+        "answer": f"{_sentence('; '.join(answer(found)))} With 95 % bands, and the time-varying VAF below.",
+        "methods": "Each method’s stiffness, viscosity and inertia, with 95 % bands, and its time-varying VAF.",
+    }
+    vaf = found.vaf_over_time()
+    return {
+        stem: Illustration(
+            partial(identified_impedance, {each: found.models[each] for each in labels}, vaf), titles[stem], texts[stem]
+        )
+        for stem, labels in shown.items()
+    }
+
+
+def _outcome(account: Account, figures: list[page.Block]) -> page.Section:
+    """The answer in a box, in pictures and in numbers."""
+    found, label = account.found, account.found.leading
+    first, *rest = answer(found)
+    lines = [_sentence(first), *([_sentence("; ".join(rest))] if rest else [])]
+    lines += [why_leading(found), _trust(account)]
+    reflex = _reflex_found(account)
+    if reflex and label in one_pathway(found):
+        lines.append(f"Part of this stiffness is a reflex: {reflex}.")
+    band = ADAPTIVE_BAND if isinstance(found.models[label], AdaptiveModel) else BAND
+    blocks: list[page.Block] = [page.Box(lines), band, *figures, *_quantities(account), *_switches(account)]
+    return page.Section("outcome", "The stiffness to report", blocks, contents="Stiffness")
+
+
+def _trust(account: Account) -> str:
+    """Held-out VAF and diagnosis in a sentence each."""
+    held_out, inside = account.held_out_mean(account.found.leading), mean_of(account.found.vaf[account.found.leading])
+    sentences = []
+    if math.isfinite(held_out):
+        sentences.append(f"It predicts {held_out:.1f} % of the torque’s variance in realizations that were held out.")
+    elif math.isfinite(inside):
+        sentences.append(f"It predicts {inside:.1f} % of the variance of the torque that it was identified from.")
+    if account.diagnosis is None:
+        sentences.append(f"The data were not diagnosed: {account.undiagnosed}.")
+    else:
+        titles = ", ".join(each.fault.title.lower() for each in account.diagnosis.findings)
+        sentences.append(f"Diagnosis of the data: {account.diagnosis.verdict}{': ' if titles else ''}{titles}.")
+    return " ".join(sentences)
+
+
+def _reflex_found(account: Account) -> str:
+    """What the diagnosis says of a reflex; empty if it found none."""
+    checks = () if account.diagnosis is None else account.diagnosis.findings
+    return next((f"{each.what}; {each.fault.remedy}" for each in checks if each.name == "reflex"), "")
+
+
+def _quantities(account: Account) -> list[page.Block]:
+    """Every quantity over time by the method to go by."""
+    found, label = account.found, account.found.leading
+    model, rows = found.models[label], []
+    for name, (lower, upper) in found.bands[label].items():
+        values = model.over_time(name)
+        if not np.isfinite(values).any():
+            continue
+        low, high = int(np.nanargmin(values)), int(np.nanargmax(values))
+        ends = [
+            cell for at in (low, high) for cell in (page.number(values[at]), page.number(model.time[at], decimals=2))
+        ]
+        unit = IMPEDANCE_UNITS.get(name) or unit_name(model.estimates[name].unit)
+        half = page.number(mean_of(upper - lower) / 2)
+        rows.append(page.Row((name.replace("_", " "), unit, page.number(mean_of(values)), half, *ends)))
+    caption = f"By {label}: mean over time, half width of the pointwise 95 % band (also its mean), and both extremes."
+    columns = [page.Column("quantity"), page.Column("unit")]
+    columns += [page.Column(heading, kind="number") for heading in ("mean", "95 % band, ±")]
+    for end in ("lowest", "highest"):
+        columns += [page.Column(end, kind="number"), page.Column("at", "s", "number")]
+    return [page.Table("What to report", caption, columns, rows, narrow=True)] if rows else []
+
+
+def _switches(account: Account) -> list[page.Block]:
+    """Sudden changes that the method to go by found."""
+    model = account.found.models[account.found.leading]
+    rows = [
+        page.Row(
+            (
+                name,
+                page.number(each.time, decimals=3),
+                f"{each.earliest:.3f} to {each.latest:.3f}",
+                page.number(each.size, 1.96 * each.size_error, 1 if name == "stiffness" else 3),
+                page.number(100 * each.probability, decimals=0),
+            )
+        )
+        for name in IMPEDANCE_UNITS
+        for each in switches(model, name)
+    ]
+    caption = "Sudden changes: when, most probably between which times (95 %), and by how much (± its 95 % band)."
+    columns = [page.Column("quantity"), page.Column("at", "s", "number"), page.Column("between", "s", "number")]
+    columns += [page.Column("change", kind="number"), page.Column("probability", "%", "number")]
+    return [page.Table("Switches", caption, columns, rows, narrow=True)] if rows else []
+
+
+def _made(account: Account) -> page.Section:
+    """Where the data come from, and what was done to them."""
+    ensemble = account.found.ensemble
+    rate, ratio = ensemble.sampling_rate, ensemble.angle_as_recorded.shape[-1]
+    context = f"{ensemble.context / rate:g} s on either side"
+    trials = len(np.unique(np.asarray(ensemble.trials)))
+    rows = {
+        **account.source,
+        "recorded at": f"{rate * ratio:g} Hz",
+        "identified at": f"{rate:g} Hz{', low-pass filtered and decimated' if ratio > 1 else ''}",
+        "realizations": f"{len(ensemble)} of {ensemble.duration:g} s, from {count(trials, 'trial')}",
+        "realizations left out": f"{ensemble.left_out or 'none'}{': no context' if ensemble.left_out else ''}",
+        "context": context,
+        "mean over realizations": "subtracted" if ensemble.mean_subtracted else "not subtracted",
+        "delay between the channels": taken(ensemble.delay_removed) if ensemble.delay_removed else "not corrected",
+        "further channels": ", ".join(ensemble.channels) or "none",
+    }
+    if account.diagnosis is not None:
+        measures = account.diagnosis.measures
+        rows["perturbation"] = (
+            f"{measures['angle RMS'][0]:.3g} rad RMS, 95 % of its power below "
+            f"{measures['bandwidth of the angle'][0]:.3g} Hz"
+        )
+        rows["signal-to-noise ratio"] = f"{measures['signal-to-noise ratio'][0]:.1f} dB, by the diagnosis"
+    columns = page.columns({"what": "", "value": "long"})
+    table = page.Table("Data", "Where the data come from, and what was done to them.", columns, _pairs(rows))
+    return page.Section("data", "How it was found", [table], contents="Data")
+
+
+def _pairs(rows: dict[str, str]) -> list[page.Row]:
+    return [page.Row(pair) for pair in rows.items()]
+
+
+def _diagnosed(account: Account) -> page.Section:
+    """What was found wrong with the data, and what to do about it."""
+    title = "What the diagnosis says"
+    diagnosis = account.diagnosis
+    if diagnosis is None:
+        return page.Section("diagnosis", title, [f"Not diagnosed: {account.undiagnosed}."], contents="Diagnosis")
+    blocks: list[page.Block] = [_sentence(diagnosis.verdict)]
+    blocks += findings_table(diagnosis, account.source.get("file", "the ensemble"))
+    blocks += [_sentence(line) for line in diagnosis.notes]
+    blocks.append(
+        "This is the ensemble as it was identified. tvsysid inspect FILE --diagnose, with the same options, looks at "
+        "the recorded rate, where clipped and lost signals show better, and draws what it sees."
+    )
+    return page.Section("diagnosis", title, blocks, contents="Diagnosis")
+
+
+def _methods(account: Account, figures: list[page.Block]) -> page.Section:
+    """All methods side by side, and why they differ."""
+    found = account.found
+    rows = [
+        page.Row(
+            (
+                row["method"],
+                *(
+                    page.number(row[f"{name} (N·m/rad)"], decimals=1)
+                    for name in ("stiffness", "half_band", "lowest", "highest")
+                ),
+                page.number(row["inertia (kg·m²)"], decimals=4),
+                page.number(row["VAF (%)"], decimals=1),
+                page.number(account.held_out_mean(row["method"]), decimals=1),
+            )
+        )
+        for row in found.summary().to_dict("records")
+    ]
+    unit = "N·m/rad"
+    headings = {"mean": unit, "95 % band, ±": unit, "lowest": unit, "highest": unit, "inertia": "kg·m²"}
+    headings |= {"VAF in sample": "%", "VAF held out": "%"}
+    columns = [page.Column("method", kind="label")]
+    columns += [page.Column(heading, unit, "number") for heading, unit in headings.items()]
+    caption = f"Stiffness, inertia and VAF by each method. {VAF}"
+    table = page.Table("Methods", caption, columns, rows, "methods-table", sortable=len(rows) > 1, narrow=True)
+    return page.Section("methods", "The methods side by side", [table, *figures, _differences(account)], "Methods")
+
+
+def _differences(account: Account) -> page.Table:
+    """Why each method's stiffness differs, with its settings."""
+    rows = []
+    for label, method in account.found.methods.items():
+        if label in account.found.models:
+            title = str(getattr(method, "title", type(method).__name__))
+            differs = getattr(method, "differs", "") or "This is your own method: its assumptions are not known here."
+            rows.append(page.Row((label, title, settings_of(method) or "none", str(differs))))
+    columns = page.columns({"method": "label", "what it is": "", "settings": "label", "its stiffness": "long"})
+    return page.Table("Why they differ", "Why the methods’ stiffness differs, and their settings.", columns, rows)
+
+
+def _beside(account: Account) -> list[page.Section]:
+    """Reflex and what else was estimated; no section if there is nothing."""
+    found = account.found
+    rows = [
+        page.Row(
+            (
+                *(each.method, each.quantity, each.unit, each.over),
+                *(page.number(value) for value in (each.values.mean(), each.half_band)),
+                *(page.number(value) for value in (each.values.min(), each.values.max())),
+            )
+        )
+        for each in further(found)
+        if each.values.size
+    ]
+    shapes = {label: reflex_shape(model.diagnostics.details) for label, model in found.models.items()}
+    told = [f"{label}: {shape}." for label, shape in shapes.items() if shape]
+    if not rows and not told:
+        return []
+    columns = [page.Column(heading, kind="label" if heading == "method" else "") for heading in ("method", "quantity")]
+    columns += [page.Column("unit"), page.Column("over")]
+    columns += [page.Column(heading, kind="number") for heading in ("mean", "95 % band, ±", "lowest", "highest")]
+    caption = "What methods estimate beside stiffness, viscosity and inertia over time."
+    blocks: list[page.Block] = [page.Table("Further estimates", caption, columns, rows, narrow=True)] if rows else []
+    return [page.Section("beside", "Reflex and further estimates", [*blocks, *([page.Bullets(told)] if told else [])])]
+
+
+def _met(account: Account) -> page.Section:
+    """What failed, was skipped, or gave warnings."""
+    found = account.found
+    rows = [page.Row((label, "failed", reason)) for label, reason in found.failed.items()]
+    rows += [page.Row((label, "skipped", reason)) for label, reason in found.skipped.items()]
+    rows += [
+        page.Row((label, "warning", text))
+        for label, model in found.models.items()
+        for text in model.diagnostics.warnings
+    ]
+    columns = page.columns({"method": "label", "what": "", "why": "long"})
+    table = page.Table("Warnings", "What failed, was skipped, or gave a warning.", columns, rows)
+    blocks: list[page.Block] = [table] if rows else ["No method failed, none was skipped, and none gave a warning."]
+    return page.Section("problems", "Warnings", blocks)
+
+
+def _paragraph(account: Account) -> page.Section:
+    """What was done, ready for a paper."""
+    blocks: list[page.Block] = [
+        "For the methods section of a paper. Numbers and settings are those of this identification; say yourself who "
+        "was measured, with which apparatus, doing what.",
+        page.Box([methods_paragraph(account)]),
+        "The publications cited, as BibTeX:",
+        page.Code("BibTeX", methods_bibliography(account)),
+    ]
+    return page.Section("paragraph", "Methods paragraph and references", blocks, contents="For a paper")
+
+
+def _again(command: str) -> page.Section:
+    """How to repeat it, and where the numbers are."""
+    blocks: list[page.Block] = ["This command made the page:", page.Code("Command", command)] if command else []
+    reading = 'import xarray as xr\n\nmodels = xr.open_datatree("models.nc")\nmodels["METHOD"].stiffness  # over time'
+    blocks += [
+        "All estimates with their standard errors and bands are in models.nc beside this page, and over time in "
+        "stiffness.csv. To read them in Python:",
+        page.Code("Reading the results", reading),
+    ]
+    return page.Section("again", "How to repeat it", blocks)
+
+
+def _sentence(text: str) -> str:
+    """Text as a sentence, whose numbers are not parted from their signs and units."""
+    return f"{text[:1].upper()}{text[1:]}.".replace("± ", "±\u00a0").replace(" %", "\u00a0%")

@@ -1,0 +1,135 @@
+"""What was done, as a paragraph for a paper's section on methods, with its bibliography."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import fields, is_dataclass
+
+import numpy as np
+
+from tvsysid import __version__
+from tvsysid.comparison import FOLDS
+from tvsysid.figures.words import count
+from tvsysid.methods.apply import Identifies
+from tvsysid.methods.references import bibliography, cited
+from tvsysid.methods.tuning.evidence import Tuned
+from tvsysid.report.answer import Account, mean_of
+from tvsysid.signals import Ensemble
+
+
+def methods_paragraph(account: Account) -> str:
+    """What was done to the data, by which methods with which settings, and what came out, with citations."""
+    found = account.found
+    first, *others = (found.leading, *(label for label in found.models if label != found.leading))
+    beside = f"; for comparison by {_listed(_named(account, label) for label in others)}" if others else ""
+    sentences = [
+        "Joint impedance was identified from a perturbation experiment with the software tvsysid, version "
+        f"{__version__} (the tvsysid developers; see {cited(['vanderuit2021']).strip('()')}).",
+        *_data(found.ensemble),
+        *_perturbation(account),
+        f"Stiffness, viscosity and inertia were estimated by {_named(account, first)}{beside}.",
+        *_chosen(account),
+        *_results(account, first),
+    ]
+    return " ".join(sentences)
+
+
+def methods_bibliography(account: Account) -> str:
+    """BibTeX of all that the paragraph cites."""
+    keys = [key for method in account.found.methods.values() for key in _cites(method)]
+    return bibliography(["tvsysid", "vanderuit2021", *keys])
+
+
+def settings_of(method: Identifies) -> str:
+    """Settings of a method as they were used, such as ``max_lag=0.12, window=0.1``; empty where it has none.
+
+    Those of None are left out: they turn something off, or let the method find a value.
+    """
+    own = method.method if isinstance(method, Tuned) else method
+    if not is_dataclass(own):
+        return ""
+    values = {item.name: getattr(own, item.name) for item in fields(own) if item.repr}
+    return ", ".join(f"{name}={_short(value)}" for name, value in values.items() if value is not None)
+
+
+def _short(value: object) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _cites(method: Identifies) -> tuple[str, ...]:
+    return tuple(getattr(method, "cites", ()))
+
+
+def _named(account: Account, label: str) -> str:
+    """Method with its settings and where it comes from."""
+    method = account.found.methods[label]
+    title = str(getattr(method, "title", type(method).__name__))
+    said = "; ".join(filter(None, (settings_of(method), cited(_cites(method)).strip("()"))))
+    key = getattr(method, "key", label)
+    return f"{title[:1].lower()}{title[1:]} ({key}{': ' if said else ''}{said})"
+
+
+def _listed(texts: Iterable[str]) -> str:
+    *first, last = texts
+    return f"{'; '.join(first)}; and {last}" if first else last
+
+
+def _data(ensemble: Ensemble) -> list[str]:
+    ratio = ensemble.angle_as_recorded.shape[-1]
+    rate, trials = ensemble.sampling_rate, len(np.unique(np.asarray(ensemble.trials)))
+    lowered = f", low-pass filtered and decimated to {rate:g} Hz" if ratio > 1 else ""
+    cut = (
+        f"Angle and torque, recorded at {rate * ratio:g} Hz in {count(trials, 'trial')}{lowered}, were cut into "
+        f"{count(len(ensemble), 'realization')} of {ensemble.duration:g} s with {ensemble.context / rate:g} s of "
+        "context on either side"
+    )
+    lost = f"; {count(ensemble.left_out, 'realization')} too near the ends of a trial for the context were left out"
+    sentences = [f"{cut}{lost if ensemble.left_out else ''}."]
+    if ensemble.delay_removed:
+        way = "earlier" if ensemble.delay_removed > 0 else "later"
+        sentences.insert(0, f"The torque was taken {abs(1000 * ensemble.delay_removed):.3g} ms {way} than recorded.")
+    if ensemble.mean_subtracted:
+        sentences.append("At each time, the mean over realizations was subtracted from both.")
+    return sentences
+
+
+def _perturbation(account: Account) -> list[str]:
+    if account.diagnosis is None:
+        return []
+    rms, width = (account.diagnosis.measures[name][0] for name in ("angle RMS", "bandwidth of the angle"))
+    return [
+        f"What remained of the angle, the perturbation, had {rms:.3g} rad RMS and 95 % of its power below {width:.3g} "
+        "Hz."
+    ]
+
+
+def _chosen(account: Account) -> list[str]:
+    if not (evidence := account.found.evidence):
+        return []
+    criteria = "; ".join(f"{label} by {item.criterion}" for label, item in evidence.items())
+    return [f"Settings were chosen from the data ({criteria})."]
+
+
+def _results(account: Account, label: str) -> list[str]:
+    """What came out by the method to go by."""
+    found, model = account.found, account.found.models[label]
+    known = model.stiffness[np.isfinite(model.stiffness)]
+    if not known.size:
+        return []
+    lower, upper = found.bands[label]["stiffness"]
+    band = mean_of(upper - lower) / 2
+    sentences = [
+        f"By {label}, stiffness was {known.mean():.1f} N·m/rad on average over time, from {known.min():.1f} to "
+        f"{known.max():.1f}"
+        + (f" (half width of the pointwise 95 % band {band:.1f} on average)." if np.isfinite(band) else ".")
+    ]
+    held_out, inside = account.held_out_mean(label), mean_of(found.vaf[label])
+    if np.isfinite(held_out):
+        folds = min(FOLDS, len(found.ensemble))
+        sentences.append(
+            f"It accounted for {held_out:.1f} % of the variance of the torque in realizations that it was not "
+            f"identified from ({folds} folds of consecutive realizations), and for {inside:.1f} % in those that it was."
+        )
+    elif np.isfinite(inside):
+        sentences.append(f"It accounted for {inside:.1f} % of the variance of the torque that it was identified from.")
+    return sentences

@@ -1,0 +1,99 @@
+"""The page of one identification."""
+
+import re
+
+import numpy as np
+import pytest
+from tests.conftest import ensemble_of
+from tests.report.elements import Elements, section, table
+
+import tvsysid as tv
+from tvsysid.methods import METHODS
+from tvsysid.methods.references import REFERENCES
+from tvsysid.report.paragraph import methods_bibliography, methods_paragraph
+
+
+@pytest.fixture(scope="module")
+def elements(identification_page):
+    return Elements(identification_page.read_text())
+
+
+def test_the_answer_comes_first_with_its_reason(elements):
+    told = section(elements, "outcome")
+    assert told.startswith("The stiffness to report Stiffness by adaptive, the one to go by: ")
+    assert "it has no settings that could be chosen wrongly" in told
+    assert re.search(r"It switches by \+\d+\.\d ± \d\.\d N·m/rad at 0\.\d+ s", told)
+    rows = table(elements, "By adaptive: mean over time")
+    assert "stiffness N·m/rad" in rows
+    assert "inertia kg·m² 0.0" in rows
+    assert "stiffness 0.499 0.4" in table(elements, "Sudden changes")
+
+
+def test_it_says_how_it_was_found_and_what_is_wrong(elements):
+    told = table(elements, "Where the data come from")
+    for text in (
+        "file <ankle>.mat",
+        "recorded at 1000 Hz",
+        "identified at 100 Hz",
+        "realizations 60 of 2 s, from 1 trial",
+    ):
+        assert text in told
+    assert "realizations left out 2: no context" in told
+    diagnosis = section(elements, "diagnosis")
+    assert "No fault found in " in diagnosis
+    assert "Not judged: mean-torque" in diagnosis
+
+
+def test_methods_stand_side_by_side_with_the_vaf_of_realizations_held_out(elements, identified):
+    told = table(elements, "Stiffness, inertia and VAF by each method")
+    for label in ("sds", "eirf"):
+        inside, outside = identified.found.vaf[label].mean(), identified.held_out_mean(label)
+        assert re.search(rf"{label} .* {inside:.1f} {outside:.1f}", told)
+    assert told.endswith(" –none")  # that of adaptive is not known here
+    why = table(elements, "Why the methods’ stiffness differs")
+    assert "max_lag=0.12, window=0.1 It is a mean over its window" in why
+    assert "This is your own method" not in why
+
+
+def test_a_paragraph_is_ready_to_paste(elements, identified):
+    told = methods_paragraph(identified)
+    assert told in section(elements, "paragraph")
+    assert f"version {tv.__version__}" in told
+    assert (
+        "Angle and torque, recorded at 1000 Hz in 1 trial, low-pass filtered and decimated to 100 Hz, were cut into 60 "
+        "realizations of 2 s with 0.5 s of context on either side; 2 realizations too near the ends" in told
+    )
+    assert (
+        "short data segments (sds: max_lag=0.12, window=0.1; Ludvig and Perreault, 2012; van de Ruit et al., 2021)"
+        in told
+    )
+    entries = methods_bibliography(identified)
+    assert re.findall(r"^@\w+\{(\w+),$", entries, re.MULTILINE) == [
+        *("tvsysid", "vanderuit2021", "macneil1992", "ludvig2012"),
+    ]
+    assert entries.count("{") == entries.count("}")
+
+
+def test_it_loads_nothing_and_says_what_was_typed(identification_page, elements):
+    assert not re.search(r'(src|href)="https?:', identification_page.read_text())
+    assert "tvsysid identify ankle.mat &amp;&amp; echo" in identification_page.read_text()
+    anchors = [attrs["id"] for _, attrs, _ in elements.found if "id" in attrs]
+    assert len(anchors) == len(set(anchors))
+
+
+def test_every_method_says_how_its_stiffness_differs_and_cites_what_there_is():
+    for key, method in METHODS.items():
+        assert method.differs.endswith("."), key
+        assert set(method.cites) <= set(REFERENCES), key
+    assert {key for method in METHODS.values() for key in method.cites} | {"tvsysid"} == set(REFERENCES)
+
+
+def test_a_single_realization_has_a_page_too(tmp_path):
+    ensemble = ensemble_of(20.0).select([0])
+    found = tv.compare(ensemble, ["kbr"])
+    account = tv.report.Account(found, found.held_out_vaf(), undiagnosed="one realization")
+    tv.report.write_identification(tmp_path / "report.html", account)
+    told = Elements((tmp_path / "report.html").read_text())
+    assert "kbr is the only method that was used" in section(told, "outcome")
+    assert "Not diagnosed: one realization." in section(told, "diagnosis")
+    assert np.isnan(account.held_out_mean("kbr"))

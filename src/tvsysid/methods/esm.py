@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from tvsysid.errors import InputError
 from tvsysid.methods import base, shared, tuning
 from tvsysid.models import Diagnostics, FrequencyResponseModel
+from tvsysid.numerics.spectra import ShortTimeSpectra
 from tvsysid.signals import Array, Ensemble
 
 Stiffness = Literal["dc", "fit"]
@@ -48,7 +49,8 @@ class EnsembleSpectral(base.Method):
     reference
         Channel with the disturbance that was applied, for a joint in closed loop, whose angle the noise of the torque
         moves too; ``stiffness="fit"``. The cross-spectra are then those with the angle that the reference predicts
-        (:mod:`tvsysid.methods.shared.instrument`), in the response too.
+        (:mod:`tvsysid.methods.shared.instrument`), in the response too, which is NaN at frequencies where the reference
+        does not move the angle. Torque is predicted by the second-order fit.
 
     Notes
     -----
@@ -120,8 +122,10 @@ class EnsembleSpectral(base.Method):
         excited = (spectra.uu > EXCITED * spectra.uu.max(axis=1, keepdims=True)).astype(np.float64)
         # A frequency without any input has no response; the smallest number keeps it finite.
         input_power = np.maximum(spectra.uu, np.finfo(float).tiny)
-        through = input_power if instrument is None else _nonzero(shared.short_time_spectra(moved, angle, length).yu)
-        response: NDArray[np.complex128] = spectra.yu / through
+        response: NDArray[np.complex128] = spectra.yu / input_power
+        if instrument is not None:
+            told = _told(shared.short_time_spectra(moved, angle, length), shared.independent_realizations(ensemble))
+            response, excited = response * told, excited * np.isfinite(told)
         powers = input_power * np.maximum(spectra.yy, np.finfo(float).tiny)
         coherence = np.clip(np.abs(spectra.yu) ** 2 / powers, 0.0, 1.0)
         frequencies = np.asarray(np.fft.rfftfreq(length, 1 / ensemble.sampling_rate), dtype=np.float64)
@@ -143,7 +147,7 @@ class EnsembleSpectral(base.Method):
             agreement = instrument.agreement(ensemble, impedance)
         stiffness, viscosity, inertia = impedance.T
         diagnostics = Diagnostics(float(length), details={"second_order_agreement": agreement})
-        return FrequencyResponseModel(
+        return (FrequencyResponseModel if instrument is None else InstrumentalResponseModel)(
             method=repr(self),
             sampling_rate=ensemble.sampling_rate,
             time=ensemble.time,
@@ -179,6 +183,18 @@ class EnsembleSpectral(base.Method):
 
     def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
         return 1 / self.window, base.EXCITED_ABOVE
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class InstrumentalResponseModel(FrequencyResponseModel):
+    """Frequency response by a reference: NaN where that does not move the angle.
+
+    Its prediction is therefore that of the second-order fit.
+    """
+
+    def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
+        impedance = self.stiffness, self.viscosity, self.inertia
+        return {"intrinsic": np.asarray(sum(map(np.multiply, impedance, ensemble.derivatives())))}
 
 
 class Segments(NamedTuple):
@@ -257,9 +273,14 @@ def _segment_fit(
     return Segments(moments, edges, power, shared.independent_realizations(ensemble), colour), impedance, agreement
 
 
-def _nonzero(values: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Values, of which none is 0."""
-    return np.where(values == 0, np.finfo(float).tiny, values)
+def _told(spectra: ShortTimeSpectra, independent: int) -> NDArray[np.complex128]:
+    """Power of the predicted angle over its cross-spectrum with the angle, (time, frequency).
+
+    NaN where the two are no more coherent than independent signals are in 5 % of cases.
+    """
+    least = 1 - 0.05 ** (1 / max(independent - 1, 1))
+    told = np.abs(spectra.yu) ** 2 > least * spectra.uu * spectra.yy
+    return np.where(told, spectra.uu / np.where(told, spectra.yu, 1.0), np.nan)
 
 
 def window_sums(moments: Array, weights: Array) -> Array:

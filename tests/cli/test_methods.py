@@ -14,17 +14,18 @@ def test_methods_are_listed_with_what_they_assume(tvsysid):
         "birf",
         "esm",
         "kbr",
-        "max_lag = 0.12",
+        "max_lag=0.12",
         "same in all realizations",
         "nearly periodic",
         "For repeated behaviour",
         "For two pathways",
         "For closed loops",
-        "a measured variable that",
+        "For a scheduling variable",
+        "coefficient is constant (Na > 0)",
         "For special perturbations",
-        "needs the disturbance that was applied",
+        "needs: the disturbance that was applied",
         "a perturbation of this kind: multisine",
-        "reports stiffness, viscosity, inertia",
+        "reports: stiffness, viscosity, inertia",
     ):
         assert words in out
 
@@ -50,7 +51,7 @@ def test_installed_methods_are_listed_whatever_is_wrong_with_them(tvsysid, tmp_p
     monkeypatch.syspath_prepend(str(tmp_path))
     code, out, err = tvsysid("methods")
     assert code == 0
-    for words in ("Good [red]method", "order (must be given)", "gain = 2.5", "has no 'Bad'", "Short data segments"):
+    for words in ("Good [red]method", "order (must be given)", "gain=2.5", "has no 'Bad'", "Short data segments"):
         assert words in out
     assert err.startswith("note: 'sds' is offered by the installed package mypackage too")
 

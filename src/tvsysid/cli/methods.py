@@ -10,21 +10,22 @@ def methods() -> None:
     """List the methods by what they are for, with what they need, report and assume, and their settings."""
     from tvsysid.methods import CLOSED_LOOP, clashes, describe, names
 
-    groups: dict[str, list[tuple[str, ...]]] = {}
+    groups: dict[str, list[tuple[str, str]]] = {}
     for text in (*names(), *CLOSED_LOOP):
         try:
             told = describe(text)
         except InputError as error:
-            groups.setdefault("Cannot be loaded", []).append((text, str(error), "", ""))
+            groups.setdefault("Cannot be loaded", []).append((text, str(error)))
             continue
-        needs = f"\nneeds {'; '.join(told.needs)}" if told.needs else ""
-        about = f"{told.title}{needs}\nreports {', '.join(told.reports)}"
-        row = (text.replace(":", ":\n").replace(",", ",\n"), about, "\n".join(f"- {each}" for each in told.assumptions))
-        groups.setdefault(f"For {told.purpose}", []).append((*row, "\n".join(told.settings)))
+        settings = (each.replace(" = ", "=") for each in told.settings)
+        about = {"needs": "; ".join(told.needs), "reports": ", ".join(told.reports)}
+        about |= {"assumes": " ".join(told.assumptions), "settings": ", ".join(settings)}
+        lines = [told.title, *(f"{heading}: {words}" for heading, words in about.items() if words)]
+        row = (text.replace(":", ":\n").replace(",", ",\n"), "\n".join(lines))
+        groups.setdefault(f"For {told.purpose}", []).append(row)
     order = [f"For {each}" for each in ("repeated behaviour", "two pathways", "closed loops")]
     for group in (*order, *(each for each in groups if each not in order)):
-        headings = ["key", "method", "assumes", "settings and defaults"]
-        show_table(group, headings, groups[group], "llll", lines=True)
+        show_table(group, ["key", "method"], groups[group], "ll", lines=True)
     say(
         "Beside realizations of angle and torque. Durations are in s, frequencies in Hz. Settings follow the key: "
         "sds:window=0.2,max_lag=0.1\n"

@@ -63,7 +63,7 @@ def _purpose(method: object) -> str:
     if "reference" in kinds:
         return "closed loops"
     if "scheduling" in kinds:
-        return "a measured variable that is followed"
+        return "a scheduling variable"
     return "two pathways" if len(getattr(method, "pathway_names", ())) > 1 else "repeated behaviour"
 
 

@@ -131,6 +131,18 @@ def undrawn(monkeypatch):
 
 
 @pytest.fixture
+def sketched(monkeypatch):
+    """Each file of a figure is that of an empty one: other tests look at what is in them."""
+    from matplotlib.figure import Figure
+
+    from tvsysid.figures import saving
+
+    empty = {ending: saving.drawn(Figure((3, 2)), ending) for ending in ("svg", "pdf", "png")}
+    monkeypatch.setattr(saving, "drawn", lambda figure, format: empty[format])
+    monkeypatch.setattr("tvsysid.studies.van_de_ruit_2021.folder.helpers", lambda workers: nullcontext())
+
+
+@pytest.fixture
 def few_groups(monkeypatch):
     """What aligning does is found from fewer identifications; `test_alignment.py` has all."""
     monkeypatch.setattr("tvsysid.study.alignment.GROUPS", 3)  # as in `study/recorded/conftest.py`

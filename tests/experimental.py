@@ -9,6 +9,7 @@ import xarray as xr
 
 import tvsysid as tv
 from tvsysid import metrics
+from tvsysid.numerics.bands import mean_known
 
 # Bias in N·m/rad, spread over bootstraps of 75 realizations in N·m/rad, VAF in per cent, time in s.
 METHODS = {
@@ -26,6 +27,7 @@ STEPS = {"alignment": (2, 0.31, 0.25, "s"), "task component": (7, 3.4, 3.0, "SD"
 LATE = 20
 """Further realizations that a PRBS makes come late."""
 RATE = 128.0
+MEASURED = ("estimate", "time_varying_vaf", "vaf", "bandpassed_vaf", "seconds")
 
 
 def results_of(
@@ -142,34 +144,34 @@ def fail(results, reason, recording=None, analysis=None):
 
 def summary_of(results):
     """Rows as those of the study's engine."""
-    rows = []
-    for recording in results.recording.values:
-        for analysis in results.analysis.values:
-            cell = results.sel(recording=recording, analysis=analysis)
-            labels = (
-                str(cell.participant.values), str(cell.perturbation.values), str(cell.method_key.values),
-                int(cell.realizations),
-            )  # fmt: skip
-            rows += [(*labels, *row) for row in _metrics(cell)]
+    rows, stiffness = [], results.sel(quantity="stiffness")
+    every = {name: stiffness[name].values for name in MEASURED}
+    labels = (results.participant, results.perturbation), (results.method_key, results.realizations)
+    recordings, analyses = (list(zip(*(each.values.tolist() for each in pair), strict=True)) for pair in labels)
+    for row, recording in enumerate(recordings):
+        for column, analysis in enumerate(analyses):
+            cell = {name: values[row, column] for name, values in every.items()}
+            rows += [(*recording, *analysis, *each) for each in _metrics(cell, stiffness.truth.values[row])]
     names = ["participant", "perturbation", "method", "realizations", "metric", "value", "unit"]
     return pd.DataFrame(rows, columns=names)
 
 
-def _metrics(cell):
-    estimates, unit = cell.estimate.sel(quantity="stiffness").values, "N·m/rad"
+def _metrics(cell, truth):
+    estimates, unit = cell["estimate"], "N·m/rad"
     known = estimates[:, np.isfinite(estimates).all(axis=0)]
     there = known.size > 0
     yield "mean_stiffness", known.mean() if there else np.nan, unit
     yield "random_error", metrics.random_error(estimates), unit
     for name in ("vaf", "bandpassed_vaf"):
-        yield name, float(cell[name].mean()) if there else np.nan, "%"
-    yield "lowest_time_varying_vaf", float(cell.time_varying_vaf.mean("bootstrap").min()) if there else np.nan, "%"
-    if np.isfinite(cell.truth.sel(quantity="stiffness").values).any():
-        off = (cell.estimate.sel(quantity="stiffness").mean("bootstrap") - cell.truth.sel(quantity="stiffness")).values
-        yield "bias_error", metrics.bias_error(estimates, cell.truth.sel(quantity="stiffness").values), unit
+        yield name, float(np.nanmean(cell[name])) if there else np.nan, "%"
+    lowest = float(mean_known(cell["time_varying_vaf"]).min()) if there else np.nan
+    yield "lowest_time_varying_vaf", lowest, "%"
+    if np.isfinite(truth).any():
+        off = mean_known(estimates) - truth
+        yield "bias_error", metrics.bias_error(estimates, truth), unit
         yield "mean_bias", float(off[np.isfinite(off)].mean()) if there else np.nan, unit
-    yield "seconds", float(cell.seconds), "s"
-    yield "failed", float(np.isnan(cell.vaf.values).sum()), "draws"
+    yield "seconds", float(cell["seconds"]), "s"
+    yield "failed", float(np.isnan(cell["vaf"]).sum()), "draws"
 
 
 def exclusions_of(results):

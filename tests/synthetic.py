@@ -7,6 +7,7 @@ import pandas as pd
 import xarray as xr
 
 from tvsysid import metrics
+from tvsysid.numerics.bands import mean_known
 from tvsysid.simulate import PROFILES
 
 # Half-width of the smoothing in samples, random error at 150 s in N·m/rad, time in s: see docs/simulation.md.
@@ -18,6 +19,7 @@ METHODS = {
     "kbr": (9, 1.9, 0.90),
 }
 TIME = np.arange(200) / 100
+MEASURED = ("estimate", "time_varying_vaf", "covered", "vaf", "bandpassed_vaf", "seconds", "failure")
 DURATIONS = (40.0, 80.0, 150.0, 300.0, 600.0)
 SQUARE = [("square", perturbation, duration, 10.0) for perturbation in ("noise", "prbs") for duration in DURATIONS]
 SINE = [("sine", perturbation, 150.0, 10.0) for perturbation in ("noise", "prbs")]
@@ -102,16 +104,17 @@ def fail(results, method, trial, reason):
 
 def summary_of(results):
     """Rows as those of tvsysid.study.summarize; standard errors only roughly."""
-    rows = []
-    for scenario in results.scenario.values:
-        for method in results.method_key.values:
-            cell = results.sel(scenario=scenario, method_key=method)
-            left = cell.estimate.sel(quantity="stiffness").values[cell.failure.values == ""]
-            labels = (
-                scenario, str(cell.profile.values), str(cell.perturbation.values), float(cell.duration_s),
-                float(cell.snr_db), str(cell.viscosity.values), method, results.sizes["trial"],
-            )  # fmt: skip
-            rows += [(*labels, *row) for row in _metrics(cell, left)]
+    rows, stiffness, trials = [], results.sel(quantity="stiffness"), results.sizes["trial"]
+    every = {name: stiffness[name].values for name in MEASURED}
+    labels = [
+        results[name].values.tolist()
+        for name in ("scenario", "profile", "perturbation", "duration_s", "snr_db", "viscosity")
+    ]
+    for row, label in enumerate(zip(*labels, strict=True)):
+        for column, method in enumerate(results.method_key.values.tolist()):
+            cell = {name: values[row, :, column] for name, values in every.items()}
+            found = _metrics(cell, stiffness.truth.values[row], switches=label[1] == "square")
+            rows += [(*label, method, trials, *each) for each in found]
     names = (
         "scenario", "stiffness", "perturbation", "duration_s", "snr_db", "viscosity", "method", "trials", "metric",
         "value", "standard_error", "unit",
@@ -119,8 +122,8 @@ def summary_of(results):
     return pd.DataFrame(rows, columns=list(names))
 
 
-def _metrics(cell, left):
-    nan, unit, truth = np.nan, "N·m/rad", cell.truth.sel(quantity="stiffness").values
+def _metrics(cell, truth, switches):
+    nan, unit, left = np.nan, "N·m/rad", cell["estimate"][cell["failure"] == ""]
     if len(left) > 1:
         random = metrics.random_error(left)
         error = random / np.sqrt(2 * len(left) * 20)
@@ -128,7 +131,7 @@ def _metrics(cell, left):
         yield "debiased_bias_error", metrics.debiased_bias_error(left, truth), error, unit
         yield "random_error", random, error, unit
         yield "total_error", metrics.total_error(left, truth), error, unit
-        if cell.profile == "square":
+        if switches:
             rise = metrics.rise_time(TIME, left, 60, 140, switch=0.5)
             yield "rise_time", rise, 0.004, "s"
     else:
@@ -137,17 +140,18 @@ def _metrics(cell, left):
         for name in ("debiased_bias_error", "random_error"):
             yield name, nan, nan, unit
         yield "total_error", bias, nan, unit
-    for name in ("vaf", "bandpassed_vaf"):
-        values = cell[name].sel(statistic="mean").dropna("trial").values
+    mean, _, lowest = np.moveaxis(cell["vaf"], -1, 0)
+    for name, means in (("vaf", mean), ("bandpassed_vaf", cell["bandpassed_vaf"][:, 0])):
+        values = means[np.isfinite(means)]
         count = len(values)
         yield name, values.mean() if count else nan, values.std(ddof=1) / count**0.5 if count > 1 else nan, "%"
-    yield "lowest_vaf", float(cell.vaf.sel(statistic="lowest").min()), nan, "%"
-    yield "lowest_time_varying_vaf", float(cell.time_varying_vaf.mean("trial").min()), nan, "%"
-    yield "coverage", 100 * float(cell.covered.mean()), nan, "%"
-    yield "without_band", 100 * float(cell.covered.isnull().mean()), nan, "%"
+    yield "lowest_vaf", float(np.fmin.reduce(lowest)), nan, "%"
+    yield "lowest_time_varying_vaf", float(np.fmin.reduce(mean_known(cell["time_varying_vaf"]))), nan, "%"
+    yield "coverage", 100 * float(mean_known(cell["covered"].ravel())), nan, "%"
+    yield "without_band", 100 * float(np.isnan(cell["covered"]).mean()), nan, "%"
     yield "left_out", 0.0, nan, "samples"
-    yield "failed", float((cell.failure != "").sum()), nan, "trials"
-    yield "seconds", float(cell.seconds.mean()), nan, "s"
+    yield "failed", float((cell["failure"] != "").sum()), nan, "trials"
+    yield "seconds", float(mean_known(cell["seconds"])), nan, "s"
 
 
 def claims():

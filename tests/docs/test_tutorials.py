@@ -62,6 +62,7 @@ def test_the_command_line_tutorial_runs(tvsysid, folder, request):
     assert code == 0
     assert "71680 x 10" in shown
     assert (folder / "tvsysid-inspect" / "P1-noise.mat.png").is_file()
+    request.getfixturevalue("sketched")
     code, told, _ = tvsysid(*words_of(experiment))
     assert code == 0
     assert "random" in told

@@ -1,16 +1,16 @@
 import numpy as np
 import pytest
+from tests.drawing import draw
 from tests.synthetic import results_of, summary_of
 
 from tvsysid.errors import InputError
 from tvsysid.figures import error_against_amount
-from tvsysid.figures.saving import drawn
 
 
 def test_lines_over_seconds_of_data(summary):
     rows = summary[summary.stiffness == "square"]
     figure = error_against_amount(rows, "Square wave")
-    drawn(figure, "png")
+    draw(figure)
     grid = np.array(figure.axes).reshape(3, 2)
     assert [axes.get_title() for axes in grid[0]] == ["filtered noise", "PRBS"]
     assert {axes.get_xlabel() for axes in grid[-1]} == {"data (s)"}
@@ -28,7 +28,7 @@ def test_lines_over_seconds_of_data(summary):
 def test_noise_where_only_noise_varies():
     snr = (0.0, 10.0, 20.0, np.inf)
     figure = error_against_amount(summary_of(results_of([("sine", "noise", 40.0, db) for db in snr], trials=2)))
-    drawn(figure, "png")
+    draw(figure)
     assert figure.axes[-1].get_xlabel() == "signal-to-noise ratio (dB)"
     assert figure.axes[0].get_xscale() == "linear"
     np.testing.assert_array_equal(figure.axes[-1].get_xticks(), [0, 10, 20])
@@ -36,7 +36,7 @@ def test_noise_where_only_noise_varies():
 
 def test_missing_values_and_one_trial_are_drawn():
     results = results_of([("square", "noise", duration, 10.0) for duration in (40.0, 80.0)], ("sds",), trials=1)
-    drawn(error_against_amount(summary_of(results)), "svg")
+    draw(error_against_amount(summary_of(results)))
 
 
 def test_two_amounts_at_once_are_refused():

@@ -2,6 +2,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from tests.drawing import draw
 
 from tvsysid.figures import drawn, recorded_channels, style
 from tvsysid.recordings import Channel, outline
@@ -14,7 +15,7 @@ def test_axes_have_units_and_time_where_they_are_stated():
         "tq": (Channel((100, 2), "float64"), [outline(values), outline(-values)]),
     }
     figure = recorded_channels(channels, "ankle_$1$.mat")
-    drawn(figure, "png")
+    draw(figure)
     first, second = figure.axes
     assert [axes.get_title("left") for axes in figure.axes] == ["pos $x$", "tq"]
     assert (first.get_xlabel(), first.get_ylabel()) == ("time (s)", "rad")
@@ -36,13 +37,13 @@ def test_names_are_drawn_letter_by_letter():
 
 def test_powers_of_ten_at_the_ticks_stay_mathematics():
     @style.styled
-    def draw():
+    def powers():
         figure, ((axes,),) = style.panels(1, 1, 3, 3)
         axes.loglog([1, 1e4], [1, 1e9])
         return figure
 
-    figure = draw()
-    drawn(figure, "svg")
+    figure = powers()
+    draw(figure)
     assert all(label.get_parse_math() for label in figure.axes[0].get_yticklabels(which="both"))
 
 

@@ -2,8 +2,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
+from tests.drawing import draw
 from tests.synthetic import METHODS, fail, results_of, summary_of
 
 from tvsysid.figures import method_comparison
@@ -31,7 +31,7 @@ def texts(axes):
 @pytest.fixture(scope="module")
 def figure(results, summary):
     figure = method_comparison(results, summary, NOISE[2:3], NOISE, "Square wave")
-    drawn(figure, "png")
+    draw(figure)
     return figure
 
 
@@ -88,7 +88,6 @@ def test_a_bar_far_above_all_others_is_cut_off_and_its_value_printed(figure, sum
 
 
 def test_bars_of_a_method_stand_below_its_column(figure):
-    FigureCanvasAgg(figure).draw()
     above, axes = over_time(figure, 5)[0], bars(figure, 5)[0]
     for column, each in enumerate(above):
         box = each.get_window_extent()
@@ -112,7 +111,7 @@ def test_a_failed_trial_leaves_the_others():
     results = fail(results_of([("square", "noise", 40.0, 10.0)], trials=3), "esm", 1, "no")
     labels = list(results.scenario.values)
     figure = method_comparison(results, summary_of(results), labels, labels)
-    drawn(figure, "svg")
+    draw(figure)
     mean = over_time(figure, 5)[0, 3].lines[1].get_ydata()
     np.testing.assert_allclose(mean, results.estimate.sel(quantity="stiffness").values[0, [0, 2], 3].mean(axis=0))
 
@@ -123,7 +122,7 @@ def test_a_method_that_failed_in_all_trials_says_so():
         fail(results, "esm", trial, "no")
     labels = list(results.scenario.values)
     figure = method_comparison(results, summary_of(results), labels, labels)
-    drawn(figure, "png")
+    draw(figure)
     grid = over_time(figure, 2)
     assert texts(grid[0, 1]) == texts(grid[1, 1]) == ["no estimate"]
     assert [texts(axes) for axes in bars(figure, 2)] == [["–"]] * 5
@@ -134,7 +133,7 @@ def test_a_single_trial_of_a_single_method(profile):
     results = results_of([(profile, "prbs", 150.0, 10.0)], ("sds",), trials=1)
     labels = list(results.scenario.values)
     figure = method_comparison(results, summary_of(results), labels, labels)
-    drawn(figure, "png")
+    draw(figure)
     assert not figure.axes[0].collections  # no spread of one trial
     assert [axes.get_ylabel().partition("\n")[0] for axes in figure.axes] == [
         "stiffness", "time-varying VAF", "bias error", "total error", "VAF",
@@ -155,7 +154,7 @@ def test_eight_methods_with_long_labels_do_not_overlap():
     results = results_of([("square", "prbs", 150.0, 10.0)], methods, 2)
     labels = list(results.scenario.values)
     figure = method_comparison(results, summary_of(results), labels, labels)
-    FigureCanvasAgg(figure).draw()
+    draw(figure)
     boxes = [axes.title.get_window_extent() for axes in over_time(figure, 8)[0]]
     for left, right in pairwise(boxes):
         assert left.x1 <= right.x0

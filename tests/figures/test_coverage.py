@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
+from tests.drawing import draw
 from tests.synthetic import SINE, SQUARE, TIME, fail, results_of, summary_of
 
 from tvsysid.figures import coverage_over_time
-from tvsysid.figures.saving import drawn
 from tvsysid.figures.style import lines
 from tvsysid.studies.van_de_ruit_2021 import study_figures
 
@@ -32,7 +32,7 @@ def legend(figure):
 
 def test_share_of_trials_over_time(made):
     figure = coverage_over_time(made, [LABEL], "Bands")
-    drawn(figure, "png")
+    draw(figure)
     shown = shares(figure)
     assert list(shown) == ["sds", "esm", "kbr"]
     assert legend(figure) == ["sds", "esm", "kbr", "nominal"]
@@ -56,7 +56,7 @@ def test_no_line_without_bands_and_trials_without_one_do_not_count(made):
     made.covered[0, :, 0] = np.nan
     made.covered[0, 1, 1, :, :50] = np.nan
     figure = coverage_over_time(made, [LABEL])
-    drawn(figure, "svg")
+    draw(figure)
     shown = shares(figure)
     assert legend(figure) == ["esm", "kbr", "nominal"]
     assert list(shown) == ["esm", "kbr"]
@@ -87,7 +87,7 @@ def test_failed_trials_do_not_count(made):
 def test_both_perturbations_side_by_side():
     results = results_of(SINE, trials=2)
     figure = coverage_over_time(results, list(results.scenario.values))
-    drawn(figure, "png")
+    draw(figure)
     assert [axes.get_title() for axes in figure.axes] == ["filtered noise", "PRBS", "", ""]
 
 

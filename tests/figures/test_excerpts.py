@@ -1,4 +1,5 @@
 import numpy as np
+from tests.drawing import draw
 from tests.experimental import excerpts_of, results_of
 
 from tvsysid.figures import recorded_signals
@@ -9,7 +10,7 @@ from tvsysid.figures.style import TARGET
 def test_angle_and_torque_with_the_target_over_ten_seconds():
     given = excerpts_of(results_of(("P1",), methods=("sds",), bootstraps=1))
     figure = recorded_signals({"filtered noise": given["P1-noise"], "PRBS": given["P1-prbs"]}, "Signals")
-    drawn(figure, "png")
+    draw(figure)
     angle, torque, _, last = figure.axes
     assert [axes.get_title(loc="left") for axes in figure.axes] == ["filtered noise"] * 2 + ["PRBS"] * 2
     assert (angle.get_ylabel(), torque.get_ylabel()) == ("angle (rad)", "torque (N·m)")

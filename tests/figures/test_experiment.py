@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from tests.drawing import draw
 from tests.experimental import experiment_of, fail, results_of, summary_of
 from tests.virtual import prepared
 
@@ -72,7 +73,7 @@ def test_a_single_record_of_walking():
     shown = experiment_figures(one.results, one.summary, {}, {})
     assert list(shown) == ["stiffness", "participant", "variance-and-spread"]
     for each in shown.values():
-        drawn(each.draw(), "png")
+        draw(each.draw())
         assert "truth" not in each.description
         assert "true stiffness" not in each.description
     assert "30 x 1.5 s of data" in shown["stiffness"].description
@@ -84,7 +85,7 @@ def test_when_everything_failed():
     failed = fail(results_of(methods=("sds", "kbr")), "no")
     shown = experiment_figures(failed, summary_of(failed), {}, {})
     for each in shown.values():
-        drawn(each.draw(), "png")
+        draw(each.draw())
         assert "nan" not in each.description
     assert list(shown) == ["participants", "participant", "variance-and-spread"]
 
@@ -95,7 +96,7 @@ def test_some_recordings_failed():
     shown = experiment_figures(failed, summary_of(failed), {}, {})
     assert np.isfinite(failed.truth.sel(quantity="stiffness").values).any()
     for each in shown.values():
-        drawn(each.draw(), "png")
+        draw(each.draw())
         assert "nan" not in each.description
 
 

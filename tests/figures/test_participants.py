@@ -1,11 +1,10 @@
 import numpy as np
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
+from tests.drawing import draw
 from tests.experimental import METHODS, fail, results_of
 
 from tvsysid import InputError
 from tvsysid.figures import participant_in_detail, stiffness_of_participants, stiffness_with_bands
-from tvsysid.figures.saving import drawn
 from tvsysid.figures.style import TRUTH, lines
 
 HUES = {method: hue for method, (hue, _) in lines(list(METHODS)).items()}
@@ -20,7 +19,7 @@ def results():
 def detail(results):
     """Of P2, drawn."""
     figure = participant_in_detail(results, "P2", "P2")
-    drawn(figure, "png")
+    draw(figure)
     return figure
 
 
@@ -38,7 +37,7 @@ def legend(figure):
 
 def test_every_participant_has_a_column_and_every_perturbation_a_row(results):
     figure = stiffness_of_participants(results, "All")
-    drawn(figure, "png")
+    draw(figure)
     noise, prbs, torque = np.array(figure.axes).reshape(3, 3)
     assert [axes.get_title() for axes in noise] == ["P1", "P2", "P3"]
     assert noise[0].get_ylabel() == "filtered noise\nstiffness\n(N·m/rad)"
@@ -76,7 +75,7 @@ def test_torque_below(results):
 def test_of_a_failed_recording_nothing_is_drawn():
     failed = fail(results_of(methods=("sds", "esm")), "InputError: too short", recording="P2-noise")
     figure = stiffness_of_participants(failed)
-    drawn(figure, "svg")
+    draw(figure)
     assert figure.axes[1].lines[:] == []
     assert texts(figure.axes[1]) == ["no estimate"]
     assert labelled(figure.axes[7], "P2-noise") == []
@@ -92,14 +91,14 @@ def test_a_failed_method_is_left_out_and_others_stay(results):
 
 def test_a_recording_that_was_never_made_says_so(results):
     figure = stiffness_of_participants(results.sel(recording=["P1-noise", "P1-prbs", "P2-prbs"]))
-    drawn(figure, "png")
+    draw(figure)
     assert texts(figure.axes[1]) == ["not recorded"]
 
 
 def test_without_truth_and_target_neither_is_mentioned():
     results = results_of(("S1",), ("noise",), ("sds", "esm"), truth=False, target=False)
     for figure in (stiffness_of_participants(results), participant_in_detail(results, "S1")):
-        drawn(figure, "png")
+        draw(figure)
         assert not {"truth", "torque to be followed"} & set(legend(figure))
     nothing = results.assign(mean_torque=results.mean_torque * np.nan)
     assert len(stiffness_of_participants(nothing).axes) == 1
@@ -110,7 +109,7 @@ def test_without_truth_and_target_neither_is_mentioned():
 def test_many_participants_are_shown_six_abreast():
     results = results_of(tuple(f"P{n}" for n in range(1, 14)), ("noise",), ("sds",), (75,), bootstraps=2)
     figure = stiffness_of_participants(results)
-    drawn(figure, "png")
+    draw(figure)
     shown = [axes for axes in figure.axes if axes.axison]
     assert len(shown) == 2 * 13
     assert {axes.get_title() for axes in shown} == {f"P{n}" for n in range(1, 14)} | {""}
@@ -121,7 +120,7 @@ def test_many_participants_are_shown_six_abreast():
 def test_a_period_of_walking_and_other_amounts():
     results = results_of(("S1",), ("steps",), ("birf", "own:Method"), (30,), bootstraps=1, period=1.5)
     figure = stiffness_of_participants(results)
-    drawn(figure, "png")
+    draw(figure)
     assert figure.axes[0].get_xlim() == (0, 1.5)
     assert figure.axes[0].get_ylabel().startswith("steps\n")
     assert legend(figure)[:2] == ["birf, 30 x 1.5 s", "own:Method, 30 x 1.5 s"]
@@ -205,7 +204,7 @@ def test_times_without_an_estimate_stay_empty(results):
 def test_a_failed_method_in_detail():
     failed = fail(results_of(("P1",), methods=("sds", "esm")), "no", analysis="esm-75")
     figure = participant_in_detail(failed, "P1")
-    drawn(figure, "png")
+    draw(figure)
     assert texts(figure.axes[1]) == texts(figure.axes[5]) == ["no estimate"]
     assert labelled(figure.axes[1], "mean") == []
     assert len(labelled(figure.axes[0], "mean")) == 1
@@ -213,7 +212,7 @@ def test_a_failed_method_in_detail():
 
 def test_bands_of_one_recording_in_one_row(results):
     figure = stiffness_with_bands(results, "P3-prbs")
-    FigureCanvasAgg(figure).draw()
+    draw(figure)
     assert figure.get_figwidth() == pytest.approx(18 / 2.54, abs=0.01)  # two columns of a journal
     assert len(figure.axes) == 6
     chosen = results.estimate.sel(quantity="stiffness").sel(recording="P3-prbs", analysis="birf-75").values

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex
+from tests.drawing import draw
 from tests.virtual import prepared, simulated
 
 from tvsysid.figures import preparation_steps
@@ -60,7 +61,7 @@ def test_target_and_limits_are_drawn_and_axes_have_units(figure):
 )
 def test_steps_that_were_not_taken_are_not_drawn(settings, titles, legend):
     figure = preparation_steps(prepare(simulated(1).recording, **settings))
-    drawn(figure, "png")
+    draw(figure)
     assert [axes.get_title().partition(":")[0] for axes in figure.axes[2:]] == titles
     shown = [text.get_text() for text in figure.legends[0].texts]
     assert legend in shown

@@ -1,16 +1,15 @@
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
+from tests.drawing import draw
 from tests.synthetic import responses_of
 
 from tvsysid.figures import impulse_responses
-from tvsysid.figures.saving import drawn
 from tvsysid.figures.style import lines
 
 
 def test_truth_below_and_methods_dashed_in_their_colours():
     responses = responses_of()
     figure = impulse_responses(responses, "Impulse responses")
-    drawn(figure, "png")
+    draw(figure)
     assert [axes.get_title() for axes in figure.axes] == ["k = 50 N·m/rad, at 0.25 s", "k = 150 N·m/rad, at 1 s"]
     assert figure.axes[0].get_ylabel() == "impulse response (N·m/(rad·s))"
     for number, axes in enumerate(figure.axes):
@@ -25,7 +24,7 @@ def test_truth_below_and_methods_dashed_in_their_colours():
 def test_long_labels_and_one_instant():
     methods = ("sds:window=0.2,max_lag=0.1", "mine:AMethodWithANameThatHardlyEverSeemsToEnd", "eirf", "birf", "own")
     figure = impulse_responses(responses_of(methods).isel(instant=[0]))
-    FigureCanvasAgg(figure).draw()
+    draw(figure)
     legend = figure.legends[0].get_window_extent()
     assert legend.y1 <= figure.axes[0].get_window_extent().y0
     assert legend.x0 >= 0

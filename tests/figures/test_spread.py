@@ -2,12 +2,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
+from tests.drawing import draw
 from tests.experimental import METHODS, experiment_of, fail, results_of, summary_of
 
 from tvsysid.figures import error_against_truth, variance_and_spread
-from tvsysid.figures.saving import drawn
 from tvsysid.figures.style import lines
 
 
@@ -19,7 +18,7 @@ def experiment():
 @pytest.fixture(scope="module")
 def figure(experiment):
     figure = variance_and_spread(experiment.summary, "Spread")
-    drawn(figure, "png")
+    draw(figure)
     return figure
 
 
@@ -75,7 +74,7 @@ def test_whiskers_stay_within_what_is_possible(experiment):
 def test_nothing_is_invented_for_what_failed():
     failed = fail(results_of(methods=("esm", "kbr")), "no", analysis="esm-150")
     figure = variance_and_spread(summary_of(failed))
-    drawn(figure, "svg")
+    draw(figure)
     for axes in figure.axes:
         assert len(axes.patches) == 3
         assert [text.get_text() for text in axes.texts] == ["–"]
@@ -84,7 +83,7 @@ def test_nothing_is_invented_for_what_failed():
 def test_one_participant_one_perturbation_one_amount():
     one = experiment_of(participants=("S1",), perturbations=("steps",), methods=("own:Way",), amounts=(30,))
     figure = variance_and_spread(one.summary)
-    drawn(figure, "png")
+    draw(figure)
     assert len(figure.axes) == 3
     assert figure.axes[0].get_title(loc="left") == ""
     assert [label.get_text() for label in figure.axes[0].get_xticklabels()] == ["own:Way\n30"]
@@ -95,14 +94,14 @@ def test_one_participant_one_perturbation_one_amount():
 @pytest.mark.slow
 def test_thirty_participants():
     many = experiment_of(participants=tuple(f"P{n}" for n in range(30)), methods=("sds", "esm"), bootstraps=2)
-    drawn(variance_and_spread(many.summary), "png")
-    drawn(error_against_truth(many.results, many.summary), "png")
+    draw(variance_and_spread(many.summary))
+    draw(error_against_truth(many.results, many.summary))
 
 
 def test_error_over_time_and_by_method(experiment):
     results = experiment.results
     figure = error_against_truth(results, experiment.summary, "Error")
-    drawn(figure, "png")
+    draw(figure)
     above, below = figure.subfigs
     grid = np.array(above.axes).reshape(2, 5)
     assert grid[1, 0].get_ylabel() == "PRBS\nestimate − truth\n(N·m/rad)"
@@ -123,14 +122,14 @@ def test_only_those_whose_truth_is_known_count():
     results = results_of(methods=("sds",))
     results["truth"][results.participant.values == "P2"] = np.nan
     figure = error_against_truth(results, summary_of(results))
-    drawn(figure, "png")
+    draw(figure)
     assert len(figure.subfigs[0].axes[0].lines) == 1 + 2 + 1
 
 
 def test_error_of_a_method_that_failed():
     results = fail(results_of(methods=("sds", "esm")), "no", analysis="esm-75")
     figure = error_against_truth(results, summary_of(results))
-    drawn(figure, "png")
+    draw(figure)
     axes = figure.subfigs[0].axes[1]
     assert [text.get_text() for text in axes.texts] == ["no estimate"]
     assert len(axes.lines) == 1
@@ -141,7 +140,7 @@ def test_long_labels_and_many_amounts_do_not_overlap():
     methods = ("eirf", "sds:window=0.2,max_lag=0.1", "own:AMethodWithALongName", "kbr")
     many = experiment_of(participants=("P1", "P2"), methods=methods, amounts=(30, 75, 150, 300), bootstraps=2)
     for figure in (variance_and_spread(many.summary), error_against_truth(many.results, many.summary)):
-        FigureCanvasAgg(figure).draw()
+        draw(figure)
         axes = figure.axes[-1]
         boxes = [label.get_window_extent() for label in axes.get_xticklabels()]
         assert all(left.x1 <= right.x0 for left, right in pairwise(boxes))

@@ -1,4 +1,5 @@
 import pytest
+from tests.drawing import draw
 from tests.synthetic import SINE, SQUARE, responses_of, results_of, summary_of
 
 from tvsysid.figures.saving import drawn
@@ -49,7 +50,7 @@ def test_what_a_study_has_decides_on_its_figures(scenarios, stems):
     shown = study_figures(results, summary_of(results))
     assert list(shown) == stems
     for illustration in shown.values():
-        drawn(illustration.draw(), "png")
+        draw(illustration.draw())
 
 
 def test_covarying_viscosity_has_figures_of_its_own():

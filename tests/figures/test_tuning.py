@@ -1,7 +1,7 @@
 import numpy as np
+from tests.drawing import draw
 
 from tvsysid.figures import tuning_curves
-from tvsysid.figures.saving import drawn
 from tvsysid.methods import Evidence
 
 
@@ -23,7 +23,7 @@ def evidence(better="lower"):
 
 def test_curves_show_how_much_worse_than_the_best_all_else_is():
     figure = tuning_curves({"sds": evidence(), "kbr": evidence("higher")}, "Tuning")
-    drawn(figure, "png")
+    draw(figure)
     assert [axes.get_title() for axes in figure.axes] == ["sds", "kbr"]
     for axes in figure.axes:
         first, second, given, chosen = axes.lines
@@ -38,5 +38,5 @@ def test_curves_show_how_much_worse_than_the_best_all_else_is():
 
 def test_as_many_axes_as_methods():
     figure = tuning_curves({f"method {number}": evidence() for number in range(4)})
-    drawn(figure, "png")
+    draw(figure)
     assert len(figure.axes) == 4

@@ -14,6 +14,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -204,18 +205,24 @@ class Reader:
             self.process.communicate()
 
 
-def attack(folder, seed, numbers):
-    """Outcome of each mutant."""
+@contextmanager
+def reader_of(folder):
+    """Sound files, and a process that has read them."""
     sound = sound_files(folder)
     reader = Reader(folder, [str(folder / name) for name in sound])
     try:
-        for number in numbers:
-            name, content = mutant(sound, seed, number)
-            file = folder / f"mutant-{name}"
-            file.write_bytes(content)
-            yield Outcome(name, number, content, **reader.read(file))
+        yield sound, reader
     finally:
         reader.end()
+
+
+def attack(folder, sound, reader, seed, numbers):
+    """Outcome of each mutant."""
+    for number in numbers:
+        name, content = mutant(sound, seed, number)
+        file = folder / f"mutant-{name}"
+        file.write_bytes(content)
+        yield Outcome(name, number, content, **reader.read(file))
 
 
 def main():
@@ -227,8 +234,9 @@ def main():
     options = parser.parse_args()
     read, refused, found = Counter(), Counter(), Counter()
     slowest, most = Counter(), Counter()
-    with tempfile.TemporaryDirectory() as folder:
-        for outcome in attack(Path(folder), options.seed, range(options.first, options.first + options.count)):
+    numbers = range(options.first, options.first + options.count)
+    with tempfile.TemporaryDirectory() as folder, reader_of(Path(folder)) as (sound, reader):
+        for outcome in attack(Path(folder), sound, reader, options.seed, numbers):
             name = outcome.name
             (found if outcome.wrong else read if outcome.read else refused)[name] += 1
             slowest[name], most[name] = max(slowest[name], outcome.seconds), max(most[name], outcome.bytes)

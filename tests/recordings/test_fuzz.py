@@ -5,7 +5,7 @@ from pathlib import Path
 
 import h5py
 import pytest
-from tests.recordings.fuzzing import SEEDS, Reader, attack, mutant, sound_files
+from tests.recordings.fuzzing import SEEDS, attack, mutant, reader_of, sound_files
 from tests.recordings.mutations import lookup3, with_checksums
 
 SEED, COUNT = 4, 300
@@ -33,10 +33,16 @@ def test_checksums_are_those_of_hdf5(tmp_path):
         assert "roughs" in root
 
 
+@pytest.fixture(scope="module")
+def sound_and_reader(tmp_path_factory):
+    with reader_of(tmp_path_factory.mktemp("sound")) as both:
+        yield both
+
+
 @limited
 @pytest.mark.slow
-def test_damage_is_read_or_refused(tmp_path):
-    outcomes = list(attack(tmp_path, SEED, range(COUNT)))
+def test_damage_is_read_or_refused(tmp_path, sound_and_reader):
+    outcomes = list(attack(tmp_path, *sound_and_reader, SEED, range(COUNT)))
     assert len(outcomes) == COUNT
     assert {outcome.name for outcome in outcomes if outcome.read} == set(SEEDS)
     assert {outcome.name for outcome in outcomes if not outcome.read} == set(SEEDS)
@@ -45,10 +51,6 @@ def test_damage_is_read_or_refused(tmp_path):
 
 @limited
 @pytest.mark.slow
-def test_what_once_did_harm_is_read_or_refused(tmp_path):
-    sound_files(tmp_path)
-    reader = Reader(tmp_path, [str(tmp_path / "ankle.h5")])
-    try:
-        assert {file.name: reader.read(file)["wrong"] for file in FOUND} == {file.name: [] for file in FOUND}
-    finally:
-        reader.end()
+def test_what_once_did_harm_is_read_or_refused(sound_and_reader):
+    _, reader = sound_and_reader
+    assert {file.name: reader.read(file)["wrong"] for file in FOUND} == {file.name: [] for file in FOUND}

@@ -83,6 +83,7 @@ def test_pictures_are_inside(elements):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("sketched")
 def test_the_command_is_told_if_there_is_one(elements, diagnoses, tmp_path):
     assert [text for _, text in elements.of("pre")] == ["tvsysid inspect ankle.mat --diagnose && echo"]
     write_diagnosis(tmp_path / "page.html", {"clean": diagnoses["clean"]})
@@ -97,6 +98,7 @@ def test_what_is_no_diagnosis_by_name_is_told(given, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("sketched")
 def test_a_section_for_another_page(diagnoses):
     section = Elements(f"<main>{diagnosis_section(diagnoses)}</main>")
     assert section.open == []

@@ -167,6 +167,7 @@ def test_draws_that_failed_in_every_analysis_are_no_failed_recording():
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("sketched")
 def test_an_unfinished_study_says_so(tmp_path):
     made = experiment_of(participants=("P1", "P2"), methods=("sds", "esm"))
     fail(made.results, "", analysis="esm-150")
@@ -222,6 +223,7 @@ def test_one_record_without_claims_figures_command_or_attributes(tmp_path, truth
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("sketched")
 def test_when_everything_failed(tmp_path):
     made = experiment_of(methods=("sds", "esm"))
     failed = fail(made.results, "InputError: nothing to read")

@@ -3,6 +3,8 @@
 import pytest
 from tests.report.browsing import look
 
+pytestmark = pytest.mark.slow
+
 CHECKS = """
   seen.width = page.documentElement.scrollWidth;
   seen.images = [...page.images].map((image) => image.complete && image.naturalWidth > 0);
@@ -24,7 +26,6 @@ def seen(browser, experiment_page, tmp_path_factory):
     return look(browser, experiment_page, CHECKS, tmp_path_factory.mktemp("framed"))
 
 
-@pytest.mark.slow
 def test_nothing_breaks_and_pictures_are_shown(seen):
     assert seen["broken"] == []
     assert seen["images"] == [True] * 5

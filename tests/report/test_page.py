@@ -179,6 +179,7 @@ def test_all_methods_of_the_package_are_explained():
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("sketched")
 def test_results_from_a_store_give_the_same_page(tmp_path, study):
     results, summary = study
     few = results.isel(scenario=[0]).sel(method_key=["kbr", HOSTILE])  # one failed in all trials
@@ -190,6 +191,7 @@ def test_results_from_a_store_give_the_same_page(tmp_path, study):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("sketched")
 def test_constant_and_covarying_viscosity_in_one_study(tmp_path):
     scenarios = [("square", "noise", 150.0, 10.0)]
     both = [results_of(scenarios, ("sds", "esm"), 2, viscosity) for viscosity in ("constant", "covarying")]

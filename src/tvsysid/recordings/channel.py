@@ -171,9 +171,9 @@ def outline(values: NDArray[Any], blocks: int = 2000) -> tuple[NDArray[np.int64]
     if len(values) <= 2 * blocks:
         return np.arange(len(values)), values
     edges = np.linspace(0, len(values), blocks + 1).astype(np.int64)
-    blocks_of = [values[first:end] for first, end in pairwise(edges)]
     # NaN counts as the lowest, so that a gap is seen.
-    lowest = [np.argmin(block) for block in blocks_of]
-    highest = [np.argmax(np.nan_to_num(block, nan=-np.inf)) for block in blocks_of]
+    known = np.nan_to_num(values, nan=-np.inf)
+    lowest = [np.argmin(values[first:end]) for first, end in pairwise(edges)]
+    highest = [np.argmax(known[first:end]) for first, end in pairwise(edges)]
     positions = np.unique([edges[:-1] + lowest, edges[:-1] + highest])
     return positions, values[positions]

@@ -107,3 +107,18 @@ def test_the_whole_band_of_the_first_method_is_shown(drawn):
     low, high = axes["reflex gain (N·m·s/rad)"].get_ylim()
     assert low < 20
     assert high > 60
+
+
+def test_what_would_cover_all_is_drawn_by_its_edges_and_cut_off(drawn):
+    models, bands, _ = drawn
+    noise = 400 * np.random.default_rng(0).normal(size=200)
+    estimates = {"stiffness": tv.Estimate(100 + noise, "N m/rad", error=StandardError(np.full(200, 200.0), np.inf))}
+    wild = replace(models["kbr"], estimates=estimates)
+    axes = identified_impedance(models | {"eirf": wild}, {}).axes[0]
+    assert len(axes.collections) == 2
+    low, high = axes.get_ylim()
+    assert high - low < 3 * np.ptp(models["sds"].stiffness)
+    assert low < bands["sds"]["stiffness"][0].min()
+    assert axes.texts[0].get_text().startswith("cut off: eirf (−")
+    (line,) = (line for line in axes.lines if line.get_label() == "eirf")
+    assert line.get_zorder() < min(each.get_zorder() for each in axes.lines if each.get_label() in models)

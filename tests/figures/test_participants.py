@@ -7,7 +7,7 @@ from tvsysid import InputError
 from tvsysid.figures import participant_in_detail, stiffness_of_participants, stiffness_with_bands
 from tvsysid.figures.style import TRUTH, lines
 
-HUES = {method: hue for method, (hue, _) in lines(list(METHODS)).items()}
+HUES = {method: look.hue for method, look in lines(list(METHODS)).items()}
 
 
 @pytest.fixture(scope="module")

@@ -47,7 +47,7 @@ def test_bars_whiskers_and_dots_are_the_participants(figure, experiment):
     axes = figure.axes[5]  # random error with PRBS
     bars, whiskers = axes.patches, axes.containers
     assert len(bars) == 10
-    for place, (method, (hue, _)) in enumerate(lines(list(METHODS)).items()):
+    for place, (method, (hue, *_)) in enumerate(lines(list(METHODS)).items()):
         for number, amount in enumerate((20, 40) if method == "kbr" else (75, 150)):
             each = values(experiment.summary, "prbs", "random_error", method, amount)
             bar = bars[2 * place + number]

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-HUES = {"stiffness": "#0072B2", "viscosity": "#D55E00", "inertia": "#009E73", "reflex_gain": "#CC79A7"}
+HUES = dict(zip(("stiffness", "viscosity", "inertia", "reflex_gain"), style.PALETTE, strict=False))
 LIKELY = 0.05  # probability from which on a switch is drawn
 MOST = 8  # smooth parts that are listed
 WIDE = 0.3  # of the axes, that a switch's label is
@@ -48,8 +48,8 @@ def _over_time(axes: Axes, model: AdaptiveModel, name: str) -> None:
     axes.set_ylim(*_limits(lower, upper, 0.3 * bool(switches)))
     late, last = 0.0, -np.inf  # how far down the last label is, and where: labels of close switches alternate
     for switch in switches:
-        axes.axvspan(switch.earliest, switch.latest, color="#777777", alpha=0.3 * switch.probability, linewidth=0)
-        axes.axvline(switch.time, color="#444444", linestyle="--", linewidth=0.8, alpha=switch.probability)
+        axes.axvspan(switch.earliest, switch.latest, color=style.GREY, alpha=0.3 * switch.probability, linewidth=0)
+        axes.axvline(switch.time, color=style.INK, linestyle="--", linewidth=0.8, alpha=switch.probability)
         late = 0.13 - late if switch.time - last < WIDE * model.time[-1] else 0.0
         last = switch.time
         text = f" {switch.size:+.3g} at {switch.time:.3f} s, {100 * switch.probability:.0f} % "
@@ -75,6 +75,7 @@ def _smoothness(axes: Axes, model: AdaptiveModel) -> None:
     for place, label in zip(places, labels, strict=True):
         axes.text(1.0, place, label, fontsize=7, va="center")
     axes.set_yticks([])
+    axes.set_ylim(len(rows) - max(len(rows), MOST) - 0.5, len(rows) - 0.5)  # one bar alone is no wall
     axes.set_xlim(0, 100)
     axes.set_xlabel("probability (%)")
     axes.set_title("smooth part of stiffness", fontsize=9)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -60,7 +60,8 @@ def method_comparison(
         Labels of the scenarios that are drawn over time: mean ± 2 standard deviations over trials.
     bars
         Labels of the scenarios that have a bar in each of the lower axes: value ± its standard error. A bar that is
-        far longer than is usual among the methods is cut off, and its value printed.
+        far longer than is usual among the methods is cut off, and its value printed. A VAF, whose axis need not begin
+        at zero, is a dot with ± 2 standard deviations over trials.
     metrics
         Of the summary, and what their axes are called.
     """
@@ -97,6 +98,8 @@ def method_comparison(
     keys = [style.line_key(**style.TRUE_LINE), *style.band_keys(trials, "trial")]
     if names and trials > 1:
         keys.append(style.line_key("± 1 standard error", color="black", marker="|", linewidth=0.9))
+        if any("(%)" in metrics[name] for name in names):
+            keys.append(style.line_key("VAF ± 2 SD over trials", color=style.GREY, marker="o", linewidth=0.9))
     style.legend_below(figure, keys)
     return figure
 
@@ -117,9 +120,9 @@ def _traits(results: xr.Dataset, labels: Sequence[str]) -> list[dict[str, Any]]:
 
 
 def _table(
-    summary: pd.DataFrame, methods: Sequence[str], scenarios: Sequence[str], metrics: Iterable[str]
+    summary: pd.DataFrame, methods: Sequence[str], scenarios: Sequence[str], metrics: Mapping[str, str]
 ) -> dict[str, tuple[Array, Array]]:
-    """Value and standard error of each metric, each of shape (method, scenario)."""
+    """Value and what is drawn above and below it of each metric, each of shape (method, scenario)."""
     tables = {}
     for name in metrics:
         rows = summary[summary.metric == name].set_index(["method", "scenario"])
@@ -127,6 +130,9 @@ def _table(
             rows[column].unstack("scenario").reindex(index=list(methods), columns=list(scenarios)).to_numpy(dtype=float)
             for column in ("value", "standard_error")
         )
+        if "(%)" in metrics[name]:  # of a mean over trials: their standard deviation follows
+            trials = rows["trials"].unstack("scenario").reindex(index=list(methods), columns=list(scenarios))
+            error = 2 * error * np.sqrt(trials.to_numpy(dtype=float))
         tables[name] = (value, error)
     return tables
 
@@ -134,7 +140,7 @@ def _table(
 def _estimates(row: Sequence[Axes], cell: xr.Dataset, quantity: str, which: str) -> None:
     true = truth(cell, quantity).values
     for axes in row:
-        axes.plot(cell.time.values, true, zorder=3, **style.TRUE_LINE)
+        axes.plot(cell.time.values, true, **style.TRUE_LINE)
     _means(row, cell, estimates(cell, quantity))
     span = max(float(np.ptp(true)), 0.5 * float(np.abs(true).max())) or 1.0
     row[0].set_ylim(min(0.0, float(true.min()) - 0.5 * span), float(true.max()) + 0.6 * span)
@@ -191,25 +197,36 @@ def _label_bars(axes: Axes, methods: int, ticks: list[str]) -> None:
 
 def _bars(axes: Axes, label: str, values: Array, errors: Array, methods: Sequence[str]) -> None:
     """Bars of one metric of this label; values and standard errors of shape (method, scenario)."""
-    base = 0.0
     if "(%)" in label:
-        base = _floor(float(np.nanmin(values)))
-        top, highest = 100.0, 100.0 + 0.02 * (100 - base)
-    else:
-        top = _top(values)
-        reach = np.nanmax(np.where(values <= top, values + np.nan_to_num(errors), np.nan))
-        highest = 1.22 * top if bool(np.nanmax(values) > top) else 1.06 * float(reach)
+        _dots(axes, label, values, errors, methods)
+        return
+    top = _top(values)
+    reach = np.nanmax(np.where(values <= top, values + np.nan_to_num(errors), np.nan))
+    highest = 1.22 * top if bool(np.nanmax(values) > top) else 1.06 * float(reach)
     places = _places(*values.shape)
     colours = np.repeat(list(style.hues(methods).values()), values.shape[1])
-    axes.bar(places.ravel(), np.minimum(values, top).ravel() - base, bottom=base, width=0.72, color=colours)
+    axes.bar(places.ravel(), np.minimum(values, top).ravel(), width=0.72, color=colours)
     sure = (values <= top) & np.isfinite(errors)
     axes.errorbar(places[sure], values[sure], errors[sure], fmt="none", ecolor="black", elinewidth=0.9, capsize=1.8)
     for place, value in zip(places[values > top], values[values > top], strict=True):
         axes.plot([place - 0.5, place + 0.5], [0.84 * top, 0.92 * top], color="white", linewidth=1.8)
         axes.text(place, 1.01 * top, f"{value:.3g}", ha="center", va="bottom")
     for place in places[~np.isfinite(values)]:
+        axes.text(place, 0, "–", ha="center", va="bottom", fontsize=10)
+    axes.set_ylim(0, highest if highest > 0 else 1)
+    axes.set_ylabel(label)
+
+
+def _dots(axes: Axes, label: str, values: Array, reach: Array, methods: Sequence[str]) -> None:
+    """Dots of a VAF with what is possible of their whiskers: a bar would mislead where the axis is cut."""
+    places, ends = _places(*values.shape), np.nan_to_num(reach)
+    for row, hue in enumerate(style.hues(methods).values()):
+        whiskers = [ends[row], np.clip(100.0 - values[row], 0.0, ends[row])]
+        axes.errorbar(places[row], values[row], whiskers, fmt="o", color=hue, markersize=4, elinewidth=0.9, capsize=1.8)
+    base = _floor(float(np.nanmin(values - ends)))
+    for place in places[~np.isfinite(values)]:
         axes.text(place, base, "–", ha="center", va="bottom", fontsize=10)
-    axes.set_ylim(base, highest if highest > base else base + 1)
+    axes.set_ylim(base, 100.0 + 0.04 * (100 - base))
     axes.set_ylabel(label.replace("(%)", _percent(base)))
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tvsysid.figures.saving import Illustration
-from tvsysid.figures.style import PALETTE, REALIZATION_TIME, TRUTH, panels, styled
+from tvsysid.figures.style import INK, PALETTE, REALIZATION_TIME, panels, styled
 from tvsysid.numerics import Array
 from tvsysid.quality import Curves, Diagnosis
 
@@ -70,7 +70,7 @@ def diagnosis_illustration(diagnosis: Diagnosis, name: str) -> Illustration:
 
 def _angle(axes: Axes, curves: Curves, natural: float) -> None:
     if np.isfinite(natural) and natural > LOWEST:
-        axes.axvspan(LOWEST, natural, color=PALETTE[6], alpha=0.2, linewidth=0, label="band needed")
+        axes.axvspan(LOWEST, natural, color=PALETTE[2], alpha=0.2, linewidth=0, label="band needed")
     _spectrum(axes, curves.frequency, curves.angle_power, PALETTE[0], "angle")
     _name(axes, "input: power of the angle", "frequency (Hz)", "rad²/Hz", loc="lower left")
 
@@ -139,7 +139,7 @@ def _halves(axes: Axes, curves: Curves) -> None:
 
 def _realizations(axes: Axes, curves: Curves) -> None:
     numbers = np.arange(len(curves.stiffness))
-    axes.axhline(1.0, color=TRUTH, linewidth=0.8)
+    axes.axhline(1.0, color=INK, linewidth=0.8)
     for values, colour, marker, label in (
         (curves.stiffness, PALETTE[0], "o", "stiffness"),
         (curves.noise, PALETTE[1], "^", "noise"),
@@ -156,8 +156,8 @@ def _lags(axes: Axes, curves: Curves) -> None:
     """Two combs side by side; a joint of second order that is moved from outside leaves both within the limits."""
     step = 1000 * float(curves.lag[1] - curves.lag[0])
     limit = float(curves.chance)
-    axes.axhspan(-limit, limit, color=TRUTH, alpha=0.15, linewidth=0)
-    axes.axvline(0, color=TRUTH, linewidth=0.6)
+    axes.axhspan(-limit, limit, color=INK, alpha=0.15, linewidth=0)
+    axes.axvline(0, color=INK, linewidth=0.6)
     for values, colour, side, label in zip(
         curves.correlation, PALETTE, (-0.15, 0.25), ("with the angle", "with the speed"), strict=False
     ):

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from tvsysid.errors import DataQualityWarning
-from tvsysid.estimates import IMPEDANCE, UNITS
+from tvsysid.estimates import IMPEDANCE, UNITS, Estimate
 from tvsysid.figures import style
 from tvsysid.figures.words import unit_name
 from tvsysid.methods import Evidence
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 OVER_TIME = (("time",), ("realization", "time"))
+WIDE = 1.6  # multiple of the upper quartile of the methods' reaches beyond which one is drawn by thin lines
 
 
 @style.styled
@@ -58,17 +59,15 @@ def identified_impedance(models: Mapping[str, Model], vaf: Mapping[str, Array], 
             if place < len(beside) - 1:
                 axes.set_xlabel("")
                 axes.tick_params(labelbottom=False)
-    style.legend_below(
-        figure, [style.line_key(label, color=hue, linestyle=dash) for label, (hue, dash) in looks.items()]
-    )
+    style.legend_below(figure, [style.line_key(label, **look.line) for label, look in looks.items()])
     return figure
 
 
 def _varying_vaf(axes: Axes, models: Mapping[str, Model], vaf: Mapping[str, Array]) -> None:
     looks = style.lines(list(models))
     for label, model in reversed(list(models.items())):
-        hue, dash = looks[label]
-        axes.plot(model.time, vaf[label], color=hue, linestyle=dash, linewidth=_width(label, models))
+        curve = looks[label].curve(len(model.time), list(models).index(label), len(models))
+        axes.plot(model.time, vaf[label], linewidth=_width(label, models), **curve)
     if not any(np.isfinite(vaf[label]).any() for label in models):
         style.remark(axes, "takes several realizations")
     axes.set_ylabel("time-varying VAF (%)")
@@ -76,13 +75,32 @@ def _varying_vaf(axes: Axes, models: Mapping[str, Model], vaf: Mapping[str, Arra
     axes.set_xlabel(style.REALIZATION_TIME)
 
 
+class Found(NamedTuple):
+    """What a method says of a quantity: values and the edges of their band, over an axis."""
+
+    where: Array
+    values: Array
+    band: list[Array] | None
+
+    @property
+    def extent(self) -> tuple[float, float]:
+        """Lowest and highest of what is drawn, but for single spikes."""
+        if self.band is None:
+            return _extent(self.values)
+        return _extent(self.band[0])[0], _extent(self.band[1])[1]
+
+
+def _extent(values: Array) -> tuple[float, float]:
+    low, high = np.nanpercentile(values, [2, 98])
+    return float(low), float(high)
+
+
 def draw_quantity(axes: Axes, name: str, models: Mapping[str, Model]) -> str:
     """Draw what every model says of a quantity; return the axis that it is over."""
-    shown, unit, over = [np.array([np.nan])], UNITS.get(name, ""), "time"
-    band: list[Array] | None = None
-    looks = style.lines(list(models))
-    for label, model in reversed(list(models.items())):
-        estimate, (hue, dash) = model.estimates.get(name), looks[label]
+    unit, over = UNITS.get(name, ""), "time"
+    found: dict[str, Found] = {}
+    for label, model in models.items():
+        estimate = model.estimates.get(name)
         if estimate is None or not np.isfinite(estimate.values).any():
             continue
         unit = estimate.unit
@@ -90,39 +108,60 @@ def draw_quantity(axes: Axes, name: str, models: Mapping[str, Model]) -> str:
         if estimate.axes not in OVER_TIME:
             over = estimate.axes[-1]
             values, where = np.atleast_2d(estimate.values).mean(axis=0), np.asarray(model.coordinates[over])
-        band = None
-        if estimate.values.size == len(values):  # no mean over realizations
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", DataQualityWarning)  # that there is none
-                band = [limit.ravel() for limit in estimate.band()]
-        look = {"linestyle": dash, "linewidth": _width(label, models), "label": label}
-        style.curve_with_band(axes, where, values, band, hue, **look)
-        shown.append(values)
+        found[label] = Found(where, values, _band(estimate, len(values)))
     axes.set_ylabel(f"{name.replace('_', ' ')} ({unit_name(unit)})")
-    _limit(axes, np.concatenate(shown), band)  # that of the first model
+    if not found:
+        style.remark(axes, "not identified")
+        return over
+    looks, wide = style.lines(list(models)), _wide(found)
+    for place, label in reversed(list(enumerate(models))):
+        if label in found:
+            where, values, band = found[label]
+            look = looks[label].curve(len(values), place, len(models)) | {"label": label}
+            look |= {"linewidth": 0.7, "zorder": 1.2} if label in wide else {"linewidth": _width(label, models)}
+            opacity = style.EDGES if label in wide else 0.3 if label == next(iter(models)) else 0.14
+            style.curve_with_band(axes, where, values, band, looks[label].hue, opacity, **look)
+    _limit(axes, found, wide)
     return over
+
+
+def _band(estimate: Estimate, samples: int) -> list[Array] | None:
+    if estimate.values.size != samples:  # a mean over realizations
+        return None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DataQualityWarning)  # that there is none
+        edges = [limit.ravel() for limit in estimate.band()]
+    return edges if np.isfinite(edges[0]).any() else None
 
 
 def _width(label: str, models: Mapping[str, Model]) -> float:
     """Of a line: the first of several methods stands out."""
-    return 2.2 if len(models) > 1 and label == next(iter(models)) else 1.4
+    return 2.2 if len(models) > 1 and label == next(iter(models)) else 1.2
 
 
-def _limit(axes: Axes, shown: Array, band: list[Array] | None) -> None:
-    """Limits by what is usual: a method that is out of its depth has spikes, which shall not hide the others.
+def _wide(found: Mapping[str, Found]) -> set[str]:
+    """Methods that reach so much farther than is usual that they would cover what the others found; never the first."""
+    reach = {label: each.extent[1] - each.extent[0] for label, each in found.items()}
+    usual = float(np.percentile(list(reach.values()), 75))
+    return {label for label in list(reach)[1:] if len(reach) > 2 and reach[label] > WIDE * usual}
 
-    The ``band`` of the one in front is shown.
-    """
-    if not np.isfinite(shown).any():
-        style.remark(axes, "not identified")
-        return
-    low, high = np.nanpercentile(shown, [3, 97])
-    room = 0.35 * max(high - low, 0.2 * max(abs(low), abs(high))) or 1.0  # all zero, as where a method prunes
-    low, high = low - room, high + room
-    if band is not None and np.isfinite(band).any():
-        lower, upper = np.nanpercentile(band[0], 3), np.nanpercentile(band[1], 97)
-        low, high = min(low, 1.1 * lower - 0.1 * upper), max(high, 1.1 * upper - 0.1 * lower)
-    axes.set_ylim(low, high)
+
+def _limit(axes: Axes, found: Mapping[str, Found], wide: set[str]) -> None:
+    """Limits by the first method with its band and by what others found, but for those that are far wider: says so."""
+    extents = [next(iter(found.values())).extent]
+    extents += [_extent(each.values) for label, each in found.items() if label not in wide]
+    low, high = min(low for low, _ in extents), max(high for _, high in extents)
+    # What hardly changes shall not look as if it did.
+    room = max(0.15 * (high - low), (0.15 * max(abs(low), abs(high)) - (high - low)) / 2) or 1.0
+    axes.set_ylim(low - room, high + room)
+    far = {label: found[label].extent for label in found if label in wide}
+    cut = [label for label, (least, most) in far.items() if least < low - room or most > high + room]
+    if cut:
+        least, most = far[cut[0]]
+        text = f"cut off: {', '.join(cut)}" + (f" ({least:.3g} to {most:.3g})" if len(cut) == 1 else "")
+        paper = {"facecolor": "white", "alpha": 0.8, "edgecolor": "none", "pad": 1.5}
+        told = axes.text(0.01, 0.99, text.replace("-", "−"), transform=axes.transAxes, va="top", fontsize=7, bbox=paper)
+        told.set_in_layout(False)
 
 
 @style.styled
@@ -130,7 +169,7 @@ def tuning_curves(evidence: Mapping[str, Evidence], title: str = "") -> Figure:
     """By how much all settings that were tried are worse than the best; axes for each method, three side by side."""
     columns = min(len(evidence), 3)
     rows = -(-len(evidence) // columns)
-    figure, grid = style.panels(rows, columns, 0.6 + 3.6 * columns, 0.4 + 3.6 * rows, title)
+    figure, grid = style.panels(rows, columns, 0.6 + 3.6 * columns, 0.4 + 4.2 * rows, title)
     for axes, (label, item) in zip(grid.flat, evidence.items(), strict=False):
         _tried(axes, item)
         axes.set_title(label)
@@ -151,7 +190,8 @@ def _tried(axes: Axes, evidence: Evidence) -> None:
             color=style.PALETTE[number % len(style.PALETTE)],
             linestyle=style.STYLES[number // 4 % len(style.STYLES)],
             linewidth=1.2,
-            marker=".",
+            marker=style.MARKERS[number % len(style.MARKERS)],
+            markersize=3.5,
             label=name or "tried",
         )
     kept = "kept: nothing is clearly better" if evidence.chosen == 0 else "chosen"
@@ -159,10 +199,10 @@ def _tried(axes: Axes, evidence: Evidence) -> None:
         axes.plot(
             evidence.positions[place],
             worse[place],
-            color=style.TRUTH,
+            color=style.INK,
             marker=marker,
             markersize=size,
-            markerfacecolor="none" if marker == "o" else style.TRUTH,
+            markerfacecolor="none" if marker == "o" else style.INK,
             linestyle="none",
             label=name,
         )
@@ -172,4 +212,4 @@ def _tried(axes: Axes, evidence: Evidence) -> None:
     axes.set_ylim(-0.3, 3 * max(float(np.nanmax(worse)), 1.0))
     axes.set_xlabel(evidence.axis)
     axes.set_ylabel(f"worse than the best by ({evidence.unit})")
-    axes.legend(fontsize=7)
+    axes.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2)

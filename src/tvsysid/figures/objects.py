@@ -66,7 +66,7 @@ def _simulations(results: Any, title: str) -> Figure:
 
     labels = list(map(str, results.scenario.values))
     results = results.sel(quantity=[name for name in results.quantity.values if name in OVER_TIME])
-    nothing = pd.DataFrame(columns=["scenario", "method", "metric", "value", "standard_error"])
+    nothing = pd.DataFrame(columns=["scenario", "method", "trials", "metric", "value", "standard_error"])
     shown = labels[len(labels) // 2]
     return method_comparison(results, nothing, [shown], [], title or shown)
 

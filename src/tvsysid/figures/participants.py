@@ -32,14 +32,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 ABREAST = 6  # participants side by side; further ones begin a new line
-WIDE_TRUTH: dict[str, Any] = {"color": "#BBBBBB", "linewidth": 3.5, "label": "truth"}
 BEHIND: dict[str, Any] = {"color": "#C0C0C0", "linewidth": 1.3}
 TARGET_LINE: dict[str, Any] = {"color": style.TARGET, "linewidth": 0.8}
 TORQUES: tuple[tuple[str, float, style.Style], ...] = (
-    ("#C4C4C4", 2.8, "-"),
-    ("#707070", 1.3, "--"),
-    ("#909090", 1.6, ":"),
-    ("#505050", 0.9, "-."),
+    ("#B98345", 2.8, "-"),
+    ("#5C3A12", 1.3, "--"),
+    ("#8A5A24", 1.6, ":"),
+    ("#3B2408", 0.9, "-."),
 )
 """Colour, width and style of the mean torque under each perturbation, such that lines on top of each other show."""
 
@@ -169,7 +168,7 @@ def _bands(results: xr.Dataset, recordings: Mapping[str, str], names: Sequence[s
             row[0].set_ylim(limits)
             for column, (axes, hue) in enumerate(zip(row, style.hues(list(least)).values(), strict=True)):
                 if name == "stiffness" and np.isfinite(true).any():
-                    axes.plot(time, true, zorder=3, **style.TRUE_LINE)
+                    axes.plot(time, true, **style.TRUE_LINE)
                 reached = spread[place, column]
                 shade = list(band[:, place, column]) if np.isfinite(reached).any() and np.nanmax(reached) > 0 else None
                 width = 1.4 if name == "stiffness" else 0.9
@@ -211,14 +210,15 @@ def _all_methods(axes: Axes, results: xr.Dataset, mean: xr.DataArray, label: str
         return
     here, true = mean.sel(recording=label), truth(results).sel(recording=label).values
     if np.isfinite(true).any():
-        axes.plot(results.time.values, true, **WIDE_TRUTH)
+        axes.plot(results.time.values, true, **style.TRUE_LINE)
     if not np.isfinite(here.values).any():
         style.remark(axes, "no estimate")
         return
     least = least_data(results)
-    for values, (method, (hue, dash)) in zip(here.values, style.lines(list(least)).items(), strict=True):
+    for place, (values, (method, look)) in enumerate(zip(here.values, style.lines(list(least)).items(), strict=True)):
         if np.isfinite(values).any():
-            axes.plot(results.time.values, values, color=hue, linestyle=dash, linewidth=1.1, label=method)
+            curve = look.curve(len(values), place, len(least)) | {"markersize": 3.0}
+            axes.plot(results.time.values, values, linewidth=1.0, label=method, **curve)
 
 
 def _torques(axes: Axes, results: xr.Dataset, participant: str, perturbations: Sequence[str]) -> None:
@@ -240,12 +240,9 @@ def _words(perturbation: str) -> str:
 
 def _keys(results: xr.Dataset, perturbations: Sequence[str], torques: Array) -> list[Any]:
     least, labels = least_data(results), headings(results, 60)
-    keys = [
-        style.line_key(labels[least[method]], color=hue, linestyle=dash, linewidth=1.6)
-        for method, (hue, dash) in style.lines(list(least)).items()
-    ]
+    keys = [style.line_key(labels[least[method]], **look.line) for method, look in style.lines(list(least)).items()]
     if knows_truth(results):
-        keys.append(style.line_key(**WIDE_TRUTH))
+        keys.append(style.line_key(**style.TRUE_LINE))
     if np.isfinite(torques[0]).any():
         keys.append(style.line_key("torque to be followed", **TARGET_LINE))
     if np.isfinite(torques[1]).any():

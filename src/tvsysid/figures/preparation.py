@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid.figures.style import (
+    INK,
     KEPT,
     PALETTE,
     REALIZATION_TIME,
-    TRUTH,
     blank,
     legend_below,
     line_key,
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 REFERENCE: dict[str, Any] = {"color": "black", "linewidth": 1.6}
-MEAN: dict[str, Any] = {"color": TRUTH, "linewidth": 1.2}
+MEAN: dict[str, Any] = {"color": INK, "linewidth": 1.2}
 LIMIT: dict[str, Any] = MEAN | {"linestyle": "--"}
 TITLES = {
     "alignment": "aligned to the target",
@@ -36,6 +36,7 @@ TITLES = {
 }
 COLOURS = {"alignment": PALETTE[1], "task component": PALETTE[0], "residual": PALETTE[2]}
 """Colour of the realizations that each step excluded."""
+FEW = 0.05  # share of the realizations that hides nothing when it is drawn over the others
 REASONS = {"alignment": "shifted too far", "task component": "unlike in the task", "residual": "unlike otherwise"}
 
 
@@ -74,10 +75,12 @@ def preparation_steps(preparation: Preparation, title: str = "") -> Figure:
 
 
 def _realizations(axes: Axes, time: Array, torque: Array, steps: NDArray[np.str_]) -> None:
-    """Every realization, in the colour of the step that excluded it."""
-    for step, colour in {"": KEPT, **COLOURS}.items():
-        width, opacity = (0.8, 0.9) if step else (0.4, 0.6)
-        realizations(axes, time, torque[steps == step], colour, width, opacity)
+    """Every realization, in the colour of the step that excluded it: behind those kept, unless they are few."""
+    order = sorted(COLOURS, key=lambda step: -int(np.count_nonzero(steps == step)))
+    front = [step for step in order if np.count_nonzero(steps == step) <= FEW * len(steps)]
+    for step in [*(step for step in order if step not in front), "", *front]:
+        width, opacity = (0.9, 0.9) if step else (0.4, 0.5)
+        realizations(axes, time, torque[steps == step], COLOURS.get(step, KEPT), width, opacity)
 
 
 def _limits(axes: Axes, time: Array, step: Step) -> None:

@@ -47,6 +47,5 @@ def scheduled_estimates(models: Mapping[str, Model], ensemble: Ensemble, variabl
         below.set_xlabel(variable)
         below.set_ylabel("time spent there (s)")
     looks = style.lines(list(models))
-    keys = [style.line_key(label, color=hue, linestyle=dash) for label, (hue, dash) in looks.items()]
-    style.legend_below(figure, keys)
+    style.legend_below(figure, [style.line_key(label, **look.line) for label, look in looks.items()])
     return figure

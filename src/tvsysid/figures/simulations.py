@@ -9,7 +9,7 @@ import numpy as np
 
 from tvsysid.errors import InputError
 from tvsysid.figures.results import covered, truth, unique
-from tvsysid.figures.style import REALIZATION_TIME, TRUTH, hues, legend_below, line_key, lines, panels, styled
+from tvsysid.figures.style import INK, REALIZATION_TIME, TRUE_LINE, TRUTH, legend_below, line_key, lines, panels, styled
 from tvsysid.figures.words import perturbation_name, wrapped
 from tvsysid.numerics import Array
 
@@ -25,7 +25,6 @@ ERRORS = {
     "total_error": "total error\n(N·m/rad)",
 }
 AMOUNTS = {"duration_s": "data (s)", "snr_db": "signal-to-noise ratio (dB)"}
-MARKERS = "osD^vPX<>h"
 NOMINAL = 95.0
 SMOOTHED = 0.05  # seconds over which the share of trials is averaged: of a hundred trials it is a coarse number
 
@@ -59,11 +58,10 @@ def error_against_amount(summary: pd.DataFrame, title: str = "") -> Figure:
         column[0].set_title(perturbation_name(perturbation))
         column[-1].set_xlabel(AMOUNTS[amount])
         for axes, error in zip(column, ERRORS, strict=True):
-            for number, (method, (hue, style)) in enumerate(looks.items()):
+            for method, look in looks.items():
                 line = there[(there.metric == error) & (there.method == method)].sort_values(amount)
-                bars: dict[str, Any] = {"yerr": line.standard_error.fillna(0.0), "capsize": 2}
-                bars |= {"marker": MARKERS[number % len(MARKERS)], "markersize": 4.5, "linewidth": 1.2}
-                axes.errorbar(line[amount], line.value, color=hue, linestyle=style, label=wrapped(method, 40), **bars)
+                bars: dict[str, Any] = look.line | {"yerr": line.standard_error.fillna(0.0), "capsize": 2}
+                axes.errorbar(line[amount], line.value, linewidth=1.2, label=wrapped(method, 40), **bars)
     ticks = sorted(rows[amount].unique())
     if amount == "duration_s":
         grid[0, 0].set_xscale("log")
@@ -89,12 +87,11 @@ def error_against(
     looks = lines(unique(rows.method))
     figure, grid = panels(1, 1, 4.6, max(3.8, 2.6 + 0.22 * len(looks)), title)
     axes = grid[0, 0]
-    axes.axhline(0, color=TRUTH, linestyle="--", linewidth=1.0)
-    for number, (method, (hue, style)) in enumerate(looks.items()):
+    axes.axhline(0, color=INK, linestyle="--", linewidth=1.0)
+    for method, look in looks.items():
         line = rows[rows.method == method].sort_values("size")
-        marker = MARKERS[number % len(MARKERS)]
-        axes.errorbar(line["size"], line.value, yerr=line.standard_error.fillna(0.0), capsize=2, marker=marker,
-                      markersize=4.5, linewidth=1.2, color=hue, linestyle=style, label=wrapped(method, 40))  # fmt: skip
+        bars: dict[str, Any] = look.line | {"yerr": line.standard_error.fillna(0.0), "capsize": 2}
+        axes.errorbar(line["size"], line.value, linewidth=1.2, label=wrapped(method, 40), **bars)
     sizes = sorted(rows["size"].unique())
     if sizes[0] > 0 and sizes[-1] > 20 * sizes[0]:
         axes.set_xscale("log")
@@ -136,11 +133,12 @@ def coverage_over_time(results: xr.Dataset, scenarios: Sequence[str], title: str
     drawn: dict[str, Any] = {}
     for (above, below), scenario in zip(grid.T, scenarios, strict=True):
         cell = results.sel(scenario=scenario)
-        for method, (colour, style) in looks.items():
+        for place, (method, look) in enumerate(looks.items()):
             share = _averaged(covered(cell).sel(method_key=method).values, time)
             if np.isfinite(share).any():
-                (drawn[method],) = above.plot(time, share, color=colour, linestyle=style, linewidth=1.4, label=method)
-        above.axhline(NOMINAL, color=TRUTH, linestyle=":", linewidth=1.2)
+                curve = look.curve(len(time), place, len(looks))
+                (drawn[method],) = above.plot(time, share, linewidth=1.4, label=method, **curve)
+        above.axhline(NOMINAL, color=INK, linestyle=":", linewidth=1.2)
         above.set_ylim(-2, 102)
         above.set_title(perturbation_name(cell.perturbation.item()))
         below.plot(time, truth(cell).values, color=TRUTH, linewidth=1.4)
@@ -149,7 +147,7 @@ def coverage_over_time(results: xr.Dataset, scenarios: Sequence[str], title: str
     grid[0, 0].set_ylabel("trials whose 95 % band\nholds the truth (%)")
     grid[1, 0].set_ylabel("true stiffness\n(N·m/rad)")
     handles = [drawn[method] for method in looks if method in drawn]
-    legend_below(figure, [*handles, line_key("nominal", color=TRUTH, linestyle=":")])
+    legend_below(figure, [*handles, line_key("nominal", color=INK, linestyle=":")])
     return figure
 
 
@@ -176,12 +174,12 @@ def impulse_responses(responses: xr.Dataset, title: str = "") -> Figure:
     methods = [str(name) for name in responses.method_key.values]
     for axes, instant in zip(grid[0], responses.instant.values, strict=True):
         here = responses.sel(instant=instant)
-        axes.plot(here.lag, here.true_impulse_response, color="#BBBBBB", linewidth=5, label="truth")
-        for number, (method, hue) in enumerate(hues(methods).items()):
+        axes.plot(here.lag, here.true_impulse_response, **TRUE_LINE | {"linewidth": 5})
+        for number, (method, look) in enumerate(lines(methods).items()):
             # Dashes begin at different places, so that lines on top of each other all show.
-            style = (3.0 * number, (5.0, 2.5))
+            curve = look.curve(here.sizes["lag"], number, len(methods)) | {"linestyle": (3.0 * number, (5.0, 2.5))}
             response = here.impulse_response.sel(method_key=method)
-            axes.plot(here.lag, response, color=hue, linestyle=style, linewidth=1.5, label=wrapped(method, 40))
+            axes.plot(here.lag, response, linewidth=1.5, label=wrapped(method, 40), **curve)
         axes.set_title(f"k = {float(here.stiffness):.0f} N·m/rad, at {float(instant):g} s")
         axes.set_xlabel("lag (s)")
         axes.margins(x=0)

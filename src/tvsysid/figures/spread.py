@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid.figures.results import headings, label_time, least_data, mean_stiffness, truth, unique, usual_range
-from tvsysid.figures.style import TRUTH, blank, hues, legend_below, line_key, panels, patch_key, remark, styled
+from tvsysid.figures.style import INK, blank, hues, legend_below, line_key, panels, patch_key, remark, styled
 from tvsysid.figures.words import perturbation_name, wrapped
 from tvsysid.numerics.bands import mean_and_spread
 
@@ -90,7 +90,7 @@ def _over_time(figure: SubFigure, results: xr.Dataset, perturbations: Sequence[s
     for row, perturbation in zip(grid, perturbations, strict=False):
         there = results.perturbation.values == perturbation
         for column, (axes, hue) in enumerate(zip(row, hues(list(least)).values(), strict=True)):
-            axes.axhline(0, color=TRUTH, linewidth=1.0, linestyle="--")
+            axes.axhline(0, color=INK, linewidth=1.0, linestyle="--")
             errors = off[there, column]
             errors = errors[np.isfinite(errors).any(axis=1)]
             for each in errors if len(errors) > 1 else ():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import wraps
-from typing import TYPE_CHECKING, Any, Literal, ParamSpec
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, ParamSpec
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,18 +20,49 @@ if TYPE_CHECKING:
 
 P = ParamSpec("P")
 
-# Okabe and Ito's palette, a violet for the sixth, and others of Tol's: told apart by people who are colour-blind.
-PALETTE: tuple[str, ...] = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#4B0092", "#56B4E9", "#882255")
-PALETTE += ("#999933", "#332288", "#661100", "#44AA99", "#AA4499", "#117733", "#DDCC77")
-TRUTH = "#444444"
+# Each has a contrast of 3:1 or more on white. The first six differ by 19 or more (CIEDE2000) to all eyes, also without
+# a kind of cone (Machado et al. 2009), the next three by 11, the last by 8; markers tell methods apart as well.
+PALETTE: tuple[str, ...] = ("#385997", "#AB0D07", "#0FA38C", "#C36AF4", "#8E990C", "#471D3C", "#F83976", "#975154")
+PALETTE += ("#951AFE", "#371C99", "#730C25", "#7785B3", "#907646", "#19806F", "#72376E")
+TRUTH = "#5E5E5E"  # wide and behind: as far from every method as they are from each other
+INK = "#444444"  # lines that are no data: limits, means, zero
 TARGET = "#111111"  # the torque to be followed
 KEPT = "#B8B8B8"  # realizations that were kept
 GREY = "#777777"  # what a legend says of all methods
-TRUE_LINE: dict[str, Any] = {"color": TRUTH, "linewidth": 1.0, "linestyle": "--", "label": "truth"}
+TRUE_LINE: dict[str, Any] = {"color": TRUTH, "linewidth": 2.6, "label": "truth"}
 REALIZATION_TIME = "time within a realization (s)"
 
 Style = Literal["-", "--", ":", "-."]
 STYLES: tuple[Style, ...] = ("-", "--", ":", "-.")
+MARKERS = "osD^vPX<>hp*8dH"
+MARKED = 8  # markers on a curve
+EDGES = 0.0  # opacity of a band of which the edges alone are drawn
+
+
+class Look(NamedTuple):
+    """What tells a method from others: colour and marker are the method's own, dashes and a hollow marker a setting's.
+
+    One that is shown alone has no marker.
+    """
+
+    hue: str
+    dash: Style
+    marker: str
+    hollow: bool
+
+    @property
+    def line(self) -> dict[str, Any]:
+        """Settings of Matplotlib."""
+        filled = "white" if self.hollow else self.hue
+        shown = {"color": self.hue, "linestyle": self.dash, "marker": self.marker, "markersize": 4.0}
+        return shown | {"markerfacecolor": filled, "markeredgewidth": 0.9}
+
+    def curve(self, samples: int, place: int, several: int) -> dict[str, Any]:
+        """Settings for one of several curves of so many samples, which have their markers at different places."""
+        every = max(1, samples // MARKED)
+        return self.line | {"markevery": (place * every // several, every)}
+
+
 LOOK: dict[Any, Any] = {
     "font.size": 7.5,
     "figure.titlesize": 10,
@@ -101,13 +132,15 @@ def panels(
     return figure, figure.subplots(rows, columns, squeeze=False, **words)
 
 
-def lines(methods: Sequence[str]) -> dict[str, tuple[str, Style]]:
-    """Colour and line style of each method shown: a method's own colour, and a style for each of its settings.
+def lines(methods: Sequence[str]) -> dict[str, Look]:
+    """Look of each method shown: a colour and a marker of its own, and a line style for each of its settings.
 
     There are more methods than colours: where two that are shown have the same one, the later gets a free one.
     """
     known = tuple(METHODS)  # what else is installed must not change their colours
-    keys = list(dict.fromkeys(map(key_of, methods)))
+    classes = {method.__name__: key for key, method in METHODS.items()}  # an object's label is its repr
+    own_keys = {method: classes.get(method.partition("(")[0], key_of(method)) for method in methods}
+    keys = list(dict.fromkeys(own_keys.values()))
     hues: dict[str, str] = {}
     for key in sorted(keys, key=lambda key: known.index(key) if key in known else len(known)):
         own = PALETTE[(known.index(key) if key in known else len(known) + keys.index(key)) % len(PALETTE)]
@@ -115,29 +148,35 @@ def lines(methods: Sequence[str]) -> dict[str, tuple[str, Style]]:
         hues[key] = own if own in free or not free else free[0]
     seen: dict[str, int] = {}
     shown = {}
-    for method in methods:
-        key = key_of(method)
+    for method, key in own_keys.items():
         seen[key] = seen.get(key, -1) + 1
-        shown[method] = (hues[key], STYLES[seen[key] % len(STYLES)])
+        marker = MARKERS[PALETTE.index(hues[key])] if len(own_keys) > 1 else ""
+        shown[method] = Look(hues[key], STYLES[seen[key] % len(STYLES)], marker, seen[key] > 0)
     return shown
 
 
 def hues(methods: Sequence[str]) -> dict[str, str]:
     """Colour of each method shown."""
-    return {method: hue for method, (hue, _) in lines(methods).items()}
+    return {method: look.hue for method, look in lines(methods).items()}
 
 
 def curve_with_band(
-    axes: Axes, time: Array, values: Array, band: Sequence[Array] | None, hue: str, **look: Any
+    axes: Axes, time: Array, values: Array, band: Sequence[Array] | None, hue: str, opacity: float = 0.25, **look: Any
 ) -> None:
-    """Curve over time above its band (lower and upper end) of a lighter shade; a word where there is no value."""
+    """Curve over time above its band (lower and upper end) of a lighter shade; a word where there is no value.
+
+    Of a band with the opacity ``EDGES``, which would cover what others found, the edges alone are drawn.
+    """
     if not np.isfinite(values).any():
         remark(axes, "no estimate")
         return
     if band is not None:
         lower, upper = band
-        axes.fill_between(time, lower, upper, color=hue, alpha=0.25, linewidth=0)
-    axes.plot(time, values, color=hue, **({"linewidth": 1.4} | look))
+        if opacity == EDGES:
+            axes.plot(time, np.stack([lower, upper], axis=1), color=hue, alpha=0.5, linewidth=0.5, zorder=1.1)
+        else:
+            axes.fill_between(time, lower, upper, color=hue, alpha=opacity, linewidth=0)
+    axes.plot(time, values, **({"color": hue, "linewidth": 1.4} | look))
 
 
 def realizations(axes: Axes, time: Array, values: Array, colour: str, width: float = 0.4, opacity: float = 0.6) -> None:

@@ -176,10 +176,11 @@ def _amount(rows: pd.DataFrame, title: str) -> Illustration:
 
 
 def _responses(responses: xr.Dataset) -> Illustration:
-    title = "Impulse responses at a low and a high stiffness"
+    data = f"{perturbation_name(SCENARIO.perturbation)}, {SCENARIO.duration_s:g} s, {SCENARIO.snr_db:g} dB"
+    title = f"Impulse responses at a low and a high stiffness: {data}"
     sentences = [
         "Impulse responses over lags in N·m/(rad·s), identified by the methods that find one from the first trial of "
-        "the square wave (PRBS, 150 s, 10 dB), with the paper's settings, drawn over the true one in the band of the "
+        f"the square wave ({data}), with the paper's settings, drawn over the true one in the band of the "
         "data."
     ]
     for instant in responses.instant.values:

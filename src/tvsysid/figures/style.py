@@ -176,7 +176,8 @@ def curve_with_band(
             axes.plot(time, np.stack([lower, upper], axis=1), color=hue, alpha=0.5, linewidth=0.5, zorder=1.1)
         else:
             axes.fill_between(time, lower, upper, color=hue, alpha=opacity, linewidth=0)
-    axes.plot(time, values, **({"color": hue, "linewidth": 1.4} | look))
+    usual: dict[str, Any] = {"color": hue, "linewidth": 1.4}
+    axes.plot(time, values, **(usual | look))
 
 
 def realizations(axes: Axes, time: Array, values: Array, colour: str, width: float = 0.4, opacity: float = 0.6) -> None:

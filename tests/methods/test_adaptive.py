@@ -12,7 +12,7 @@ from scipy import stats
 from tests.conftest import ensemble_of
 
 import tvsysid as tv
-from tvsysid.methods.adaptive import averaging, evidence, mixture, moments, noise, placing, prior, search
+from tvsysid.methods.adaptive import averaging, evidence, mixture, moments, noise, placing, prior, search, tables
 from tvsysid.methods.adaptive.model import MixtureError, Smoothness, Switch
 from tvsysid.methods.adaptive.words import changes
 from tvsysid.numerics.differentiation import differentiate
@@ -360,6 +360,28 @@ def test_the_search_finds_the_best_of_all_pairs(random):
     own = found.smooth.products(line.columns(found.positions))
     score = max(evidence.jumps(own.between(own), own.cross, each).evidence for each in sizes) + found.smooth.score
     assert score - len(found.positions) * np.log(40) >= smooths[0].score + best - 2 * np.log(40) - 1e-9
+
+
+def test_the_search_puts_the_best_two_neighbours_in_the_place_of_a_switch(random):
+    line, _ = line_of(random, periodic=True)
+    grid = search.Grid(line)
+    smooth = evidence.Smooth(line, some(line.axis, 2)[0])
+    places = (13.0, 27.5)
+    for split, place, other in zip(search.Walk(smooth, grid).with_split(places), places, reversed(places), strict=True):
+        near = grid.fine.positions[np.abs(grid.fine.positions - place) <= search.SPLIT * grid.step]
+        pairs = [(a, b) for a in near for b in near if b - a >= placing.APART]
+
+        def worth(pair, other=other):
+            products = smooth.products(line.columns(np.array([other, *pair])))
+            return evidence.jumps(products.between(products), products.cross, search.START).evidence
+
+        assert split == tuple(sorted((other, *max(pairs, key=worth))))
+
+
+def test_two_switches_that_are_close_are_both_listed(random):
+    line, _ = line_of(random, periodic=False, switches=(20.3, 22.6))
+    rows = list(tables.switches("stiffness", averaging.averaged(line), 1.0, 0, 1.0))
+    assert [row.time for row in rows if row.probability > 0.5] == pytest.approx([20.3, 22.6], abs=0.4)
 
 
 def test_viscosity_switches_where_stiffness_does_if_that_explains_it(random):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from itertools import pairwise
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -26,6 +27,7 @@ SOONEST, LATEST, SHAPES = 0.04, 0.33, 8  # lags in s of the reflex's response, a
 USUAL_MUSCLE = (16.0, 0.8)  # frequency in rad/s and damping of the muscle of the reflex that is tested for
 LEAST_SAMPLES = 20  # of a realization at which all lags must be known
 ROUNDING = 1e-12  # share of the torque's power that rounding leaves
+_TESTED: WeakKeyDictionary[Ensemble, ReflexTest] = WeakKeyDictionary()
 
 
 class ReflexTest(NamedTuple):
@@ -103,9 +105,12 @@ class _Moments(NamedTuple):
 def reflex_test_of(ensemble: Ensemble) -> ReflexTest:
     """Test an ensemble for a stretch reflex, with the velocity rectified at the rate at which the angle was recorded.
 
-    As :func:`reflex_test`, of the deviations from the mean over realizations.
+    As :func:`reflex_test`, of the deviations from the mean over realizations. It is done once for an ensemble: several
+    methods and checks ask.
     """
-    return _reflex_test(_moments_of(ensemble))
+    if ensemble not in _TESTED:
+        _TESTED[ensemble] = _reflex_test(_moments_of(ensemble))
+    return _TESTED[ensemble]
 
 
 def changes(ensemble: Ensemble) -> bool:

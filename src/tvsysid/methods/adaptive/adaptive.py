@@ -32,6 +32,7 @@ from tvsysid.methods.adaptive.moments import (
 from tvsysid.methods.adaptive.noise import Misfit, Scatter, alike, misfit, scatter, scores
 from tvsysid.methods.adaptive.prior import DECIMATOR, USUAL_TAPS, Axis
 from tvsysid.methods.adaptive.reflex import WithReflex, with_reflex
+from tvsysid.methods.cascade.result import not_of_second_order
 from tvsysid.models import Diagnostics
 from tvsysid.quality.statistics import LEAST_REALIZATIONS
 from tvsysid.signals import Array, Ensemble
@@ -288,7 +289,7 @@ class Identification:
         return moments.second_order_agreement(impedance, len(ensemble))
 
     def _warnings(self, stiffness: Stiffness) -> Iterator[str]:
-        """What could not be decided, in one warning."""
+        """What could not be decided, in one warning; and that viscosity and inertia are those of no such joint."""
         open_ones = []
         if len(self.ensemble) < LEAST_REALIZATIONS:
             open_ones.append(
@@ -301,6 +302,9 @@ class Identification:
             )
         if open_ones:
             yield f"these data leave open {'; and '.join(open_ones)}"
+        if isinstance(self.signals, WithReflex):
+            mean = float(np.mean(stiffness.values))
+            yield from not_of_second_order(mean, self.signals.stiffness(mean, stiffness.constants))
 
 
 def is_constant(candidate: Candidate) -> bool:

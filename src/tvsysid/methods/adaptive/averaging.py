@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tvsysid.methods.adaptive.evidence import Line, Sizes, Smooth, directions, every_sizes
-from tvsysid.methods.adaptive.mixture import Candidate, Mixture, mixture_of, path
+from tvsysid.methods.adaptive.mixture import LIGHTEST, Candidate, Mixture, mixture_of, path
 from tvsysid.methods.adaptive.placing import Found, Placed, Windows, add, joined, refined, simplified, total
 from tvsysid.methods.adaptive.prior import JITTERS, Axis, roughnesses
 from tvsysid.methods.adaptive.search import Grid, first_states, found_sets
@@ -18,7 +18,6 @@ from tvsysid.numerics import Array
 from tvsysid.numerics.bands import arc_length
 
 LIKELY, MOST_MODELS = 7.0, 32  # log evidence below the best down to which models count, and how many at most
-LEAST_WEIGHT = 0.002  # of a model that counts
 MOST_SETS = 8  # of switches that are refined
 MOST_SMEARED = 6  # switches up to which it is tried how steps are smeared
 COARSELY = 1 / 4  # sample between positions where smears are compared
@@ -165,7 +164,7 @@ def _weighed(line: Line, every: list[Candidate]) -> Averaged:
     kept = [each for each in every if each.evidence > every[0].evidence - LIKELY][:MOST_MODELS]
     weights = np.exp([each.evidence - every[0].evidence for each in kept])
     weights /= weights.sum()
-    heavy = weights >= LEAST_WEIGHT
+    heavy = weights >= LIGHTEST
     kept, weights = [each for each, is_heavy in zip(kept, heavy, strict=True) if is_heavy], weights[heavy]
     weights /= weights.sum()
     parts = [mixture_of(each, share) for each, share in zip(kept, weights, strict=True)]

@@ -12,7 +12,7 @@ from tvsysid.methods.adaptive.evidence import Columns, Jumps, Sizes, Smooth, dir
 from tvsysid.methods.adaptive.placing import Placed, distance
 from tvsysid.numerics import Array
 
-LIGHTEST = 0.005  # weight of a model, and share of a position's, that count
+LIGHTEST = 0.002  # weight of a model, and share of a position's, that count
 MOST_POSITIONS = 24  # of a switch, in a model that has all the weight
 
 
@@ -95,7 +95,7 @@ def mixture_of(candidate: Candidate, weight: float) -> Mixture:
 
 def thinned(window: Columns, share: Array, most: int) -> tuple[Columns, Array]:
     """The positions that count, at most so many: each stands for its neighbours."""
-    kept = np.flatnonzero(share > 0.4 * LIGHTEST)
+    kept = np.flatnonzero(share > LIGHTEST)
     if not len(kept):
         kept = np.array([int(np.argmax(share))])
     group = np.minimum((np.cumsum(share[kept]) - share[kept] / 2) / share[kept].sum() * most, most - 1).astype(int)

@@ -57,6 +57,11 @@ class WithReflex:
         sure = float(further @ constants.covariance[rest, rest] @ further)
         return mixture._replace(means=own * mixture.means + added, variances=own**2 * mixture.variances + sure)
 
+    def stiffness(self, mean: float, constants: Constants) -> float:
+        """Of the same fit, from the mean of the angle's coefficient."""
+        weights = self.readout[0, 2:]
+        return float(self.readout[0, 0] * mean + weights @ constants.values[1 : 1 + len(weights)])
+
     def inertia(self, constants: Constants) -> tuple[float, float]:
         """Of the same fit, with its variance."""
         weights = self.readout[2, 2:]

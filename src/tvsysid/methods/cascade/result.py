@@ -224,12 +224,7 @@ def _warnings(
             "where all movements are equally fast: the reflex's gain rises and falls with it"
         )
     mean = float(np.nanmean(estimates["stiffness"].values))
-    fitted = details["stiffness_fitted"]
-    if abs(fitted - mean) > APART * abs(mean):
-        yield (
-            f"the intrinsic response is not that of a second-order joint: its sum gives a mean stiffness of {mean:.1f} "
-            f"N·m/rad, a second-order fit from 0.5 to 15 Hz {fitted:.1f}; take the difference as an uncertainty"
-        )
+    yield from not_of_second_order(mean, details["stiffness_fitted"])
     yield from _negative_viscosity(estimates["viscosity"])
     gain = estimates["reflex_gain"]
     known = gain.values[np.isfinite(gain.values)]
@@ -238,6 +233,16 @@ def _warnings(
     if not details["constant"] and 1.96 * np.nanmax(error.values) > np.ptp(known):
         yield (
             "the reflex gain's change over time is not identified: its band is wider than its range; only its mean is"
+        )
+
+
+def not_of_second_order(mean: float, fitted: float) -> Iterator[str]:
+    """Warn where a response's sum, the mean stiffness, differs from that of a second-order fit."""
+    if abs(fitted - mean) > APART * abs(mean):
+        yield (
+            f"the intrinsic response is not that of a second-order joint: its sum gives a mean stiffness of {mean:.1f} "
+            f"N·m/rad, a second-order fit from 0.5 to 15 Hz {fitted:.1f}; take the difference as an uncertainty, and "
+            "viscosity and inertia as those of that fit"
         )
 
 

@@ -269,8 +269,9 @@ class Ensemble(_Signals):
 
     def __repr__(self) -> str:
         left_out = f", {self.left_out} left out: too near the ends for the context" if self.left_out else ""
+        plural = "s" * (len(self) != 1)
         return (
-            f"Ensemble({len(self)} realizations of {self.duration:g} s at {self.sampling_rate:g} Hz, "
+            f"Ensemble({len(self)} realization{plural} of {self.duration:g} s at {self.sampling_rate:g} Hz, "
             f"context {self.context / self.sampling_rate:g} s{left_out}; angle RMS {_rms(self.angle):.3g} rad, "
             f"torque RMS {_rms(self.torque):.3g} N·m)"
         )

@@ -56,7 +56,7 @@ def test_version(tvsysid):
         (("inspect", "nowhere.mat"), "nowhere.mat: no such file"),
         (
             ("inspect", "joint.mat", "--diagnose", *IDENTIFY[:4]),
-            "--rate, --period missing; give them as for tvsysid identify",
+            "--diagnose needs --rate, --period, as for tvsysid identify; a record without repetitions takes any period",
         ),
         (("inspect", "joint.mat", *IDENTIFY), "--angle: is used with --diagnose only; add --diagnose"),
         (("inspect", "joint.mat", "--diagnose", *IDENTIFY, "--decimate", "300"), "not a whole multiple of 300 Hz"),

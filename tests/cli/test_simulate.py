@@ -72,6 +72,7 @@ def test_the_file_holds_channels_and_truth_of_the_system(tvsysid, name, further)
     # What is printed can be typed: channels are named.
     for channel in simulation.recording.channels:
         assert f"--channel {channel}={channel}" in out
+    assert ("--scheduling emg" in out) == (name == "scheduled")
 
 
 @pytest.mark.usefixtures("own")

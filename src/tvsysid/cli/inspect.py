@@ -97,7 +97,8 @@ def inspect(
     needed = {"--angle": angle, "--torque": torque, "--rate": rate, "--period": period}
     missing = [name for name, value in needed.items() if value is None]
     if diagnose and missing:
-        raise InputError(f"--diagnose: {', '.join(missing)} missing; give them as for tvsysid identify")
+        without = "; a record without repetitions takes any period, such as 2" if period is None else ""
+        raise InputError(f"--diagnose needs {', '.join(missing)}, as for tvsysid identify{without}")
     if not diagnose and len(missing) < len(needed):
         raise InputError(
             f"{next(name for name in needed if name not in missing)}: is used with --diagnose only; add --diagnose"

@@ -122,6 +122,10 @@ def simulate(
         f"wrote {file}: {duration:g} s at {rate:g} Hz; identify it with\ntvsysid identify {file} --angle angle "
         f"--torque torque --rate {rate:g}{decimate} --period {period:g}{channels}"
     )
+    if (followed := getattr(simulated, "variable", None)) in simulation.recording.channels:
+        say(
+            f"or over {followed}, which the joint follows: --scheduling {followed} in place of --channel {followed}={followed}"
+        )
 
 
 def _columns(simulation: Simulation) -> dict[str, Any]:

@@ -204,7 +204,7 @@ FAULTS: dict[str, Fault] = {
         "%",
         "the result is a mean of different behaviours, and describes none of them; bands do not show it",
         "sort the realizations by what may differ (task, muscle activity, instruction), and identify each kind "
-        "separately",
+        "separately; if it was recorded, let the joint follow it (tvsysid identify … --scheduling CHANNEL)",
     ),
     "misaligned-realizations": Fault(
         "Some realizations come early or late",

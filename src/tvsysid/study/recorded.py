@@ -60,6 +60,11 @@ class Preparing(Settings):
     def _words_for_none(cls, values: Any) -> Any:
         # TOML has no null.
         if isinstance(values, Mapping):
+            if values.get("period", True) in (None, False):
+                raise ValueError(
+                    "period must be given: an experiment draws realizations of a period; a record without one is "
+                    "identified by tvsysid identify --scheduling"
+                )
             optional = ("reference", "task_limit", "residual_limit")
             return {name: None if name in optional and value is False else value for name, value in values.items()}
         return values

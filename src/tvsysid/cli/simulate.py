@@ -124,7 +124,8 @@ def simulate(
     )
     if (followed := getattr(simulated, "variable", None)) in simulation.recording.channels:
         say(
-            f"or over {followed}, which the joint follows: --scheduling {followed} in place of --channel {followed}={followed}"
+            f"or over {followed}, which the joint follows: --scheduling {followed} in place of "
+            f"--channel {followed}={followed}"
         )
 
 

@@ -43,6 +43,7 @@ def test_python_example_runs(tmp_path, monkeypatch):
     assert np.isfinite(names["model"].stiffness).all()
 
 
+@pytest.mark.slow
 def test_python_study_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("tvsysid.study.workers.cores", lambda: 1)
     monkeypatch.chdir(tmp_path)

@@ -9,6 +9,17 @@ from tests.cli.conftest import IDENTIFY
 COMMANDS = ("benchmark", "experiment", "report", "identify", "inspect", "methods", "check-method", "simulate")
 
 
+FILES = []
+
+
+def joint_file(tvsysid, folder):
+    """A simulated recording of 40 s; made once."""
+    if not FILES:
+        tvsysid("simulate", "joint.mat", "--duration", 40)
+        FILES.append((folder / "joint.mat").read_bytes())
+    return FILES[0]
+
+
 @pytest.mark.parametrize("command", [(), *((name,) for name in COMMANDS)])
 def test_help(tvsysid, command):
     code, out, _ = tvsysid(*command, "--help")
@@ -81,8 +92,8 @@ def test_version(tvsysid):
         (("benchmark", "--trails", "3"), "--trails"),
     ],
 )
-def test_errors_are_one_line(tvsysid, words, message):
-    tvsysid("simulate", "joint.mat", "--duration", 40)
+def test_errors_are_one_line(tvsysid, tmp_path, words, message):
+    (tmp_path / "joint.mat").write_bytes(joint_file(tvsysid, tmp_path))
     code, _, err = tvsysid(*words)
     assert code == 2
     assert message in err

@@ -112,6 +112,7 @@ def test_a_method_that_cannot_serve_is_skipped_with_the_reason_and_the_others_go
     assert err.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_a_diagnosis_takes_channels(tvsysid, recording):
     code, out, _ = tvsysid("inspect", recording, "--diagnose", *IDENTIFY, "--channel", "emg=EMG_SIGNAL")
     assert code == 0
@@ -145,6 +146,7 @@ def test_warnings_with_brackets_are_printed_as_they_are(tvsysid, tmp_path):
     assert (tmp_path / "[b]out" / "stiffness.csv").is_file()
 
 
+@pytest.mark.slow
 def test_a_joint_that_follows_a_variable_needs_no_period(tvsysid):
     joint = tv.simulate.ScheduledJoint(
         relation=np.polynomial.Polynomial([28.9, 155.0, 310.0]),

@@ -44,7 +44,7 @@ def test_identify_by_an_own_method(tvsysid, tmp_path, monkeypatch):
     assert set(pd.read_csv(tmp_path / "others" / "stiffness.csv").method) == {"sds"}
 
 
-@pytest.mark.parametrize("name", ["joint.mat", "joint.csv"])
+@pytest.mark.parametrize("name", ["joint.mat", pytest.param("joint.csv", marks=pytest.mark.slow)])
 def test_simulate_then_identify(tvsysid, tmp_path, name):
     code, out, _ = tvsysid("simulate", name, "--duration", 60, "--perturbation", "prbs", "--snr", 20)
     assert code == 0
@@ -187,6 +187,7 @@ def test_a_method_of_ones_own_cannot_be_tuned(tvsysid, tmp_path):
 
 
 @pytest.mark.usefixtures("undrawn")
+@pytest.mark.slow
 def test_a_reflex_that_methods_take_for_stiffness_is_warned_of(tvsysid):
     tvsysid("simulate", "reflex.mat", "--system", "reflex", "--stiffness", "constant", "--duration", 40)
     _, _, err = tvsysid("identify", "reflex.mat", *IDENTIFY, "--method", "sds", "--method", "cascade")

@@ -56,11 +56,11 @@ REACH = {
     "cascade": (45, 4),
     "sdss": (4, 4),
 }
-SECONDS = ("kbr experiment", "cascade", "sdss")  # those that take some for all checks
+SECONDS = ("kbr experiment", "cascade", "sdss", "tvpc", "bpc")  # those that take some for all checks
 
 
 def parametrize(*names):
-    chosen = {name: pytest.mark.slow if name == "kbr experiment" else () for name in names or METHODS}
+    chosen = {name: pytest.mark.slow if name in SECONDS else () for name in names or METHODS}
     return pytest.mark.parametrize(
         "method", [pytest.param(METHODS[name], id=name, marks=marks) for name, marks in chosen.items()]
     )
@@ -79,7 +79,7 @@ def assert_same(model, other, **tolerance):
 
 
 def enough_for(method):
-    return (20.0 if method.key == "kbr" else 150.0), "sine", "prbs"
+    return {"kbr": 20.0, "cascade": 60.0, "sdss": 60.0, "adaptive": 60.0}.get(method.key, 150.0), "sine", "prbs"
 
 
 @functools.cache
@@ -92,7 +92,10 @@ def model_of(method, *data):
     "method",
     [
         *(pytest.param(METHODS[name], id=name, marks=[pytest.mark.slow] * (name in SECONDS)) for name in METHODS),
-        *(pytest.param(scheduled(), id=scheduled.key) for scheduled in (tv.ScheduledIRF, tv.ScheduledImpedance)),
+        *(
+            pytest.param(scheduled(), id=scheduled.key, marks=pytest.mark.slow)
+            for scheduled in (tv.ScheduledIRF, tv.ScheduledImpedance)
+        ),
         *(pytest.param(toy(), id=toy.__name__) for toy in TOYS),
     ],
 )

@@ -102,6 +102,7 @@ def test_comes_back_from_the_file_of_models(toy, tmp_path):
         np.testing.assert_array_equal(stored[f"torque_{name}"].values, torque)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 @every_toy
 def test_takes_part_in_identify(toy, tmp_path, monkeypatch, capsys):

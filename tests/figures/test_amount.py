@@ -25,6 +25,7 @@ def test_lines_over_seconds_of_data(summary):
     np.testing.assert_allclose(np.diff([s[:, 1] for s in bars.get_segments()])[:, 0], 2 * shown.standard_error)
 
 
+@pytest.mark.slow
 def test_noise_where_only_noise_varies():
     snr = (0.0, 10.0, 20.0, np.inf)
     figure = error_against_amount(summary_of(results_of([("sine", "noise", 40.0, db) for db in snr], trials=2)))

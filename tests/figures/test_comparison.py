@@ -107,6 +107,7 @@ def test_both_perturbations_of_the_sine_wave(results, summary):
     assert [label.get_text() for label in metrics[-1].get_xticklabels()] == ["noise", "PRBS"] * 5
 
 
+@pytest.mark.slow
 def test_a_failed_trial_leaves_the_others():
     results = fail(results_of([("square", "noise", 40.0, 10.0)], trials=3), "esm", 1, "no")
     labels = list(results.scenario.values)
@@ -116,6 +117,7 @@ def test_a_failed_trial_leaves_the_others():
     np.testing.assert_allclose(mean, results.estimate.sel(quantity="stiffness").values[0, [0, 2], 3].mean(axis=0))
 
 
+@pytest.mark.slow
 def test_a_method_that_failed_in_all_trials_says_so():
     results = results_of([("square", "noise", 40.0, 10.0)], ("sds", "esm"), trials=2)
     for trial in range(2):

@@ -23,7 +23,7 @@ def shown(experiment):
 
 @pytest.mark.slow
 def test_all_figures_of_an_experiment():
-    few = experiment_of(methods=("sds", "kbr"))
+    few = experiment_of(participants=("P1", "P2"), methods=("sds", "kbr"))
     shown = experiment_figures(few.results, few.summary, few.excerpts, {"P1-prbs": prepared(1, "prbs")})
     assert list(shown) == ALL
     for each in shown.values():
@@ -82,7 +82,7 @@ def test_a_single_record_of_walking():
 
 @pytest.mark.slow
 def test_when_everything_failed():
-    failed = fail(results_of(methods=("sds", "kbr")), "no")
+    failed = fail(results_of(("P1", "P2"), methods=("sds", "kbr")), "no")
     shown = experiment_figures(failed, summary_of(failed), {}, {})
     for each in shown.values():
         draw(each.draw())
@@ -92,7 +92,7 @@ def test_when_everything_failed():
 
 @pytest.mark.slow
 def test_some_recordings_failed():
-    failed = fail(results_of(methods=("sds", "kbr")), "no", recording="P1-prbs")
+    failed = fail(results_of(("P1", "P2"), methods=("sds", "kbr")), "no", recording="P1-prbs")
     shown = experiment_figures(failed, summary_of(failed), {}, {})
     assert np.isfinite(failed.truth.sel(quantity="stiffness").values).any()
     for each in shown.values():

@@ -89,6 +89,7 @@ def test_a_failed_method_is_left_out_and_others_stay(results):
     assert len(labelled(axes, "sds")) == 1
 
 
+@pytest.mark.slow
 def test_a_recording_that_was_never_made_says_so(results):
     figure = stiffness_of_participants(results.sel(recording=["P1-noise", "P1-prbs", "P2-prbs"]))
     draw(figure)
@@ -201,6 +202,7 @@ def test_times_without_an_estimate_stay_empty(results):
     np.testing.assert_allclose(mean.get_ydata()[12:], left.mean(axis=0))
 
 
+@pytest.mark.slow
 def test_a_failed_method_in_detail():
     failed = fail(results_of(("P1",), methods=("sds", "esm")), "no", analysis="esm-75")
     figure = participant_in_detail(failed, "P1")
@@ -230,6 +232,7 @@ def test_who_is_not_there_is_named(results):
         stiffness_with_bands(results, "P9-noise")
 
 
+@pytest.mark.slow
 def test_a_method_that_is_far_off_does_not_hide_the_others_but_a_stiffer_person_is_shown(results):
     far = results.copy(deep=True)
     far["estimate"][:, 0] *= 20  # eirf

@@ -71,6 +71,7 @@ def test_whiskers_stay_within_what_is_possible(experiment):
             assert container[2][0].get_segments()[0][:, 1].max() == pytest.approx(100)
 
 
+@pytest.mark.slow
 def test_nothing_is_invented_for_what_failed():
     failed = fail(results_of(methods=("esm", "kbr")), "no", analysis="esm-150")
     figure = variance_and_spread(summary_of(failed))
@@ -118,6 +119,7 @@ def test_error_over_time_and_by_method(experiment):
     assert each.mean() < 0
 
 
+@pytest.mark.slow
 def test_only_those_whose_truth_is_known_count():
     results = results_of(methods=("sds",))
     results["truth"][results.participant.values == "P2"] = np.nan
@@ -126,6 +128,7 @@ def test_only_those_whose_truth_is_known_count():
     assert len(figure.subfigs[0].axes[0].lines) == 1 + 2 + 1
 
 
+@pytest.mark.slow
 def test_error_of_a_method_that_failed():
     results = fail(results_of(methods=("sds", "esm")), "no", analysis="esm-75")
     figure = error_against_truth(results, summary_of(results))

@@ -55,7 +55,9 @@ EVERYWHERE = {
 
 
 @pytest.mark.parametrize("name", EVERYWHERE)
-@pytest.mark.parametrize(("perturbation", "profile"), [("noise", "sine"), ("prbs", "square")])
+@pytest.mark.parametrize(
+    ("perturbation", "profile"), [("noise", "sine"), pytest.param("prbs", "square", marks=pytest.mark.slow)]
+)
 def test_faults_in_simulated_records_are_named(name, perturbation, profile):
     recording = simulated(perturbation=perturbation, profile=profile)
     assert name in found(EVERYWHERE[name](recording, 2.0))
@@ -63,6 +65,7 @@ def test_faults_in_simulated_records_are_named(name, perturbation, profile):
 
 @pytest.mark.parametrize("name", EVERYWHERE)
 @pytest.mark.parametrize("record", ["walking", "dorsiflexor"])
+@pytest.mark.slow
 def test_faults_in_real_records_are_named(recordings, name, record):
     assert name in found(EVERYWHERE[name](*recordings[record]))
 

@@ -56,6 +56,7 @@ def mine(tmp_path_factory):
 
 
 @pytest.mark.usefixtures("quick_workers")
+@pytest.mark.slow
 def test_parts_of_one_s_own_by_name(mine):
     study = Study(
         stiffness=f"{mine}:ramp", perturbation=f"{mine}:Tones", system=[f"{mine}:Stiff", f"{mine}:Fixed"],

@@ -93,17 +93,27 @@ def test_the_same_draw_is_identified_once(tmp_path):
 def test_workers_and_stores_do_not_change_the_numbers(small, tmp_path):
     seen = []
     path = tmp_path / "results.zarr"
-    results = run(small.experiment, store=path, workers=2, progress=lambda done, total: seen.append((done, total)))
+    results = run(
+        small.experiment, prepared=small.prepared, store=path, workers=2,
+        progress=lambda done, total: seen.append((done, total)),
+    )  # fmt: skip
     same(results, small.results)
     assert seen[0] == (0, 12)
     assert seen[-1] == (12, 12)
     same(read_results(path), small.results)
 
 
-@pytest.mark.slow
-def test_an_experiment_is_gone_on_with(small, tmp_path):
-    path = tmp_path / "results.zarr"
+@pytest.fixture(scope="module")
+def done(small, tmp_path_factory):
+    """A store of the whole experiment, which is to be copied."""
+    path = tmp_path_factory.mktemp("done") / "results.zarr"
     run(small.experiment, prepared=small.prepared, store=path, workers=1)
+    return path
+
+
+@pytest.mark.slow
+def test_an_experiment_is_gone_on_with(small, done, tmp_path):
+    path = shutil.copytree(done, tmp_path / "results.zarr")
     for name in ("checksums", "vaf"):
         shutil.rmtree(path / name / "c" / "1")
     seen = []
@@ -135,9 +145,8 @@ def test_other_settings_are_refused_and_other_data_identified_again(tmp_path):
 
 
 @pytest.mark.slow
-def test_stores_of_another_kind_are_refused(small, tmp_path):
-    path = tmp_path / "results.zarr"
-    run(small.experiment, prepared=small.prepared, store=path, workers=1)
+def test_stores_of_another_kind_are_refused(small, done, tmp_path):
+    path = shutil.copytree(done, tmp_path / "results.zarr")
     with pytest.raises(tv.InputError, match=r"expected 'Simulation study .* found 'Experimental study"):
         run(tv.study.Study(duration_s=40, trials=1, methods="sds"), store=path, workers=1)
     xr.testing.assert_identical(read_results(path).estimate.load(), small.results.estimate)

@@ -101,9 +101,10 @@ def test_some_recordings_failed():
 
 
 @pytest.mark.slow
-def test_results_that_were_stored_are_drawn_too(experiment, tmp_path):
+def test_results_that_were_stored_are_drawn_too(tmp_path):
     import xarray as xr
 
+    experiment = experiment_of(participants=("P1",), methods=("sds", "kbr"))
     experiment.results.to_zarr(tmp_path / "results.zarr", zarr_format=2)
     with xr.open_zarr(tmp_path / "results.zarr", chunks=None) as stored:
         for stem, each in experiment_figures(stored, experiment.summary, {}, {}).items():

@@ -342,6 +342,7 @@ def test_what_it_cannot_serve_it_says():
     )
 
 
+@pytest.mark.slow
 def test_the_search_finds_the_best_of_all_pairs(random):
     line, _ = line_of(random, periodic=True, times=40)
     smooths = tuple(evidence.Smooth(line, each) for each in prior.roughnesses(line.axis))
@@ -384,6 +385,7 @@ def test_two_switches_that_are_close_are_both_listed(random):
     assert [row.time for row in rows if row.probability > 0.5] == pytest.approx([20.3, 22.6], abs=0.4)
 
 
+@pytest.mark.slow
 def test_viscosity_switches_where_stiffness_does_if_that_explains_it(random):
     line, _ = line_of(random, periodic=True)
     found = averaging.averaged(line)

@@ -66,6 +66,7 @@ def errors_of(method, duration, seeds):
     ],
     ids=["bpc", "bpc emg", "tvpc"],
 )
+@pytest.mark.slow
 def test_forty_seconds_are_enough_for_either_pathway(method, mean, total, share):
     found = errors_of(method, 40.0, range(1000, 1003))
     assert abs(found[0]) < mean
@@ -114,6 +115,7 @@ def test_emg_drives_the_reflex():
         tv.BasisCascade(emg="muscle").identify(ensemble)
 
 
+@pytest.mark.slow
 def test_slow_voluntary_torque_is_taken_out():
     ensemble, truth, _ = changing(40.0, 1000)
     time = np.linspace(-1, 1, ensemble.angle.shape[1])
@@ -175,6 +177,7 @@ def test_wrong_settings_are_refused(create, message):
         create()
 
 
+@pytest.mark.slow
 def test_what_is_beyond_a_realization_does_not_enter_its_first_window():
     # There, the reflex's torque is not known.
     ensemble, truth, _ = changing(80.0, 3, np.inf)
@@ -188,6 +191,7 @@ def test_few_realizations_are_warned_of_where_a_window_is_short():
         tv.EnsembleCascade(window=0).identify(ensemble)
 
 
+@pytest.mark.slow
 def test_realizations_without_their_past_are_left_out():
     ensemble, truth, _ = changing(80.0, 3, np.inf)
     method = tv.BasisCascade(memory=0.7)

@@ -35,6 +35,7 @@ def test_block_size_changes_nothing(ensemble_of, monkeypatch):
     np.testing.assert_allclose(tv.KernelRegression().identify(ensemble).stiffness, whole.stiffness, rtol=1e-7)
 
 
+@pytest.mark.slow
 def test_gaps_are_gaps(ensemble_of):
     ensemble = ensemble_of(100.0, "sine", "noise", 30.0)
     truth = tv.simulate.SineWave()(ensemble.time)
@@ -88,6 +89,7 @@ def test_offset_and_drift_of_the_torque_go_to_the_external_term(ensemble_of):
     assert np.abs(mended.stiffness - plain.stiffness).max() < 2.5
 
 
+@pytest.mark.slow
 def test_covariance_is_that_of_repeated_trials(ensemble_of):
     method = tv.KernelRegression()
     models = [method.identify(ensemble_of(40.0, "sine", "noise", seed=seed)) for seed in range(60)]

@@ -408,6 +408,7 @@ def test_halves_tell_the_mean_square_error(random, monkeypatch):
     assert errors[:, 1].mean() == pytest.approx(0.25 * np.mean(truth**2) + 0.25 * variance, rel=0.05)
 
 
+@pytest.mark.slow
 def test_evidence_is_shown_in_words_and_as_a_table():
     evidence = tuned_to_a_square_wave(tv.ShortDataSegments()).evidence
     shown = evidence._repr_html_()
@@ -446,6 +447,7 @@ def test_settings_that_do_not_fit_the_data_are_not_tried(few_deals):
     assert max(settings["window"] for settings in tried) < 0.3
 
 
+@pytest.mark.slow
 def test_settings_are_compared_over_the_times_that_all_of_them_know(few_deals):
     whole = ensemble_of(40.0, "sine", "prbs")
     bare = tv.Ensemble(whole.angle[:, whole.core], whole.torque[:, whole.core], whole.sampling_rate)

@@ -41,6 +41,7 @@ def test_least_squares_takes_the_minimum_norm_where_columns_are_alike(problem):
     assert posterior.effective == 3
 
 
+@pytest.mark.slow
 def test_ridge_maximises_the_evidence(problem):
     regressor, output, _ = problem
     posterior = bayes.ridge(*statistics(regressor, output))

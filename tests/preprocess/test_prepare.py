@@ -66,6 +66,7 @@ def test_variance_accounted_for_is_near_the_papers():
     assert 74 < mean_vaf("prbs") < 87
 
 
+@pytest.mark.slow
 def test_all_of_a_perfect_persons_stiffness_is_found_before_alignment_and_less_after():
     for which in PERTURBATIONS:
         simulation = tv.simulate.Participant(1, perfect()).simulate(perturbation=tv.simulate.PERTURBATIONS[which])

@@ -117,6 +117,7 @@ def test_a_subtracted_mean_is_not_judged(clean):
 
 
 @pytest.mark.parametrize("perturbation", ["noise", "prbs"])
+@pytest.mark.slow
 def test_a_prepared_participant_is_clean(perturbation):
     diagnosis = tv.diagnose(prepared(1, perturbation).ensemble)
     assert not diagnosis.findings, diagnosis

@@ -113,6 +113,7 @@ def test_curves_are_those_of_the_joint(diagnosis):
     assert np.mean(np.abs(curves.correlation) < curves.chance) > 0.85
 
 
+@pytest.mark.slow
 def test_the_comb_shows_reflex_and_feedback():
     late = tv.diagnose(faults.reflexive(8.0)).curves
     speed = late.correlation[1]
@@ -141,6 +142,7 @@ def test_what_cannot_be_diagnosed_is_told(given, expected, advice, clean):
 
 @given(factor=st.floats(0.2, 5))
 @settings(max_examples=5)
+@pytest.mark.slow
 def test_the_size_of_the_torque_changes_only_what_has_its_unit(factor, clean, diagnosis):
     scaled = tv.diagnose(dataclasses.replace(clean, torque=factor * clean.torque))
     for before, after in zip(diagnosis.checks, scaled.checks, strict=True):

@@ -17,6 +17,7 @@ def simulate(system, duration=10.0, **settings):
     return system.simulate(duration, **({"perturbation": FilteredNoise(), "snr_db": 10.0, "seed": 1} | settings))
 
 
+@pytest.mark.slow
 def test_motion_equals_the_differential_equation(random):
     time = np.arange(560) / 1000  # two blocks, the last of which is not whole
     stiffness, damping = 2000 + 1500 * np.sin(9 * time), 40 + 20 * np.cos(3 * time)

@@ -67,6 +67,7 @@ def test_one_figure_speaks_against_each_claim(told, claim):
     assert wrong[0].startswith(claim)
 
 
+@pytest.mark.slow
 def test_a_study_of_loops_is_drawn_and_held_against_them():
     preset = closed_loop.PRESETS["closed-loop"]
     given = {name: preset[name] for name in ("stiffness", "perturbation", "subtract_mean")}

@@ -75,6 +75,7 @@ def results():
     return run(Study(**SETTINGS, system=systems, duration_s=20, trials=2, methods=["birf", Cascade()]), workers=1)
 
 
+@pytest.mark.slow
 def test_a_study_is_held_against_what_was_published_of_it(results):
     assert reflex.published(results) is reflex.LITERATURE
     one_path = results.sel(method_key=["birf"])

@@ -67,6 +67,7 @@ def test_the_number_of_workers_changes_no_number(results):
     same(run(Study(**SMALL), workers=2), results)
 
 
+@pytest.mark.slow
 def test_any_executor_serves_and_changes_no_number(results):
     with ThreadPoolExecutor(2) as executor:
         same(run(Study(**SMALL), executor=executor), results)

@@ -21,6 +21,7 @@ def experiment_on(folder, files, **changes):
     return Experiment(participants={"P1": {"noise": files}}, folder=folder, **settings | changes)
 
 
+@pytest.mark.slow
 def test_a_virtual_participant_is_prepared_as_by_hand(small):
     simulation = simulated(1)
     parts = {**simulation.recording.channels, "voluntary": simulation.pathways["voluntary"]}

@@ -125,6 +125,7 @@ def test_an_experiment_is_gone_on_with(small, done, tmp_path):
     same(results, small.results)
 
 
+@pytest.mark.slow
 def test_other_settings_are_refused_and_other_data_identified_again(tmp_path):
     write_trials(tmp_path)
     settings = {
@@ -162,6 +163,7 @@ class Sometimes:
         return tv.BasisIRF().identify(ensemble)
 
 
+@pytest.mark.slow
 def test_draws_that_fail_are_told_and_the_others_count(tmp_path, small):
     method = {"name": "sometimes", "method": Sometimes(), "contiguous": True}
     experiment = Experiment(**SMALL | {"methods": [method, "birf"], "bootstraps": 30, "perturbation": "noise"})
@@ -275,6 +277,7 @@ def test_what_is_known_of_the_recordings_is_verified_too(tmp_path):
     same(read_results(store), results)
 
 
+@pytest.mark.slow
 def test_a_study_that_is_moved_with_its_files_is_gone_on_with(tmp_path):
     folder, settings = moved(tmp_path)
     run(Experiment(**settings, folder=folder), store=folder / "r.zarr", workers=1)

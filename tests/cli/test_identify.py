@@ -49,9 +49,13 @@ def test_simulate_then_identify(tvsysid, tmp_path, name):
     code, out, _ = tvsysid("simulate", name, "--duration", 60, "--perturbation", "prbs", "--snr", 20)
     assert code == 0
     assert f"tvsysid identify {name} --angle angle --torque torque --rate 1000 --decimate 100 --period 2" in out
-    code, out, err = tvsysid("identify", name, *IDENTIFY, "--method", "sds", "--method", "kbr", "--out", "found")
+    code, out, err = tvsysid(
+        "identify", name, *IDENTIFY, "--method", "sds", "--method", "kbr", "--out", "found", "--sheet"
+    )
     assert (code, err) == (0, "")
     assert "28 realizations of 2 s" in out
+    assert "diagnosis: no fault found in " in out
+    assert "wrote report.html, sheet.html, models.nc" in out
     table = pd.read_csv(tmp_path / "found" / "stiffness.csv")
     assert list(table.columns[:3]) == ["time_s", "method", "stiffness"]
     for method in ("sds", "kbr"):
@@ -62,6 +66,14 @@ def test_simulate_then_identify(tvsysid, tmp_path, name):
     with xr.open_datatree(tmp_path / "found" / "models.nc", engine="h5netcdf") as tree:
         assert set(tree.children) == {"sds", "kbr"}
     assert (tmp_path / "found" / "stiffness.png").stat().st_size > 5000
+    assert "tvsysid identify joint" in (tmp_path / "found" / "report.html").read_text()
+    if name == "joint.mat":
+        code, out, err = tvsysid("report", "found", "found", "--sheet")
+        assert (code, out, err) == (0, "wrote sheet.html to found/\n", "")
+        assert "2. found" in (tmp_path / "found" / "sheet.html").read_text()
+        code, _, err = tvsysid("report", "found", "found")
+        assert code == 2
+        assert "several visits of one person take --sheet" in err
 
 
 @pytest.mark.usefixtures("undrawn")

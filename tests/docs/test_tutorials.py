@@ -55,7 +55,7 @@ def test_the_python_tutorial_runs(folder):
 
 
 def test_the_command_line_tutorial_runs(tvsysid, folder, request):
-    _, inspect, experiment, wide, alone = blocks("tutorial-command-line.md", "")
+    _, inspect, experiment, wide, alone, visits = blocks("tutorial-command-line.md", "")
     (study,) = blocks("tutorial-command-line.md", "toml")
     (folder / "study.toml").write_text(fewer(study, "bootstraps = 10"), encoding="utf-8")
     code, shown, _ = tvsysid(*words_of(inspect))
@@ -75,6 +75,9 @@ def test_the_command_line_tutorial_runs(tvsysid, folder, request):
     request.getfixturevalue("undrawn")
     assert tvsysid(*words_of(wide))[0] == 0
     assert set(pd.read_csv(folder / "wide" / "summary.csv").method) == {"sds:window=0.2"}
-    code, told, _ = tvsysid(*words_of(alone), "--method", "sds")
-    assert code == 0
-    assert "wrote report.html, " in told
+    for visit in ("january", "march"):
+        code, told, _ = tvsysid(*words_of(alone), "--method", "sds", "--out", visit)
+        assert code == 0
+        assert "wrote report.html, " in told
+    assert tvsysid(*words_of(visits))[0] == 0
+    assert "1. january" in (folder / "march" / "sheet.html").read_text()

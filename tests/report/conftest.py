@@ -15,6 +15,7 @@ import tvsysid as tv
 from tvsysid.figures import draw_all
 from tvsysid.figures.style import panels
 from tvsysid.report import write_experiment_report, write_report
+from tvsysid.report.sheet import facts
 from tvsysid.studies.van_de_ruit_2021 import COUNTS, experiment_figures, study_figures
 
 HOSTILE = "mine:<script>alert(1)</script>"
@@ -113,6 +114,18 @@ def identification_page(identified, tmp_path_factory):
     path = tmp_path_factory.mktemp("report") / "report.html"
     tv.report.write_identification(path, identified, "tvsysid identify ankle.mat && echo")
     return path
+
+
+@pytest.fixture(scope="session")
+def sheet_page(identified, tmp_path_factory):
+    """Path of a sheet about as many visits as fit."""
+    folder = tmp_path_factory.mktemp("visits")
+    folders = [folder / f"visit number {place}" for place in range(1, 7)]
+    for each in folders:
+        models = dict(identified.found.models)
+        tv.recordings.write_models(each / "models.nc", models, about=facts(identified))
+    tv.report.write_sheet(folder / "sheet.html", folders)
+    return folder / "sheet.html"
 
 
 @pytest.fixture(scope="session")

@@ -99,3 +99,8 @@ def test_it_prints(browser, page, tmp_path):
     content = (tmp_path / "page.pdf").read_bytes()
     assert content.startswith(b"%PDF")
     assert len(re.findall(rb"/Type\s*/Page\b", content)) > 3
+
+
+def test_a_sheet_is_one_page_of_paper(browser, sheet_page, tmp_path):
+    browser("--no-pdf-header-footer", f"--print-to-pdf={tmp_path / 'sheet.pdf'}", sheet_page.as_uri())
+    assert len(re.findall(rb"/Type\s*/Page\b", (tmp_path / "sheet.pdf").read_bytes())) == 1

@@ -60,6 +60,9 @@ def identify(
         ),
     ] = False,
     tune: Annotated[bool, options.option("", "Choose each method's settings from the data.", "--tune")] = False,
+    sheet: Annotated[
+        bool, options.option("", "Also write `sheet.html`, one page of A4 to print, for research use only.", "--sheet")
+    ] = False,
     out: options.OutOption = Path("tvsysid-identify"),
 ) -> None:
     """Identify stiffness over time from a recording.
@@ -94,6 +97,9 @@ def identify(
     the data and what to do, the methods side by side and why they differ, and a methods paragraph with references
     (BibTeX) for a paper;
 
+    - with `--sheet`, `sheet.html`: one page of A4 about one person and visit; `tvsysid report DIR DIR … --sheet` makes
+    one of several visits;
+
     - `stiffness.csv`: time_s, method, stiffness (N·m/rad), viscosity (N·m·s/rad) and inertia (kg·m²), each with its
     95 % band (`stiffness_lower`, `stiffness_upper`, …), and time_varying_vaf (%); a further quantity that a method
     estimates over time has columns of the same kind;
@@ -120,10 +126,7 @@ def identify(
     """
     from tvsysid import preprocess
     from tvsysid.comparison import compare
-    from tvsysid.figures import identified_impedance
     from tvsysid.methods import deviating_channels, parse
-    from tvsysid.recordings import whole_file, write_models
-    from tvsysid.report import write_identification
 
     if period is None and scheduling is None:
         raise InputError(
@@ -155,24 +158,44 @@ def identify(
         remark("warning", f"{label} is skipped: {reason}")
     for label, reason in found.failed.items():
         remark("error", f"{label} failed: {reason}")
-    with whole_file(out / "stiffness.csv") as table:
-        found.over_time().to_csv(table, index=False, float_format="%.6g")
-    write_models(out / "models.nc", {label.replace("/", "_"): each for label, each in found.models.items()}, ensemble)
-    title = _title(file, found)
-    _save(identified_impedance(found.models, found.vaf_over_time(), title), out / "stiffness")
-    scheduled = _write_scheduled(found, out, title)
-    reversed_ = ", with its sign reversed" if torque_sign == -1 else ""
-    source = {"file": file.name, "angle": f"channel {angle}, in {angle_unit}", "torque": f"channel {torque}{reversed_}"}
+    written = _write_results(found, out, _title(file, found))
+    turned = ", with its sign reversed" if torque_sign == -1 else ""
+    source = {"file": file.name, "angle": f"channel {angle}, in {angle_unit}", "torque": f"channel {torque}{turned}"}
     account = _account(found, time_limit, source)
-    write_identification(out / "report.html", account, command_line())
+    written = [*_write_account(account, out, sheet), *written]
     _show_impedance(account)
     _show_further(found)
     _show_reflex(found)
     _show_diagnosis(account)
-    written = ["report.html", "stiffness.csv", "models.nc", "stiffness.png", "stiffness.pdf"]
-    say_written(out, [*written, *scheduled, *_write_tuning(found, out)])
+    say_written(out, [*written, *_write_tuning(found, out)])
     if found.failed:
         raise typer.Exit(1)
+
+
+def _write_results(found: Comparison, out: Path, title: str) -> list[str]:
+    """Write what was estimated over time and over variables, and draw it; returns the names of the files."""
+    from tvsysid.figures import identified_impedance
+    from tvsysid.recordings import whole_file
+
+    with whole_file(out / "stiffness.csv") as table:
+        found.over_time().to_csv(table, index=False, float_format="%.6g")
+    _save(identified_impedance(found.models, found.vaf_over_time(), title), out / "stiffness")
+    return ["stiffness.csv", "stiffness.png", "stiffness.pdf", *_write_scheduled(found, out, title)]
+
+
+def _write_account(account: Account, out: Path, sheet: bool) -> list[str]:
+    """Write the models, the page, and a sheet if it was asked for; returns the names of the files."""
+    from tvsysid.recordings import write_models
+    from tvsysid.report import write_identification, write_sheet
+    from tvsysid.report.sheet import facts
+
+    found = account.found
+    models = {label.replace("/", "_"): each for label, each in found.models.items()}
+    write_models(out / "models.nc", models, found.ensemble, facts(account))
+    write_identification(out / "report.html", account, command_line())
+    if sheet:
+        write_sheet(out / "sheet.html", [out])
+    return ["report.html", *["sheet.html"] * sheet, "models.nc"]
 
 
 def _aligned(recording: Recording, period: float, context: float) -> Recording:

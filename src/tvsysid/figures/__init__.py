@@ -16,6 +16,7 @@ from tvsysid.figures.scheduling import scheduled_estimates
 from tvsysid.figures.simulations import coverage_over_time, error_against, error_against_amount, impulse_responses
 from tvsysid.figures.spread import error_against_truth, variance_and_spread
 from tvsysid.figures.style import lines
+from tvsysid.figures.visits import Visit, stiffness_of_visits
 
 __all__ = [
     "BARS_OF_PATHWAYS",
@@ -45,4 +46,4 @@ __all__ += [
     "share_out",
     "stiffness_of_participants",
 ]
-__all__ += ["stiffness_with_bands", "tuning_curves", "variance_and_spread"]
+__all__ += ["Visit", "stiffness_of_visits", "stiffness_with_bands", "tuning_curves", "variance_and_spread"]

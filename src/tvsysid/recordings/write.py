@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -72,7 +73,12 @@ def write_simulation(path: str | Path, columns: Mapping[str, NDArray[np.float64]
             pd.DataFrame(dict(columns)).to_csv(temporary, sep=separator, index=False, float_format="%.9g")
 
 
-def write_models(path: str | Path, models: Mapping[str, Model], ensemble: Ensemble | None = None) -> None:
+def write_models(
+    path: str | Path,
+    models: Mapping[str, Model],
+    ensemble: Ensemble | None = None,
+    about: Mapping[str, str | float] = MappingProxyType({}),
+) -> None:
     """Write models to a NetCDF file, one group for each; ``xarray.open_datatree`` reads it.
 
     A group holds what :meth:`tvsysid.Model.to_xarray` returns: every estimate, its standard error, degrees of freedom
@@ -81,8 +87,8 @@ def write_models(path: str | Path, models: Mapping[str, Model], ensemble: Ensemb
 
     Parameters
     ----------
-    path, models, ensemble
-        File to write; models by name of the group; the ensemble whose torque is written too.
+    path, models, ensemble, about
+        File to write; models by name of the group; the ensemble whose torque is written too; attributes of the file.
 
     Examples
     --------
@@ -102,7 +108,9 @@ def write_models(path: str | Path, models: Mapping[str, Model], ensemble: Ensemb
     import xarray as xr  # noqa: PLC0415  # heavy
 
     groups = {name: _without_complex(model.to_xarray(ensemble)) for name, model in models.items()}
-    content = xr.DataTree.from_dict(groups).to_netcdf(engine="h5netcdf")  # HDF5 itself crashes where a disk is full
+    content = xr.DataTree.from_dict({"/": xr.Dataset(attrs=dict(about)), **groups}).to_netcdf(
+        engine="h5netcdf"
+    )  # HDF5 itself crashes where a disk is full
     with whole_file(path) as temporary:
         temporary.write_bytes(content)
 

@@ -149,12 +149,13 @@ class Section:
 
 @dataclass(frozen=True)
 class Page:
-    """A whole page, with the version of this package that its results came from."""
+    """A whole page, with the version of this package that its results came from; a ``notice`` stands at its head."""
 
     title: str
     subtitle: str
     sections: Sequence[Section]
     version: str = __version__
+    notice: str = ""
 
     @property
     def sortable(self) -> bool:

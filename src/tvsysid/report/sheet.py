@@ -1,0 +1,161 @@
+"""A sheet of A4 about one person: one visit, or several in the order of time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from tvsysid import __version__
+from tvsysid.errors import InputError
+from tvsysid.figures import Illustration, draw_all
+from tvsysid.figures.visits import Visit, stiffness_of_visits
+from tvsysid.report import page
+from tvsysid.report.answer import Account, answer, mean_of
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+MODELS = "models.nc"  # where tvsysid identify keeps what it found, in its folder
+MOST = 6  # visits on one page
+NOTICE = "Research use only. Not for diagnosis, and not for decisions about treatment."
+BY_HAND = "Person: ____________________   Visit: ____________   Date: ____________   Signed: ____________________"
+NOTE = (
+    "Bands (95 %, at each time) count measurement noise, not how a person was placed, warmed up or told to hold the "
+    "joint. No test was made of whether visits differ. VAF is the share of the torque’s variance that is predicted in "
+    "realizations held out. Of the faults, report.html beside each result says what they do."
+)
+
+
+class Known(NamedTuple):
+    """What a folder knows of one visit: stiffness, and rows about it."""
+
+    visit: Visit
+    about: dict[str, Any]
+    viscosity: float
+    inertia: float
+
+
+def facts(account: Account) -> dict[str, str | float]:
+    """What a sheet needs beside the models, as attributes of their file."""
+    found, label = account.found, account.found.leading
+    names = None if account.diagnosis is None else ", ".join(each.name for each in account.diagnosis.findings)
+    return {
+        "tvsysid": __version__,
+        "leading": _group(label),
+        "answer": "; ".join(answer(found)),
+        "file": account.source.get("file", ""),
+        "data": f"{len(found.ensemble)} × {found.ensemble.duration:g} s",
+        "faults": "not diagnosed" if names is None else names or "none",
+        "vaf": mean_of(found.vaf[label]),
+        "held_out_vaf": account.held_out_mean(label),
+    }
+
+
+def _group(label: str) -> str:
+    """Name of a method's group in the file of models."""
+    return label.replace("/", "_")
+
+
+def write_sheet(path: str | Path, folders: Sequence[str | Path]) -> None:
+    """Write one page of A4, as HTML to be printed, about one person.
+
+    Parameters
+    ----------
+    path
+        Of the file, which appears whole or not at all.
+    folders
+        Of ``tvsysid identify``, one for each visit, in the order of time; at most six.
+
+    Raises
+    ------
+    InputError
+        For none, too many, and for a folder that identify did not write.
+    """
+    if not 1 <= len(folders) <= MOST:
+        raise InputError(f"write_sheet: expected 1 to {MOST} folders of tvsysid identify, got {len(folders)}")
+    known = [_read(Path(folder)) for folder in folders]
+    several = len(known) > 1
+    lines = [] if several else [f"{known[0].about['answer']}."]
+    title = "Stiffness of a joint over visits" if several else "Stiffness of a joint"
+    illustration = Illustration(
+        partial(stiffness_of_visits, [each.visit for each in known]),
+        "Stiffness over time" + (", and over visits (circles: means with the mean half width of the band)" * several),
+        "",
+    )
+    picture = draw_all({"sheet": illustration})["sheet"]
+    blocks: list[page.Block] = [BY_HAND, *([page.Box(lines)] if lines else []), page.Figure("sheet", picture)]
+    blocks += [_table(known), NOTE]
+    subtitle = f"Identified by tvsysid {known[-1].about['tvsysid']} from {', '.join(_files(known))}."
+    page.write_page(path, page.Page(title, subtitle, [page.Section("sheet-result", "Result", blocks)], notice=NOTICE))
+
+
+def _files(known: Sequence[Known]) -> list[str]:
+    return list(dict.fromkeys(str(each.about["file"]) for each in known))
+
+
+def _read(folder: Path) -> Known:
+    """What ``tvsysid identify`` wrote to a folder."""
+    import xarray as xr  # noqa: PLC0415  # heavy
+
+    file = folder / MODELS
+    if not file.is_file():
+        raise InputError(f"{folder}: there is no {MODELS}; give folders that tvsysid identify wrote")
+    try:
+        with xr.open_datatree(file, engine="h5netcdf") as tree:
+            about = {str(name): value for name, value in tree.attrs.items()}
+            model = tree[about["leading"]].to_dataset().load()
+    except (KeyError, OSError, ValueError) as error:
+        raise InputError(
+            f"{file}: cannot be read, or an older version wrote it; identify the recording again ({error})"
+        ) from error
+    stiffness = _over_time(model, "stiffness")
+    if not np.isfinite(stiffness).any():
+        raise InputError(f"{file}: {about['leading']} estimates no stiffness over time; a sheet shows that")
+    time = np.asarray(model.time.values, dtype=float)
+    limits = [_over_time(model, f"stiffness_{end}") for end in ("lower", "upper")]
+    means = [mean_of(_over_time(model, name)) for name in ("viscosity", "inertia")]
+    return Known(Visit(folder.name or str(folder), time, stiffness, *limits), about, *means)
+
+
+def _over_time(model: xr.Dataset, name: str) -> np.ndarray:
+    """Variable over time, NaN where there is none; limits of single realizations are none of the mean."""
+    missing = np.full(model.sizes["time"], np.nan)
+    if name not in model or "time" not in model[name].dims:
+        return missing
+    values = model[name]
+    if "realization" in values.dims:
+        return missing if name.endswith(("lower", "upper")) else np.asarray(values.mean("realization"), dtype=float)
+    return np.asarray(values, dtype=float)
+
+
+def _table(known: Sequence[Known]) -> page.Table:
+    """A row for each visit."""
+    rows = []
+    for place, each in enumerate(known, start=1):
+        visit, about = each.visit, each.about
+        ends = [int(find(visit.stiffness)) for find in (np.nanargmin, np.nanargmax)]
+        extremes = [
+            page.Cell(f"{visit.stiffness[at]:.1f} at {visit.time[at]:.2f} s", visit.stiffness[at]) for at in ends
+        ]
+        rows.append(
+            page.Row(
+                (
+                    *(f"{place}. {visit.label}", about["data"].replace(" ", "\u00a0"), about["leading"]),
+                    *(page.number(visit.mean, visit.half_band, 1), *extremes),
+                    *(page.number(each.viscosity, decimals=2), page.number(each.inertia, decimals=4)),
+                    *(page.number(float(about["held_out_vaf"]), decimals=1), about["faults"]),
+                )
+            )
+        )
+    columns = [page.Column("visit", kind="label"), page.Column("data"), page.Column("method")]
+    columns += [page.Column(end, "N·m/rad", "number") for end in ("stiffness", "lowest", "highest")]
+    columns += [page.Column("viscosity", "N·m·s/rad", "number"), page.Column("inertia", "kg·m²", "number")]
+    columns += [page.Column("VAF", "%", "number"), page.Column("faults of the data")]
+    caption = (
+        "Means over time; ± is the mean half width of the stiffness’s 95 % band. Data: realizations and their duration."
+    )
+    return page.Table("Values", caption, columns, rows, narrow=True)

@@ -1,0 +1,42 @@
+"""A sheet of A4 about one person."""
+
+import pytest
+import xarray as xr
+from tests.report.elements import Elements, table
+
+import tvsysid as tv
+from tvsysid.report.sheet import facts
+
+
+def test_visits_stand_in_their_order_with_their_bands(sheet_page, identified):
+    elements = Elements(sheet_page.read_text())
+    assert ("Research use only. Not for diagnosis, and not for decisions about treatment.") in sheet_page.read_text()
+    told = table(elements, "Means over time")
+    model = identified.found.models["adaptive"]
+    lower, upper = model.estimates["stiffness"].band()
+    for place in range(1, 7):
+        mean = f"{model.stiffness.mean():.1f} ± {(upper - lower).mean() / 2:.1f}"
+        assert f"{place}. visit number {place} 60 × 2 s adaptive {mean} {model.stiffness.min():.1f} at " in told
+    assert told.endswith("–none none")  # the held-out VAF of adaptive is not known here; no fault of the data
+
+
+def test_one_visit_says_its_answer(identified, tmp_path):
+    tv.recordings.write_models(tmp_path / "models.nc", dict(identified.found.models), about=facts(identified))
+    tv.report.write_sheet(tmp_path / "sheet.html", [tmp_path])
+    told = " ".join(text for _, text in Elements((tmp_path / "sheet.html").read_text()).of("p"))
+    assert "stiffness by adaptive, the one to go by: " in told
+    assert "Person: ____" in told
+
+
+def test_what_identify_did_not_write_is_refused(tmp_path):
+    with pytest.raises(tv.InputError, match="expected 1 to 6 folders of tvsysid identify, got 0"):
+        tv.report.write_sheet(tmp_path / "sheet.html", [])
+    with pytest.raises(tv.InputError, match=r"there is no models\.nc; give folders that tvsysid identify wrote"):
+        tv.report.write_sheet(tmp_path / "sheet.html", [tmp_path])
+    for content in ("text", None):
+        if content is None:
+            xr.Dataset({"stiffness": ("time", [1.0])}).to_netcdf(tmp_path / "models.nc", engine="h5netcdf")
+        else:
+            (tmp_path / "models.nc").write_text(content)
+        with pytest.raises(tv.InputError, match=r"cannot be read, or an older version wrote it; identify .* again"):
+            tv.report.write_sheet(tmp_path / "sheet.html", [tmp_path])

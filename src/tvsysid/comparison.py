@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -24,13 +24,12 @@ from tvsysid.methods.travel import pickled
 from tvsysid.metrics import time_varying_vaf, vaf
 from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_known
-from tvsysid.showing import Shown, summary_html
+from tvsysid.showing import Progress, Shown, reported, summary_html
 from tvsysid.signals import Array, Ensemble
 
 if TYPE_CHECKING:
     import pandas as pd
 
-Progress = Callable[[int, int], object]
 FOLDS = 5  # into which realizations are dealt, to predict each from the others
 
 
@@ -178,10 +177,9 @@ class Comparison(Shown, Frozen):
         found = {label: np.full(len(ensemble), np.nan) for label in self.models}
         failed: dict[str, str] = {}
         jobs = [(label, part) for part in parts for label in found if len(parts) > 1]
-        with threadpool_limits(1):
+        with threadpool_limits(1), reported(progress, "identifying without a part") as advance:
             for number, (label, part) in enumerate(jobs):
-                if progress is not None:
-                    progress(number, len(jobs))
+                advance(number, len(jobs))
                 try:
                     found[label][part] = _vaf_of(self.methods[label], ensemble, part, label, limit)
                 except Exception as error:  # a method of one's own may raise anything
@@ -244,7 +242,7 @@ def compare(
     tune
         Whether each method's settings are chosen from the data first.
     progress
-        Called with the number of methods done and of all, before each.
+        Called with the number of methods done and of all, before each; None shows a bar in a notebook.
     time_limit
         Seconds after which a method that is not the package's own has failed.
 
@@ -284,10 +282,9 @@ def compare(
     failed: dict[str, str] = {}
     limit = checked_limit(time_limit)
     # Small matrices: BLAS threads would only wait for each other.
-    with threadpool_limits(1):
+    with threadpool_limits(1), reported(progress, "identifying") as advance:
         for number, (label, method) in enumerate(chosen.items()):
-            if progress is not None:
-                progress(number, len(chosen))
+            advance(number, len(chosen))
             try:
                 travelling, own = pickled({label: method})[label], tune or isinstance(method, Tuned)
                 found[label] = identify(travelling, ensemble, label, tune=own, limit=limit, keep=True)

@@ -1,18 +1,23 @@
-"""How objects show themselves: a line of HTML in a notebook, and a picture when they are asked to ``plot()``."""
+"""What people see: a line of HTML of an object in a notebook, its picture by ``plot()``, and the progress of work."""
 
 from __future__ import annotations
 
 import html
 import math
-from collections.abc import Iterable, Sequence
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from importlib import import_module
+from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 from tvsysid.errors import printable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from rich.console import Console
 
+Progress = Callable[[int, int], object]
 FOLDED = 20  # rows beyond which a table is folded
 
 
@@ -57,3 +62,41 @@ def _escaped(cell: object) -> str:
     if isinstance(cell, float):
         return "" if math.isnan(cell) else f"{cell:.4g}"
     return html.escape(printable(str(cell)))
+
+
+@contextmanager
+def progress_bar(title: str, console: Console | None = None, disable: bool = False) -> Iterator[Progress]:
+    """Show a bar; what it yields is called with what is done and the total."""
+    from rich.progress import (  # noqa: PLC0415  # heavy
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+
+    shown = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[rate]}"),
+        TimeRemainingColumn(elapsed_when_finished=True),
+    )
+    with Progress(*shown, console=console, transient=True, disable=disable) as bar:
+        task = bar.add_task(title, total=None, rate="")
+
+        def advance(done: int, total: int) -> None:
+            speed = bar.tasks[0].speed
+            bar.update(task, completed=done, total=total, rate=f"{speed:.1f}/s" if speed else "")
+
+        yield advance
+
+
+@contextmanager
+def reported(progress: Progress | None, title: str) -> Iterator[Progress]:
+    """What a function calls with what is done and the total: what it was given, or else in a notebook a bar."""
+    if progress is None and "ipykernel" in sys.modules and find_spec("ipywidgets") is not None:
+        with progress_bar(title) as advance:
+            yield advance
+    else:
+        yield progress or (lambda done, total: None)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
@@ -18,9 +18,8 @@ from tvsysid.methods.apply import apply
 from tvsysid.models import Model
 from tvsysid.numerics.bands import critical_value, mean_and_spread
 from tvsysid.preprocess.bootstrap import bootstrap_weights
+from tvsysid.showing import Progress, reported
 from tvsysid.signals import Array, Ensemble
-
-Progress = Callable[[int, int], Any]
 
 FEWEST = 2  # draws, and realizations, without which there is no spread
 
@@ -124,7 +123,7 @@ def bootstrap(method: Any, ensemble: Ensemble, count: int, seed: int, progress: 
 
     The method is anything with ``identify(ensemble)``. Of the ensemble's realizations as many are drawn each time,
     ``count`` times (B; 100 give the standard deviation to 7 %); the same ``seed`` gives the same draws. After each,
-    ``progress`` is called with the draws done and their number.
+    ``progress`` is called with the draws done and their number; without it, a notebook shows a bar.
 
     Raises
     ------
@@ -171,20 +170,20 @@ def bootstrap(method: Any, ensemble: Ensemble, count: int, seed: int, progress: 
     found = {name: np.full((count, *_drawn(model, name).shape), np.nan) for name in quantities}
     every = np.arange(len(ensemble))
     reasons = []
-    for draw, times in enumerate(weights):
-        try:
-            drawn = ensemble.select(np.repeat(every, times))
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", DataQualityWarning)
-                own = apply(method, drawn)
-            found = {name: draws for name, draws in found.items() if _alike(own, model, name)}
-            for name, draws in found.items():
-                draws[draw] = _drawn(own, name)
-        # One draw may be what no other is, and a method of one's own may raise anything.
-        except Exception as error:
-            reasons.append(f"{type(error).__name__}: {error}")
-        if progress is not None:
-            progress(draw + 1, count)
+    with reported(progress, "drawing") as advance:
+        for draw, times in enumerate(weights):
+            try:
+                drawn = ensemble.select(np.repeat(every, times))
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore", DataQualityWarning)
+                    own = apply(method, drawn)
+                found = {name: draws for name, draws in found.items() if _alike(own, model, name)}
+                for name, draws in found.items():
+                    draws[draw] = _drawn(own, name)
+            # One draw may be what no other is, and a method of one's own may raise anything.
+            except Exception as error:
+                reasons.append(f"{type(error).__name__}: {error}")
+            advance(draw + 1, count)
     if reasons:
         said = f"{label} could not identify {len(reasons)} of {count} draws (the first: {reasons[0]})"
         if count - len(reasons) < FEWEST:

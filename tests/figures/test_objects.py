@@ -1,5 +1,8 @@
 """Everything that has a picture shows it, and a line in a notebook."""
 
+import sys
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 from tests import experimental, synthetic
@@ -7,7 +10,7 @@ from tests.conftest import ensemble_of
 
 import tvsysid as tv
 from tvsysid.errors import InputError
-from tvsysid.showing import Shown, summary_html
+from tvsysid.showing import Shown, reported, summary_html
 
 
 @pytest.fixture(scope="module")
@@ -81,3 +84,18 @@ def test_what_others_wrote_is_escaped_and_long_tables_are_folded():
     assert "0.3333" in text
     assert "<details>" not in text
     assert "<summary>30 rows</summary>" in summary_html("many", "", ["n"], [[n] for n in range(30)])
+
+
+def test_progress_goes_to_who_asks_for_it_and_to_a_notebook(monkeypatch):
+    told = []
+    with reported(lambda *counts: told.append(counts), "working") as advance:
+        advance(1, 2)
+    with reported(None, "working") as advance:  # no notebook
+        advance(1, 2)
+    assert told == [(1, 2)]
+    monkeypatch.setitem(sys.modules, "ipykernel", object())
+    monkeypatch.setattr("tvsysid.showing.find_spec", lambda name: object())
+    monkeypatch.setattr("tvsysid.showing.progress_bar", lambda title: nullcontext(lambda *counts: told.append(title)))
+    with reported(None, "working") as advance:
+        advance(2, 2)
+    assert told == [(1, 2), "working"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any, Literal
@@ -14,6 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from tvsysid.errors import DataQualityWarning, one_line, printable
+from tvsysid.showing import Progress, progress_bar
 
 
 class Stream(Console):
@@ -102,26 +103,9 @@ def _lines(headings: Sequence[str], row: Sequence[str]) -> str:
     return "\n  ".join(lines)
 
 
-@contextmanager
-def progress(title: str) -> Iterator[Callable[[int, int], None]]:
+def progress(title: str) -> AbstractContextManager[Progress]:
     """Show a bar; what it yields is called with what is done and the total."""
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    shown = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[rate]}"),
-        TimeRemainingColumn(elapsed_when_finished=True),
-    )
-    with Progress(*shown, console=errors, transient=True, disable=not errors.is_terminal) as bar:
-        task = bar.add_task(title, total=None, rate="")
-
-        def advance(done: int, total: int) -> None:
-            speed = bar.tasks[0].speed
-            bar.update(task, completed=done, total=total, rate=f"{speed:.1f}/s" if speed else "")
-
-        yield advance
+    return progress_bar(title, errors, disable=not errors.is_terminal)
 
 
 def waiting(title: str) -> AbstractContextManager[object]:

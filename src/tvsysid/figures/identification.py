@@ -141,9 +141,11 @@ def _width(label: str, models: Mapping[str, Model]) -> float:
 
 def _wide(found: Mapping[str, Found]) -> set[str]:
     """Methods that reach so much farther than is usual that they would cover what the others found; never the first."""
-    reach = {label: each.extent[1] - each.extent[0] for label, each in found.items()}
-    usual = float(np.percentile(list(reach.values()), 75))
-    return {label for label in list(reach)[1:] if len(reach) > 2 and reach[label] > WIDE * usual}
+    if len(found) < 3:
+        return set()
+    reaches = np.array([[np.ptp(_extent(each.values)), np.ptp(each.extent)] for each in found.values()])
+    wide = (reaches > WIDE * np.percentile(reaches, 75, axis=0)).any(axis=1)
+    return {label for label, far in list(zip(found, wide, strict=True))[1:] if far}
 
 
 def _limit(axes: Axes, found: Mapping[str, Found], wide: set[str]) -> None:

@@ -82,8 +82,7 @@ def _model(model: Model, title: str = "") -> Figure:
 
 
 def _comparison(comparison: Comparison, title: str = "") -> Figure:
-    several = len(comparison.ensemble) > 1  # VAF at a time is over realizations
-    return identified_impedance(comparison.models, comparison.time_varying_vaf if several else {}, title)
+    return identified_impedance(comparison.models, comparison.vaf_over_time(), title)
 
 
 def _evidence(evidence: Evidence, title: str = "") -> Figure:

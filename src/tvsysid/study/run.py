@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from tvsysid.errors import InputError
 from tvsysid.limits import TIME_LIMIT
 from tvsysid.methods.apart import checked_limit
+from tvsysid.showing import reported
 from tvsysid.study.contents import EXPERIMENT
 from tvsysid.study.prepared import Prepared
 from tvsysid.study.recorded import Experiment
@@ -60,7 +61,7 @@ def run(
         Runs the tasks in place of local processes: that of a Dask cluster (``client.get_executor()``), of MPI, Ray or
         submitit. Then ``workers`` is the number of tasks that it runs at a time.
     progress
-        Called with the numbers of tasks there and in all, first before any is run.
+        Called with the numbers of tasks there and in all, first before any is run; None shows a bar in a notebook.
     time_limit
         Seconds for each identification by a method that is not the package's own. One that takes longer is ended, has
         failed, and is not tried again in this run (of an experiment: with this recording); resuming tries it again.
@@ -109,7 +110,8 @@ def run(
         path = Path(folder) / "results.zarr" if store is None else Path(folder)
         with open_store(path, source.layout) as opened:
             source.begin(opened)
-            carry_out_missing(opened, source.task_at, workers, executor, progress, time_limit)
+            with reported(progress, "studying") as advance:
+                carry_out_missing(opened, source.task_at, workers, executor, advance, time_limit)
             results = source.completed(opened.results())
         return results.load() if store is None else results
 

@@ -37,7 +37,7 @@ def carry_out_missing(
     task_at: Callable[[Place], Task],
     workers: int | None = None,
     executor: Executor | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Callable[[int, int], object] | None = None,
     time_limit: float = TIME_LIMIT,
 ) -> None:
     """Carry out the tasks of a study that its store lacks, and write what comes back; arguments are those of `run`."""

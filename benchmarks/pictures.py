@@ -1,0 +1,87 @@
+"""Draw the pictures of the README and of docs/ anew: run ``python benchmarks/pictures.py`` from the repository root.
+
+Names after it draw some of them alone: ``comparison``, ``adaptive``, ``reflex-bias``, ``closed-loop-bias``. docs/reflex.md
+has the code of its own picture.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+import tvsysid as tv
+from tvsysid.figures.comparison import BARS
+from tvsysid.figures.style import TRUE_LINE
+from tvsysid.methods import DEFAULT_METHODS
+from tvsysid.methods.plugins import STUDIED_METHODS
+from tvsysid.studies.closed_loop import loop_figures
+from tvsysid.studies.closed_loop.presets import ACTUATORS, SNR, system
+from tvsysid.studies.closed_loop.presets import PRESETS as CLOSED_LOOP
+from tvsysid.studies.reflex import reflex_figures
+from tvsysid.studies.reflex.presets import NAMES, ONE_PATH
+from tvsysid.studies.reflex.presets import PRESETS as REFLEX
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+DOCS = Path(__file__).parents[1] / "docs"
+
+
+def studied(**settings: Any) -> tuple[xr.Dataset, pd.DataFrame]:
+    results = tv.study.run(tv.study.Study(**settings))
+    return results, tv.study.by_full_name(tv.study.summarize(tv.study.score(results)))
+
+
+def comparison() -> Figure:
+    results, summary = studied(
+        stiffness=["square"], perturbation=["noise"], duration_s=[150.0], methods=STUDIED_METHODS, trials=20
+    )
+    labels, bars = list(map(str, results.scenario.values)), {"total_error": BARS["total_error"]}
+    title = "Square wave, filtered noise, 150 s, 10 dB"
+    stiffness = results.sel(quantity=["stiffness"])
+    return tv.figures.method_comparison(stiffness, summary, labels, labels, title, bars)
+
+
+def wave(time: Any) -> Any:
+    """Stiffness in N·m/rad that changes smoothly and switches twice."""
+    phase = np.round(time, 6) % 2
+    return 80 + 25 * np.sin(np.pi * phase + 0.7) + 50 * ((phase >= 0.613) & (phase < 1.488))
+
+
+def adaptive() -> Figure:
+    joint = tv.simulate.Joint(stiffness=wave)
+    simulation = joint.simulate(150, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1)
+    recording = tv.preprocess.decimate(simulation.recording, 100)
+    ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))
+    figure = tv.compare(ensemble, DEFAULT_METHODS).plot()
+    figure.axes[0].plot(ensemble.time, wave(ensemble.time), zorder=1.3, **TRUE_LINE)
+    return figure
+
+
+def reflex_bias() -> Figure:
+    preset = REFLEX["reflex"] | {"system": tuple(NAMES.values()), "methods": (*ONE_PATH, "cascade"), "also": ()}
+    return reflex_figures(*studied(**preset))["bias-reflex-sine"].draw()
+
+
+def closed_loop_bias() -> Figure:
+    systems = tuple(system(actuator, 5.0) for actuator in ACTUATORS)
+    preset = CLOSED_LOOP["closed-loop"] | {"snr_db": (SNR[5.0],), "system": systems, "also": ()}
+    return loop_figures(*studied(**preset))["bias-5Hz"].draw()
+
+
+PICTURES: dict[str, Callable[[], Figure]] = {
+    "comparison": comparison,
+    "adaptive": adaptive,
+    "reflex-bias": reflex_bias,
+    "closed-loop-bias": closed_loop_bias,
+}
+
+if __name__ == "__main__":
+    for name in sys.argv[1:] or PICTURES:
+        tv.figures.save(PICTURES[name](), DOCS / f"{name}.png")

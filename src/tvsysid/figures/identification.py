@@ -114,13 +114,12 @@ def draw_quantity(axes: Axes, name: str, models: Mapping[str, Model]) -> str:
         style.remark(axes, "not identified")
         return over
     looks, wide = style.lines(list(models)), _wide(found)
-    for place, label in reversed(list(enumerate(models))):
-        if label in found:
-            where, values, band = found[label]
-            look = looks[label].curve(len(values), place, len(models)) | {"label": label}
-            look |= {"linewidth": 0.7, "zorder": 1.2} if label in wide else {"linewidth": _width(label, models)}
-            opacity = style.EDGES if label in wide else 0.3 if label == next(iter(models)) else 0.14
-            style.curve_with_band(axes, where, values, band, looks[label].hue, opacity, **look)
+    for label in _behind_to_front(found):
+        where, values, band = found[label]
+        look = looks[label].curve(len(values), list(models).index(label), len(models)) | {"label": label}
+        look |= {"linewidth": 0.7, "zorder": 1.2} if label in wide else {"linewidth": _width(label, models)}
+        opacity = style.EDGES if label in wide else 0.3 if label == next(iter(models)) else 0.14
+        style.curve_with_band(axes, where, values, band, looks[label].hue, opacity, **look)
     _limit(axes, found, wide)
     return over
 
@@ -137,6 +136,12 @@ def _band(estimate: Estimate, samples: int) -> list[Array] | None:
 def _width(label: str, models: Mapping[str, Model]) -> float:
     """Of a line: the first of several methods stands out."""
     return 2.2 if len(models) > 1 and label == next(iter(models)) else 1.2
+
+
+def _behind_to_front(found: Mapping[str, Found]) -> list[str]:
+    """The roughest curve behind, the first method in front."""
+    first, *others = found
+    return [*sorted(others, key=lambda label: -float(np.nanmean(np.abs(np.diff(found[label].values))))), first]
 
 
 def _wide(found: Mapping[str, Found]) -> set[str]:

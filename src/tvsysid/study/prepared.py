@@ -67,7 +67,7 @@ class Prepared:
 
 
 def prepared_recordings(
-    experiment: Experiment, progress: Callable[[int, int], None] | None = None
+    experiment: Experiment, progress: Callable[[int, int], object] | None = None
 ) -> tuple[Prepared, ...]:
     """Prepare every recording of an experiment; what cannot be used spoils nothing else.
 

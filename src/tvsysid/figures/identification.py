@@ -141,7 +141,7 @@ def _width(label: str, models: Mapping[str, Model]) -> float:
 def _behind_to_front(found: Mapping[str, Found]) -> list[str]:
     """The roughest curve behind, the first method in front."""
     first, *others = found
-    return [*sorted(others, key=lambda label: -float(np.nanmean(np.abs(np.diff(found[label].values))))), first]
+    return [*sorted(others, key=lambda label: -float(np.nansum(np.abs(np.diff(found[label].values))))), first]
 
 
 def _wide(found: Mapping[str, Found]) -> set[str]:

@@ -53,7 +53,8 @@ def test_bars_whiskers_and_dots_are_the_participants(figure, experiment):
             bar = bars[2 * place + number]
             assert bar.get_height() == pytest.approx(each.mean())
             assert to_hex(bar.get_facecolor()).upper() == hue
-            assert bar.get_alpha() == (0.35, 0.85)[number]
+            assert bar.get_facecolor()[3] == (0.35, 0.85)[number]
+            assert to_hex(bar.get_edgecolor()).upper() == hue
             (segment,) = [c for c in whiskers if hasattr(c, "has_yerr")][2 * place + number][2][0].get_segments()
             np.testing.assert_allclose(segment[:, 1], each.mean() + 2 * each.std(ddof=1) * np.array([-1, 1]))
     dots = [line for line in axes.lines if line.get_marker() == "."]

@@ -153,7 +153,7 @@ def _bars(axes: Axes, rows: pd.DataFrame, methods: Sequence[str], possible: tupl
                 axes.text(middle, 0, "–", ha="center", va="bottom", fontsize=10)
                 continue
             mean = float(values.mean())
-            axes.bar(middle, mean, 0.92 * width, color=hue, alpha=opacity, linewidth=0)
+            axes.bar(middle, mean, 0.92 * width, facecolor=(hue, opacity), edgecolor=hue, linewidth=0.8)
             if len(values) > 1:
                 reach = 2 * float(values.std(ddof=1))
                 ends = [[min(reach, mean - possible[0])], [min(reach, possible[1] - mean)]]

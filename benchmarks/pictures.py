@@ -1,7 +1,7 @@
 """Draw the pictures of the README and of docs/ anew: run ``python benchmarks/pictures.py`` from the repository root.
 
-Names after it draw some of them alone: ``comparison``, ``adaptive``, ``reflex-bias``, ``closed-loop-bias``. docs/reflex.md
-has the code of its own picture.
+Names after it draw some of them alone: ``comparison``, ``adaptive``, ``reflex-bias``, ``closed-loop-bias``.
+docs/reflex.md has the code of its own picture.
 """
 
 from __future__ import annotations

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 DEFAULT_METHODS = ["adaptive", "eirf", "sds", "birf", "esm", "kbr"]  # of tvsysid.methods, which takes long to import
 SCHEDULED_METHODS = ["lpv", "lpvkbi"]  # with a scheduling variable
+SHOWN = 7  # values of a variable at which estimates are printed
 PIECES = 2.0  # seconds of the realizations in which a delay is looked for where there is no period
 SLOW_RATE = 250.0  # Hz from which on identifying without decimation takes minutes
 
@@ -259,8 +260,11 @@ def _show_further(found: Comparison) -> None:
 
     from tvsysid.report.answer import further, reflex_shape
 
+    _show_over_variables(found)
     rows = []
     for each in further(found):
+        if each.quantity.startswith("scheduled "):  # is shown at values of the variable
+            continue
         numbers = [f"{end(each.values):.4g}" if each.values.size else "-" for end in (np.mean, np.min, np.max)]
         numbers.insert(1, _number(each.half_band, "± {:.3g}"))
         rows.append((each.method, each.quantity, each.unit, each.over, *numbers))
@@ -270,6 +274,35 @@ def _show_further(found: Comparison) -> None:
     for label, model in found.models.items():
         if shape := reflex_shape(model.diagnostics.details):
             say(f"{label}: {shape}")
+
+
+def _show_over_variables(found: Comparison) -> None:
+    """Print what was estimated over a variable, at some of its values."""
+    import numpy as np
+
+    from tvsysid.figures.words import unit_name
+
+    table = found.over_variables()
+    if table.empty:
+        return
+    for (label, variable), own in table.groupby(["method", "variable"], sort=False):
+        units = own.drop_duplicates("quantity").set_index("quantity").unit
+        headings = [
+            f"{name.removeprefix('scheduled_').replace('_', ' ')}\n({unit_name(units[name])})" for name in units.index
+        ]
+        values = own.value.unique()
+        rows = [
+            (
+                f"{value:.3g}",
+                *(_with_band(*own[(own.value == value) & (own.quantity == name)].iloc[0, -3:]) for name in units.index),
+            )
+            for value in values[np.linspace(0, len(values) - 1, min(len(values), SHOWN)).round().astype(int)]
+        ]
+        show_table(f"{label} over {variable}, ± 95 % band", [str(variable), *headings], rows, "r")
+
+
+def _with_band(value: float, lower: float, upper: float) -> str:
+    return f"{value:.3g}" + _number((upper - lower) / 2, " ± {:.2g}").removesuffix("-")
 
 
 def _account(found: Comparison, time_limit: float, source: dict[str, str]) -> Account:

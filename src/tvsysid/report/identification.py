@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tvsysid.figures import Illustration, draw_all, identified_impedance
+from tvsysid.figures import Illustration, draw_all, identified_impedance, scheduled_estimates
 from tvsysid.figures.words import count, unit_name
 from tvsysid.methods.adaptive.model import AdaptiveModel
 from tvsysid.report import page
@@ -74,11 +74,12 @@ def write_identification(path: str | Path, account: Account, command: str = "") 
         page.Figure(f"{stem}-figure", picture, place, saved=False)
         for place, (stem, picture) in enumerate(pictures.items(), 1)
     ]
+    in_front = 1 + ("variable" in pictures)
     parts = [
-        _outcome(account, figures[:1]),
+        _outcome(account, figures[:in_front]),
         _made(account),
         _diagnosed(account),
-        _methods(account, figures[1:]),
+        _methods(account, figures[in_front:]),
         *_beside(account),
         _met(account),
         _paragraph(account),
@@ -90,7 +91,7 @@ def write_identification(path: str | Path, account: Account, command: str = "") 
 
 
 def _illustrations(account: Account) -> dict[str, Illustration]:
-    """The answer alone, and all methods side by side if there are several."""
+    """The answer alone, what was estimated over a variable, and all methods side by side if there are several."""
     found, label = account.found, account.found.leading
     shown = {"answer": [label]} | ({"methods": list(found.models)} if len(found.models) > 1 else {})
     titles = {"answer": f"Impedance over time by {label}", "methods": "Impedance over time by all methods"}
@@ -99,12 +100,21 @@ def _illustrations(account: Account) -> dict[str, Illustration]:
         "methods": "Each method’s stiffness, viscosity and inertia, with 95 % bands, and its time-varying VAF.",
     }
     vaf = found.vaf_over_time()
-    return {
+    drawn = {
         stem: Illustration(
             partial(identified_impedance, {each: found.models[each] for each in labels}, vaf), titles[stem], texts[stem]
         )
         for stem, labels in shown.items()
     }
+    over = found.over_variables()
+    if over.empty or (variable := str(over.variable[0])) not in found.ensemble.channels:
+        return drawn
+    text = f"Quantities that follow {variable}, with 95 % bands, above how long {variable} was near each of its values."
+    picture = partial(scheduled_estimates, found.models, found.ensemble, variable)
+    return {
+        "answer": drawn.pop("answer"),
+        "variable": Illustration(picture, f"Estimates over {variable}", text),
+    } | drawn
 
 
 def _outcome(account: Account, figures: list[page.Block]) -> page.Section:

@@ -26,6 +26,13 @@ extensions = [
 ]
 exclude_patterns = ["learn/*.ipynb", "learn/*.py", "learn/*.zip"]
 suppress_warnings = ["config.cache"]
+nitpicky = True
+# What docstrings name of the package's inside, which has no page.
+nitpick_ignore_regex = [
+    (r"py:.*", r"tvsysid\.(numerics|impedance|quality\.reflexes|methods\.(shared|kbr|\w+))\..*"),
+    (r"py:.*", r"tvsysid\.numerics.*|ScheduledModel\.at|functools\.partial"),
+    (r"py:data", r".*"),
+]
 html_math_renderer = "mathml"
 myst_enable_extensions = ["dollarmath", "colon_fence"]
 myst_heading_anchors = 3

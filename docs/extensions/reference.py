@@ -2,6 +2,7 @@
 
 import importlib
 import inspect
+import re
 from pathlib import Path
 
 from sphinx.application import Sphinx
@@ -31,6 +32,7 @@ def command_line() -> str:
     group = get_command(program)
     context = group.make_context("tvsysid", [], resilient_parsing=True)
     text = get_docs_for_click(obj=group, ctx=context, name="tvsysid")
+    text = re.sub(r"\*\*Commands\*\*:.*?(?=^## )", "", text, flags=re.DOTALL | re.MULTILINE)  # cut short there
     return text.replace("# `tvsysid`", "# Command line", 1).replace("```console\n$ ", "```text\n")
 
 

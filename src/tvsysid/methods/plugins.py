@@ -200,7 +200,7 @@ def found_as(value: Any, known: Mapping[str, Any], what: str) -> Any:
 def load(name: str, what: str = "object") -> Any:
     """Class or object ``package.module:Object``, as it is; imports its module.
 
-    ``what`` it is to be is for messages. Raises :class:`InputError` if there is no such module, if it fails while it is
+    ``what`` it is to be is for messages. Raises :class:`tvsysid.InputError` if there is no such module, if it fails while it is
     imported, or if it has no such name.
     """
     where, _, path = name.partition(":")

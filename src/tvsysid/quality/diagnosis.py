@@ -248,7 +248,7 @@ def find_reflex(ensemble: Ensemble) -> Finding:
 
 
 def find_delay(recording: Recording, period: float, context: float = 0.5) -> Finding:
-    """Look for a delay of a recording's torque, cut as for :func:`diagnose`; the value is in ms."""
+    """Look for a delay of a recording's torque, cut as for :func:`tvsysid.diagnose`; the value is in ms."""
     checks = diagnose(subtract_mean(segment(recording, period, context))).checks
     return next(check for check in checks if check.name == "delay")
 

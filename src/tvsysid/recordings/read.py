@@ -44,7 +44,7 @@ def read_recording(
         MAT file (version 4 to 7.3), CSV or TSV with a header line, NPZ, HDF5, NetCDF, Parquet (``tvsysid[parquet]``) or
         C3D (``tvsysid[c3d]``), by its ending.
     angle, torque
-        Names of the variables or columns, as :func:`describe_file` and ``tvsysid inspect`` list them: ``run.angle`` in
+        Names of the variables or columns, as :func:`tvsysid.recordings.describe_file` and ``tvsysid inspect`` list them: ``run.angle`` in
         a MATLAB structure or object, ``run/angle`` in a group of an HDF5 or NetCDF file.
     sampling_rate
         In Hz. What the file says of itself is compared with it, and never used in its place.
@@ -170,10 +170,10 @@ class UsableTrials(NamedTuple):
 
 
 def read_usable_trials(paths: Mapping[str, Path], shortest: float = 0.0, **settings: Any) -> UsableTrials:
-    """Read trials as :func:`read_trials` does, and leave out those that cannot be used instead of giving up.
+    """Read trials as :func:`tvsysid.read_trials` does, and leave out those that cannot be used instead of giving up.
 
     Files are in the order of the trials, by what they are called. A trial must last ``shortest`` seconds. Settings are
-    those of :func:`read_recording`; an InputError is raised if they are wrong by themselves.
+    those of :func:`tvsysid.read_recording`; an InputError is raised if they are wrong by themselves.
     """
     request = _Request(**settings)
     usable: dict[str, Recording] = {}
@@ -214,14 +214,14 @@ def read_trials(paths: Sequence[str | Path], **settings: Any) -> Recording:
     """Read trials that are in files of their own, in their order, one after the other.
 
     Several trials in one file are the columns of its matrices (``columns="trials"``), or have names of their own: then
-    read each by :func:`read_recording`, and put them together by :func:`join_trials`.
+    read each by :func:`tvsysid.read_recording`, and put them together by :func:`tvsysid.recordings.join_trials`.
 
     Parameters
     ----------
     paths
         Files, of any formats.
     **settings
-        As of :func:`read_recording`, the same for all files; so are the errors.
+        As of :func:`tvsysid.read_recording`, the same for all files; so are the errors.
 
     Examples
     --------

@@ -200,8 +200,8 @@ def found_as(value: Any, known: Mapping[str, Any], what: str) -> Any:
 def load(name: str, what: str = "object") -> Any:
     """Class or object ``package.module:Object``, as it is; imports its module.
 
-    ``what`` it is to be is for messages. Raises :class:`tvsysid.InputError` if there is no such module, if it fails while it is
-    imported, or if it has no such name.
+    ``what`` it is to be is for messages. Raises :class:`tvsysid.InputError` if there is no such module, if it fails
+    while it is imported, or if it has no such name.
     """
     where, _, path = name.partition(":")
     label = f"{what} {name!r}"

@@ -44,8 +44,8 @@ def read_recording(
         MAT file (version 4 to 7.3), CSV or TSV with a header line, NPZ, HDF5, NetCDF, Parquet (``tvsysid[parquet]``) or
         C3D (``tvsysid[c3d]``), by its ending.
     angle, torque
-        Names of the variables or columns, as :func:`tvsysid.recordings.describe_file` and ``tvsysid inspect`` list them: ``run.angle`` in
-        a MATLAB structure or object, ``run/angle`` in a group of an HDF5 or NetCDF file.
+        Names of the variables or columns, as :func:`tvsysid.recordings.describe_file` and ``tvsysid inspect`` list
+        them: ``run.angle`` in a MATLAB structure or object, ``run/angle`` in a group of an HDF5 or NetCDF file.
     sampling_rate
         In Hz. What the file says of itself is compared with it, and never used in its place.
     angle_unit

@@ -90,7 +90,8 @@ class KernelRegression(Method):
     The lag is fitted as output error, since an equation error with the derivative of a noisy torque is
     biased: the angle passes the lag (:func:`tvsysid.numerics.lowpass.low_pass`), and the impedance of what comes out is
     that of the joint. This takes the lag and the change of b in the other order, which errs by about
-    :math:`a_1 \dot b_m / b_m` as a share of each term. :meth:`tvsysid.methods.Method.tuned` finds order and lag by evidence.
+    :math:`a_1 \dot b_m / b_m` as a share of each term. :meth:`tvsysid.methods.Method.tuned` finds both by
+    evidence.
 
     The kernel is used in a low-rank form: Fourier series with known variances times eigenfunctions of the decay
     (:mod:`tvsysid.methods.kbr.kernel`), which makes the problem a ridge regression with some 110 unknowns. Where a run

@@ -1,0 +1,59 @@
+"""The site's own pages: what they tell you to type works, and each is in a section."""
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+DOCS = Path(__file__).parents[2] / "docs"
+
+
+def blocks(page, language):
+    text = (DOCS / page).read_text(encoding="utf-8")
+    return re.findall(rf"^```{language}\n(.+?)\n^```", text, re.MULTILINE | re.DOTALL)
+
+
+@pytest.mark.parametrize("page", ["formats.md", "cluster.md"])
+def test_the_example_runs(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (code,) = blocks(page, "python")
+    exec(code, {})
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::tvsysid.DataQualityWarning")
+@pytest.mark.usefixtures("undrawn")
+def test_five_minutes_from_a_file_to_a_picture(tvsysid, tmp_path):
+    _, simulate, inspect, identify, diagnose = blocks("start.md", "")
+    for command in (simulate, inspect, f"{identify} --method birf", diagnose):
+        code, out, err = tvsysid(*shlex.split(command)[1:])
+        assert code == 0, out + err
+    assert (tmp_path / "tvsysid-identify" / "stiffness.csv").stat().st_size > 1000
+    (code,) = blocks("start.md", "python")
+    exec(code, {})
+
+
+def test_options_of_protocols_are_there(tvsysid):
+    told = set(re.findall(r"(?<![\w-])--[a-z][a-z-]+", (DOCS / "protocols.md").read_text(encoding="utf-8")))
+    shown = "".join(tvsysid(command, "--help")[1] for command in ("identify", "inspect"))
+    assert told
+    assert not {option for option in told if option not in shown}
+
+
+def test_methods_of_the_decision_table_are_there():
+    import tvsysid as tv
+
+    table = (DOCS / "which-method.md").read_text(encoding="utf-8").split("## The evidence")[0]
+    words = set(re.findall(r"`((?:kbr|lpv|cascade|eirf|sds|birf|esm|adaptive)(?::[\w=,]+)?)`", table))
+    assert len(words) > 8
+    for word in words:
+        tv.methods.parse(word)
+
+
+def test_every_page_is_in_a_section():
+    lists = "\n".join(
+        (DOCS / f"{name}.md").read_text(encoding="utf-8") for name in ("index", "how-to", "which-method", "reference")
+    )
+    listed = {line for tree in re.findall(r"```{toctree}\n(.+?)```", lists, re.DOTALL) for line in tree.split("\n")}
+    assert {page.stem for page in DOCS.glob("*.md")} - listed == {"index"}

@@ -239,7 +239,7 @@ def _scaled(statistics: Statistics) -> tuple[Statistics, Array]:
     diagonal = np.diag(statistics.gram)
     scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
     scaled = statistics._replace(
-        gram=statistics.gram * np.outer(scale, scale),
+        gram=statistics.gram * np.outer(scale, scale).T,  # Fortran-ordered, as BLAS takes it without a copy
         cross=statistics.cross * scale,
         mixed=statistics.mixed * scale[:, None],
     )

@@ -38,6 +38,7 @@ def test_an_unknown_ending_is_refused(tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore::tvsysid.errors.DataQualityWarning")  # of few realizations, and no reflex
+@pytest.mark.slow
 def test_models_are_read_back(tmp_path, ensemble_of):
     ensemble = ensemble_of()
     rising = np.broadcast_to(np.linspace(0.0, 1.0, ensemble.angle.shape[1]), ensemble.angle.shape)

@@ -9,6 +9,7 @@ from tvsysid.methods import CLOSED_LOOP
 OPEN = ("sds", "esm:stiffness=fit", "birf", "kbr", "kbr:weighting=residual")
 CLOSED = CLOSED_LOOP
 """Of the methods above, in their order, but for ``kbr`` with white weighting."""
+UNWEIGHTED = "kbr:reference=disturbance"
 ACTUATORS = (30.0, 100.0, 300.0, 1000.0)  # N·m/rad
 IMPOSED = 1e5  # N·m/rad, so stiff that the loop counts as open
 SNR = {2.0: 5.0, 5.0: 5.0, 40.0: 10.0}  # dB, by the cut-off of the noise in Hz
@@ -27,7 +28,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "duration_s": (SHORT,),
         "snr_db": (SNR[40.0],),
         "system": tuple(system(actuator, 40.0) for actuator in (*ACTUATORS, IMPOSED)),
-        "methods": (*OPEN, *CLOSED),
+        "methods": (*OPEN, *CLOSED[:3], UNWEIGHTED, CLOSED[3]),
         "trials": 20,
         "subtract_mean": True,
         "also": (

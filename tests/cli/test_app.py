@@ -67,7 +67,7 @@ def test_version(tvsysid):
         (("inspect", "nowhere.mat"), "nowhere.mat: no such file"),
         (
             ("inspect", "joint.mat", "--diagnose", *IDENTIFY[:4]),
-            "--diagnose needs --rate, --period, as for tvsysid identify; a record without repetitions takes any period",
+            "--diagnose needs --rate, as for tvsysid identify",
         ),
         (("inspect", "joint.mat", *IDENTIFY), "--angle: is used with --diagnose only; add --diagnose"),
         (("inspect", "joint.mat", "--diagnose", *IDENTIFY, "--decimate", "300"), "not a whole multiple of 300 Hz"),

@@ -10,6 +10,7 @@ import typer
 
 from tvsysid.cli import options
 from tvsysid.cli.console import remark, say, show_table, shown_warnings, waiting
+from tvsysid.cli.identify import PIECES
 from tvsysid.cli.running import command_line
 from tvsysid.errors import InputError
 
@@ -39,7 +40,7 @@ def inspect(
             "--diagnose",
             metavar="",
             help="Also read the recording and cut it into realizations as `tvsysid identify` does, and report what is "
-            "wrong with it. Needs --angle, --torque, --rate and --period.",
+            "wrong with it. Needs --angle, --torque and --rate, and --period where the behaviour repeats.",
         ),
     ] = False,
     angle: Annotated[str | None, options.ANGLE] = None,
@@ -72,7 +73,8 @@ def inspect(
     drift, misaligned realizations, a wrong period, feedback, reflexes. Prints what each fault does to the result and
     what to do, and writes a page with figures, `FILE.ANGLE-TORQUE.diagnosis.html`, beside the picture (ANGLE and TORQUE
     are the channels' names). The recording is diagnosed at its own rate, because decimation would hide some faults;
-    `--decimate` is only checked.
+    `--decimate` is only checked. Without `--period` the record is cut into pieces of 2 s, and what concerns repetitions
+    is not judged.
 
     Example: `tvsysid inspect ankle.mat`
 
@@ -94,15 +96,13 @@ def inspect(
     picture = plot or Path("tvsysid-inspect") / f"{file.name}.png"
     if picture.suffix.lower() not in (".png", ".pdf", ".svg"):
         raise InputError(f"{picture}: unknown ending {picture.suffix!r}; give one of .png, .pdf, .svg")
-    needed = {"--angle": angle, "--torque": torque, "--rate": rate, "--period": period}
+    needed = {"--angle": angle, "--torque": torque, "--rate": rate}
     missing = [name for name, value in needed.items() if value is None]
     if diagnose and missing:
-        without = "; a record without repetitions takes any period, such as 2" if period is None else ""
-        raise InputError(f"--diagnose needs {', '.join(missing)}, as for tvsysid identify{without}")
-    if not diagnose and len(missing) < len(needed):
-        raise InputError(
-            f"{next(name for name in needed if name not in missing)}: is used with --diagnose only; add --diagnose"
-        )
+        raise InputError(f"--diagnose needs {', '.join(missing)}, as for tvsysid identify")
+    used = [name for name, value in {**needed, "--period": period}.items() if value is not None]
+    if not diagnose and used:
+        raise InputError(f"{used[0]}: is used with --diagnose only; add --diagnose")
     channels = describe_file(file)
     _show_channels(file.name, channels)
     drawn = _outlines(channels)
@@ -111,18 +111,20 @@ def inspect(
         say(f"wrote {picture}")
     else:
         say("no signals to draw")
-    if angle is None or torque is None or rate is None or period is None:
+    if angle is None or torque is None or rate is None:
         return
+    if period is None:
+        remark("note", f"no --period: the record is cut into pieces of {PIECES:g} s, which are not taken to repeat")
     with shown_warnings():
         recording = options.read(file, angle, torque, rate, columns, torque_sign, angle_unit, start, channel)
         if decimate is not None:
             preprocess.decimate(recording, decimate)  # reports a rate that is impossible
         # Not decimated: that would hide a clipped signal. A check that needs a low rate decimates by itself.
         known = [] if reference is None else [reference]
-        ensemble = preprocess.subtract_mean(preprocess.segment(recording, period, context), known)
+        ensemble = preprocess.subtract_mean(preprocess.segment(recording, period or PIECES, context), known)
     # The matrices are small: BLAS threads would only wait for each other.
     with waiting("diagnosing"), threadpool_limits(1):
-        diagnosis = diagnosis_of(ensemble, reference)
+        diagnosis = diagnosis_of(ensemble, reference, repeats=period is not None)
     # A file may hold several pairs of channels: a page for each.
     page = picture.with_name(re.sub(r"[^\w.-]+", "_", f"{file.name}.{angle}-{torque}.diagnosis.html"))
     name = f"{file.name} ({angle}, {torque})"

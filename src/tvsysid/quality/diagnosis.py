@@ -25,6 +25,13 @@ if TYPE_CHECKING:
     import pandas as pd
 
 OF_ANY_SIGNAL = ("few-realizations", "repeated-realizations", "same-channel")  # do not take the torque for an answer
+OF_REPETITION = (
+    "drift",
+    "misaligned-realizations",
+    "unlike-realizations",
+    "wrong-period",
+    "scattered-realizations",
+)  # take all realizations for one behaviour
 MOST_POWER = 0.95  # share of the angle's power that lies within its bandwidth
 LAGS = 0.12  # in s, to either side, of the correlation matrix that is looked at: those of impulse-response methods
 HEADINGS = ("found", "what was seen", "how strong", "what it does to the result", "what to do")
@@ -184,7 +191,7 @@ class Diagnosis(Shown):
         return summary_html("Diagnosis", f"{self.ensemble}: {self.verdict}", HEADINGS, rows, self.notes)
 
 
-def diagnose(ensemble: Ensemble, reference: str | None = None) -> Diagnosis:
+def diagnose(ensemble: Ensemble, reference: str | None = None, *, repeats: bool = True) -> Diagnosis:
     r"""Look for what is wrong with an ensemble, and say what it does to the result and what to do.
 
     A joint of second order, :math:`y = k(t)\,\theta + b(t)\,\dot\theta + I\,\ddot\theta`, with stiffness and viscosity
@@ -203,6 +210,9 @@ def diagnose(ensemble: Ensemble, reference: str | None = None) -> Diagnosis:
     reference
         Channel with the disturbance that was applied, or the actuator's command: whether the joint is in closed loop
         shows best by it (``loop-bias``).
+    repeats
+        Whether the behaviour is the same in all realizations. If it is not, as in pieces of a record without period,
+        drift, a wrong period and realizations unlike the others are no faults, and not judged.
 
     Examples
     --------
@@ -233,6 +243,8 @@ def diagnose(ensemble: Ensemble, reference: str | None = None) -> Diagnosis:
             f"takes {SHORTEST}; give longer realizations, or {HALF_WIDTH / data.rate:g} s of context"
         )
     timely, found = _looked_at(data, reference)
+    if not repeats:
+        found |= {name: Finding(name, math.nan, False, "the behaviour is not repeated") for name in OF_REPETITION}
     if found["same-channel"].found:
         # Nothing else that is seen then is of a joint.
         why = "angle and torque are one signal"

@@ -6,16 +6,20 @@ from dataclasses import dataclass, field, replace
 from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
+from scipy.fft import next_fast_len, rfft
 
 from tvsysid.errors import InputError
 from tvsysid.methods import base, shared, tuning
 from tvsysid.models import Diagnostics, ImpulseResponseModel, Model, SecondOrderModel
 from tvsysid.numerics.bases import Basis, CubicBSplines, check_basis, evaluate
 from tvsysid.numerics.moments import expanded
+from tvsysid.numerics.noise import autocovariance
 from tvsysid.signals import Array, Ensemble
 
 Prior = Literal["ard", "ridge", "none"]
 Structure = Literal["parametric", "irf"]
+
+COLOUR = 0.6  # s over which the noise's autocorrelation counts with a reference
 
 
 @dataclass(frozen=True)
@@ -56,7 +60,7 @@ class BasisIRF(base.Method):
     The bands are those of the posterior, which takes the noise as white, times a factor for its colour
     (:func:`tvsysid.numerics.noise.colour_factors`; for ``"irf"``, too, that of the parametric model). They take noise
     and angle as equally strong at all times, and do not count what the basis cannot follow; where ``"ard"`` prunes a
-    coefficient, they count it as known to be zero.
+    coefficient, they count it as known to be zero. With a reference they count the noise's autocorrelation itself.
 
     Viscosity and inertia of ``"irf"`` are those of a second-order fit to the impulse response, weighted by the
     angle's mean correlations. The diagnostics' ``second_order_agreement`` says how well that, or the parametric model,
@@ -120,7 +124,8 @@ class BasisIRF(base.Method):
         filters = shared.derivative_filters(shared.HALF_WIDTH, ensemble.sampling_rate)
         left = shared.residual(ensemble, impedance @ filters)
         covariances = tuple(covariance[np.ix_(at, at)] for at in places)
-        errors = self._errors(ensemble, products, expansions, covariances, left, posterior.effective)
+        coloured = products if instrument is None else None
+        errors = self._errors(ensemble, coloured, expansions, covariances, left, posterior.effective)
         diagnostics = _diagnostics(posterior, agreement)
         banded: shared.PosteriorErrors | shared.WhereStrong = errors
         if instrument is not None:
@@ -180,20 +185,25 @@ class BasisIRF(base.Method):
     def _errors(
         self,
         ensemble: Ensemble,
-        products: Array,
+        products: Array | None,
         expansions: tuple[Array, ...],
         covariances: tuple[Array, ...],
         left: Array,
         effective: float,
     ) -> shared.PosteriorErrors:
-        """Standard errors of what the coefficients of these expansions (time, function) make."""
-        filters = shared.derivative_filters(shared.HALF_WIDTH, ensemble.sampling_rate)
+        """Standard errors of what the coefficients of these expansions (time, function) make.
+
+        Without ``products`` of the angle, the covariances count the noise's colour already.
+        """
+        filters, colour = shared.derivative_filters(shared.HALF_WIDTH, ensemble.sampling_rate), None
+        if products is not None:
+            colour = shared.Colour.of(ensemble, left, effective / left.size, filters, products)
         # The posterior counts all samples; where their mean was subtracted, there is less noise in them.
         freedom = left.size * shared.independent_realizations(ensemble) / len(ensemble) - effective
         return shared.PosteriorErrors(
             expansions,
             covariances,
-            shared.Colour.of(ensemble, left, effective / left.size, filters, products),
+            colour,
             band=(0.0, 0.5),
             stronger=(left.size - effective) / max(freedom, 1.0),
             freedom=freedom,
@@ -274,8 +284,8 @@ def _instrumental(
     .. math:: (Z^T X + \sigma^2 P)\, \hat w = Z^T y \iff \hat w = M m, \qquad
               M = (1 + C\, Z^T (X - Z) / \sigma^2)^{-1}
 
-    whatever the prior; the covariance is :math:`M C M^T`, for the noise that the angle itself leaves. What the prior
-    pruned stays 0.
+    whatever the prior. The covariance is :math:`A^{-1} Z^T R Z A^{-T}` with :math:`A^{-1} = M C / \sigma^2` and R that
+    of the noise, of any colour, which the angle itself leaves. What the prior pruned stays 0.
     """
     missing = (ensemble.samples - len(expansions[0])) // 2
     at = slice(missing, ensemble.samples - missing)
@@ -286,9 +296,29 @@ def _instrumental(
     places = np.cumsum([each.shape[1] for each in expansions])[:-1]
     impedance = [e @ part for e, part in zip(expansions, np.split(mean * scale, places), strict=True)]
     left = ensemble.torque[:, ensemble.core][:, at] - sum(map(np.multiply, np.stack(impedance), x))
-    noise = float(np.vdot(left, left)) / max(left.size - posterior.effective, 1.0)
-    covariance = transform @ posterior.covariance @ transform.T * (noise / posterior.noise_variance)
-    return posterior._replace(mean=mean, covariance=covariance, noise_variance=noise)
+    freedom = max(left.size - posterior.effective, 1.0)
+    spread = _noise_through(expansions, scale, z, left, round(COLOUR * ensemble.sampling_rate)) * (left.size / freedom)
+    inverse = transform @ posterior.covariance / posterior.noise_variance
+    noise = float(np.vdot(left, left)) / freedom
+    return posterior._replace(mean=mean, covariance=inverse @ spread @ inverse.T, noise_variance=noise)
+
+
+def _noise_through(expansions: tuple[Array, ...], scale: Array, signals: Array, left: Array, lags: int) -> Array:
+    r"""Variance of :math:`Z^T e`, (coefficient, coefficient), for noise with the autocorrelation of what is ``left``.
+
+    Within each realization, up to so many ``lags`` apart, under half a Hann window.
+    """
+    samples = left.shape[1]
+    lags = min(lags, samples - 1)
+    covariance = autocovariance(left, lags) * (0.5 + 0.5 * np.cos(np.pi * np.arange(lags + 1) / (lags + 1)))
+    size = next_fast_len(samples + lags, real=True)
+    power = np.maximum(2 * rfft(covariance, size).real - covariance[0], 0.0) / size
+    power[1 : (size + 1) // 2] *= 2  # of both signs of frequency
+    found = np.zeros((len(scale), len(scale)))
+    for each in signals.transpose(1, 0, 2):
+        spectra = rfft(np.concatenate([e.T * own for e, own in zip(expansions, each, strict=True)]), size)
+        found += ((spectra * power) @ spectra.conj().T).real
+    return found * np.outer(scale, scale)
 
 
 def _irf_system(ensemble: Ensemble, functions: Array, lags: int) -> tuple[System, Array]:

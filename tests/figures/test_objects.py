@@ -10,6 +10,7 @@ from tests.conftest import ensemble_of
 
 import tvsysid as tv
 from tvsysid.errors import InputError
+from tvsysid.figures.style import panels
 from tvsysid.showing import Shown, reported, summary_html
 
 
@@ -61,10 +62,10 @@ def test_what_has_no_picture():
         tv.figures.plot(1)
 
 
-def test_a_figure_shows_itself_without_pyplot(comparison):
-    content, size = comparison.models["sds"].plot()._repr_png_()
+def test_a_figure_shows_itself_without_pyplot():
+    content, size = panels(1, 1, 2.0, 1.0)[0]._repr_png_()
     assert content.startswith(b"\x89PNG")
-    assert size == {"width": 1056, "height": 576}
+    assert size == {"width": 192, "height": 96}
     assert int.from_bytes(content[16:20], "big") == 2 * size["width"]
 
 

@@ -100,3 +100,19 @@ def test_where_no_file_may_be_larger_the_error_names_the_file_and_nothing_is_lef
     name = os.path.join("tvsysid-identify", "models.nc")
     assert f"tvsysid: {name}: File too large; make room there, or give another folder" in err
     assert [file.name for file in (tmp_path / "tvsysid-identify").iterdir()] == ["stiffness.csv"]
+
+
+@pytest.mark.parametrize("name", ["sds", "kbr:reference=disturbance,weighting=residual"])
+def test_names_are_broken_before_numbers_and_in_few_lines(monkeypatch, capsys, name):
+    monkeypatch.setattr(output, "width", 80)
+    headings = ["method", "bias\n(N·m/rad)", "random\n(N·m/rad)", "total\n(N·m/rad)", "VAF\n(%)", "VAF 1-10 Hz\n(%)"]
+    show_table("scores", headings, [[name, "4.5", "3.7", "5.8", "98.4", "99.5"]])
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 80
+    rows = [line.split("│")[1].strip() for line in lines if line.startswith("│")]
+    assert "".join(rows) == name
+    assert len(rows) <= 3
+    assert sum(line.count("(N·m/rad)") for line in lines) == 3
+    monkeypatch.setattr(output, "width", 50)
+    show_table("scores", headings, [[name, "4.5", "3.7", "5.8", "98.4", "99.5"]])
+    assert f"method: {name}\n  bias (N·m/rad): 4.5\n" in capsys.readouterr().out

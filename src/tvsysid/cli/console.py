@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import re
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any, Literal
 
+from rich.cells import cell_len
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -47,7 +49,7 @@ output = Stream()
 errors = Stream(stderr=True)
 
 SHORTEST_NAME, LONGEST_NAME = 10, 32  # letters
-WIDEST = 1000  # letters of a table that is measured
+MOST_LINES = 3  # of a name that is broken
 STYLES = {"note": "yellow", "warning": "yellow", "error": "red"}
 
 
@@ -79,22 +81,51 @@ def show_table(
 
     Where the terminal is too narrow for its longest words and numbers, each row is a list.
     """
+    told = [[printable(cell) for cell in row] for row in rows]
+    columns = [list(column) for column in zip(headings, *told, strict=True)]
+    least = [max(map(cell_len, " ".join(column).split()), default=0) for column in columns]
+    most = [max(cell_len(line) for cell in column for line in cell.split("\n")) for column in columns]
+    longest = max((cell_len(row[0]) for row in told), default=0)
+    # Names such as those of methods are broken behind their punctuation only, and before numbers are.
+    if longest <= LONGEST_NAME or not any(" " in row[0] for row in told):
+        least[0] = most[0]
+    room = output.width - 3 * len(columns) - 1
+    if sum(least) > room:
+        left = room - sum(least[1:])
+        if left < SHORTEST_NAME or left * MOST_LINES < longest:
+            say("\n".join(filter(None, (title, *(_lines(headings, row) for row in told), caption))))
+            return
+        told, least[0], most[0] = [[_broken(row[0], left), *row[1:]] for row in told], left, left
     table = Table(title=title and printable(title), title_justify="left", caption=caption, show_lines=lines)
-    told = list(rows)
-    short = all(len(row[0]) <= LONGEST_NAME for row in told)  # names such as those of methods are not broken
-    for number, (heading, letter) in enumerate(zip(headings, align.ljust(len(headings), "r"), strict=True)):
-        justify: Literal["left", "right"] = "left" if letter == "l" else "right"
-        table.add_column(heading, overflow="fold", justify=justify, no_wrap=number == 0 and short)
+    widths = _widths(least, most, room)
+    for heading, letter, width in zip(headings, align.ljust(len(headings), "r"), widths, strict=True):
+        table.add_column(heading, overflow="fold", justify="left" if letter == "l" else "right", width=width)
     for row in told:
-        table.add_row(*map(printable, row))
-    over = output.measure(table, options=output.options.update(max_width=WIDEST)).minimum - output.width
-    longest = max((len(row[0]) for row in told), default=0)
-    if over > 0:  # names are broken before numbers are
-        table.columns[0].no_wrap, table.columns[0].width = False, longest - over
-    if over <= max(0, longest - SHORTEST_NAME):
-        output.print(table)
-    else:
-        say("\n".join(filter(None, (title, *(_lines(headings, row) for row in told), caption))))
+        table.add_row(*row)
+    output.print(table)
+
+
+def _widths(least: Sequence[int], most: Sequence[int], room: int) -> list[int]:
+    """Widths of columns that fit: what is left beyond the least is dealt evenly to those that need it."""
+    widths, spare = list(least), room - sum(least)
+    order = sorted(range(len(widths)), key=lambda place: most[place] - least[place])
+    for done, place in enumerate(order):
+        more = min(most[place] - least[place], spare // (len(order) - done))
+        widths[place] += more
+        spare -= more
+    return widths
+
+
+def _broken(name: str, width: int) -> str:
+    """Name in lines of so many letters, broken behind its punctuation where that can be."""
+    lines = [""]
+    for piece in re.findall(r"[^:,=(. ]*[:,=(. ]|[^:,=(. ]+", name):
+        for start in range(0, len(piece), width):
+            part = piece[start : start + width]
+            if len(lines[-1]) + len(part) > width:
+                lines.append("")
+            lines[-1] += part
+    return "\n".join(filter(None, lines))
 
 
 def _lines(headings: Sequence[str], row: Sequence[str]) -> str:

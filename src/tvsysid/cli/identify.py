@@ -159,11 +159,10 @@ def identify(
         remark("warning", f"{label} is skipped: {reason}")
     for label, reason in found.failed.items():
         remark("error", f"{label} failed: {reason}")
-    written = _write_results(found, out, _title(file, found))
     turned = ", with its sign reversed" if torque_sign == -1 else ""
     source = {"file": file.name, "angle": f"channel {angle}, in {angle_unit}", "torque": f"channel {torque}{turned}"}
     account = _account(found, time_limit, source)
-    written = [*_write_account(account, out, sheet), *written]
+    written = [*_write_account(account, out, sheet), *_write_results(found, out, _title(file, found))]
     _show_impedance(account)
     _show_further(found)
     _show_reflex(found)

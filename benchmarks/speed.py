@@ -35,7 +35,7 @@ from threadpoolctl import threadpool_limits
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # when run as a script
 
-from benchmarks import plain
+from benchmarks import plain, special
 
 import tvsysid as tv
 from tvsysid.numerics.bases import evaluate
@@ -64,13 +64,14 @@ PERTURBATIONS = {"filtered noise": tv.simulate.FilteredNoise(), "PRBS": tv.simul
 
 @dataclass(frozen=True)
 class Case:
-    """A method on a record of so many seconds; its plain version, and whether that takes long."""
+    """A method on a record of so many seconds; its plain version, whether that takes long, who makes its ensemble."""
 
     name: str
     method: tv.methods.Method
     duration: float = DURATION
     plain: Callable[[tv.Ensemble], Any] | None = None
     long: bool = False
+    made: Callable[[float], tv.Ensemble] | None = None
 
 
 def main() -> None:
@@ -103,6 +104,8 @@ def cases() -> Iterator[Case]:
             yield Case(name, method, duration, partial(plain_kbr, method=method), long=duration > 20)
     yield Case("lpv", tv.ScheduledIRF(), MOVING)
     yield Case("lpvkbi", tv.ScheduledImpedance(), MOVING)
+    yield Case("skirt", tv.SkirtDecomposition(), made=multisine)
+    yield Case("modal", tv.ModalDecomposition(), made=ringing)
 
 
 def methods_table(quick: bool) -> Table:
@@ -118,10 +121,11 @@ def methods_table(quick: bool) -> Table:
     for heading in ("record, s", "fast", "plain", *ratios):
         table.add_column(heading, justify="right")
     tenfold = simulated(TENFOLD)
-    ensembles = {duration: simulated(duration) for duration in {case.duration for case in cases()}}
+    wanted = {(case.duration, case.made or simulated) for case in cases()}
+    ensembles = {(duration, made): made(duration) for duration, made in wanted}
     for case in cases():
-        ensemble = ensembles[case.duration]
-        larger = tenfold if case.duration == DURATION else None
+        ensemble = ensembles[case.duration, case.made or simulated]
+        larger = tenfold if case.duration == DURATION and case.made is None else None
         table.add_row(case.name, f"{case.duration:g}", *measured(case, ensemble, larger, quick))
     return table
 
@@ -133,8 +137,10 @@ def measured(case: Case, ensemble: tv.Ensemble, tenfold: tv.Ensemble | None, qui
         return case.method.identify(ensemble)
 
     fast = milliseconds(identify, 5 if quick else 25)
-    product = milliseconds(needed_product(case.method, ensemble), 5 if quick else 25)
-    cells = [f"{fast:.1f}", "", "", f"{product:.2f}", f"{fast / product:.1f}", "", ""]
+    cells = [f"{fast:.1f}", *[""] * 6]
+    if case.made is None:
+        product = milliseconds(needed_product(case.method, ensemble), 5 if quick else 25)
+        cells[3:5] = [f"{product:.2f}", f"{fast / product:.1f}"]
     if case.plain is not None and not (quick and case.long):
         version = case.plain
         slow = milliseconds(lambda: version(ensemble), 1 if quick or case.long else 3, warm=False)
@@ -247,6 +253,16 @@ def simulated(duration: float) -> tv.Ensemble:
     recording = simulation(duration).recording
     slowly = {"scheduling": np.sin(2 * np.pi * 0.1 * recording.time), "reference": recording.angle}
     return tv.preprocess.segment(tv.preprocess.decimate(replace(recording, channels=slowly), RATE), PERIOD)
+
+
+def multisine(duration: float) -> tv.Ensemble:
+    """Realizations for the skirt decomposition."""
+    return special.ensemble_of(special.Joint(special.SINE), duration, special.FIVE, 10.0, 1)
+
+
+def ringing(duration: float) -> tv.Ensemble:
+    """Realizations for the modal decomposition."""
+    return special.ensemble_of(special.joint_of(0.2), duration, special.IMPULSES, 30.0, 1)
 
 
 def bare_simulation(duration: float, perturbation: Any) -> None:

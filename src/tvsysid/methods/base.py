@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tvsysid.errors import DataQualityWarning, InputError, describe_error, plain_text
 from tvsysid.models import Model
-from tvsysid.numerics.spectra import power_shares
+from tvsysid.numerics.spectra import power_shares, strongest_line
 from tvsysid.quality.catalogue import FAULTS
 from tvsysid.quality.reflexes import changes
 from tvsysid.quality.statistics import LEAST_POWER, MOSTLY_NEGATIVE, mean_left, still_samples
@@ -29,6 +29,8 @@ Chosen = TypeVar("Chosen", bound="Method")
 MOST_VALUES = 100_000  # of a variable of a method's own
 NOTHING = 1e-12  # share of the largest value that is rounding
 Kind = Literal["input", "reference", "scheduling"]
+
+ONE_LINE = 0.995  # share of the angle's power about one frequency from which on it has no other
 
 
 @dataclass(frozen=True)
@@ -355,4 +357,10 @@ def _common_warnings(
         yield (
             f"only {100 * share:.2g} % of the angle's power lies {side} {limit:.3g} Hz, where the method needs it: "
             f"{fault} cannot be told from the noise; use a perturbation with power there"
+        )
+    peak, share, width = strongest_line(angle, ensemble.sampling_rate)
+    if share > ONE_LINE and peak > 2 * width:
+        yield (
+            f"the angle moves within {width:.2g} Hz of {peak:.2g} Hz only: stiffness and inertia cannot "
+            "be told apart; perturb at several frequencies, none of them a multiple of 1/period"
         )

@@ -119,3 +119,12 @@ def power_shares(x: Array, sampling_rate: float, *bands: tuple[float, float]) ->
     frequencies, total = np.fft.rfftfreq(x.shape[1], 1 / sampling_rate), power.sum()
     inside = [power[(frequencies >= low) & (frequencies <= high)].sum() for low, high in bands]
     return [float(share / total) if total > 0 else 0.0 for share in inside]
+
+
+def strongest_line(x: Array, sampling_rate: float) -> tuple[float, float, float]:
+    """Frequency in Hz at which x (realization, time) has most power, the share within so many Hz of it, and these."""
+    power, frequencies = power_spectrum(x), np.fft.rfftfreq(x.shape[1], 1 / sampling_rate)
+    peak, width = float(frequencies[np.argmax(power)]), 0.5 + 1.5 * sampling_rate / x.shape[1]
+    total = power.sum()
+    share = power[np.abs(frequencies - peak) <= width].sum() / total if total > 0 else 0.0
+    return peak, float(share), width

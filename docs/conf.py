@@ -3,11 +3,13 @@
 It asks no host for anything, neither when it is built nor when it is read.
 """
 
+import os
 import sys
 from pathlib import Path
 
 import tvsysid
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy is loaded: the examples' matrices are small
 sys.path.insert(0, str(Path(__file__).parent / "extensions"))
 import pictures  # of that folder
 

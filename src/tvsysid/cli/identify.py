@@ -173,29 +173,28 @@ def identify(
 
 
 def _write_results(found: Comparison, out: Path, title: str) -> list[str]:
-    """Write what was estimated over time and over variables, and draw it; returns the names of the files."""
+    """Draw what was estimated over time, and write it over variables; returns the names of the files."""
     from tvsysid.figures import identified_impedance
-    from tvsysid.recordings import whole_file
 
-    with whole_file(out / "stiffness.csv") as table:
-        found.over_time().to_csv(table, index=False, float_format="%.6g")
     _save(identified_impedance(found.models, found.vaf_over_time(), title), out / "stiffness")
-    return ["stiffness.csv", "stiffness.png", "stiffness.pdf", *_write_scheduled(found, out, title)]
+    return ["stiffness.png", "stiffness.pdf", *_write_scheduled(found, out, title)]
 
 
 def _write_account(account: Account, out: Path, sheet: bool) -> list[str]:
-    """Write the models, the page, and a sheet if it was asked for; returns the names of the files."""
-    from tvsysid.recordings import write_models
+    """Write estimates, models and page, and a sheet if it was asked for; returns the names of the files."""
+    from tvsysid.recordings import whole_file, write_models
     from tvsysid.report import write_identification, write_sheet
     from tvsysid.report.sheet import facts
 
     found = account.found
+    with whole_file(out / "stiffness.csv") as table:
+        found.over_time().to_csv(table, index=False, float_format="%.6g")
     models = {label.replace("/", "_"): each for label, each in found.models.items()}
     write_models(out / "models.nc", models, found.ensemble, facts(account))
     write_identification(out / "report.html", account, command_line())
     if sheet:
         write_sheet(out / "sheet.html", [out])
-    return ["report.html", *["sheet.html"] * sheet, "models.nc"]
+    return ["report.html", *["sheet.html"] * sheet, "models.nc", "stiffness.csv"]
 
 
 def _aligned(recording: Recording, period: float, context: float) -> Recording:

@@ -44,6 +44,22 @@ def test_identify_by_an_own_method(tvsysid, tmp_path, monkeypatch):
     assert set(pd.read_csv(tmp_path / "others" / "stiffness.csv").method) == {"sds"}
 
 
+@pytest.mark.usefixtures("undrawn")
+def test_what_was_found_is_kept_when_holding_out_is_interrupted(tvsysid, tmp_path, monkeypatch):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("tvsysid.comparison.Comparison.held_out_vaf", interrupted)
+    tvsysid("simulate", "joint.mat", "--duration", 40)
+    tvsysid("identify", "joint.mat", *IDENTIFY, "--method", "birf", "--out", "found")
+    assert sorted(each.name for each in (tmp_path / "found").iterdir() if each.suffix in {".csv", ".nc"}) == [
+        "models.nc",
+        "stiffness.csv",
+    ]
+    with xr.open_datatree(tmp_path / "found" / "models.nc", engine="h5netcdf") as tree:
+        assert set(tree.children) == {"birf"}
+
+
 @pytest.mark.parametrize("name", ["joint.mat", pytest.param("joint.csv", marks=pytest.mark.slow)])
 def test_simulate_then_identify(tvsysid, tmp_path, name):
     code, out, _ = tvsysid("simulate", name, "--duration", 60, "--perturbation", "prbs", "--snr", 20)

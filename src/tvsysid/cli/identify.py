@@ -16,6 +16,8 @@ from tvsysid.errors import InputError
 from tvsysid.limits import TIME_LIMIT
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from matplotlib.figure import Figure
 
     from tvsysid.comparison import Comparison
@@ -161,8 +163,9 @@ def identify(
         remark("error", f"{label} failed: {reason}")
     turned = ", with its sign reversed" if torque_sign == -1 else ""
     source = {"file": file.name, "angle": f"channel {angle}, in {angle_unit}", "torque": f"channel {torque}{turned}"}
+    written = _write_results(found, out, _title(file, found))  # first, as holding out takes longest
     account = _account(found, time_limit, source)
-    written = [*_write_account(account, out, sheet), *_write_results(found, out, _title(file, found))]
+    written = [*_write_account(account, out, sheet), *written]
     _show_impedance(account)
     _show_further(found)
     _show_reflex(found)
@@ -173,28 +176,35 @@ def identify(
 
 
 def _write_results(found: Comparison, out: Path, title: str) -> list[str]:
-    """Draw what was estimated over time, and write it over variables; returns the names of the files."""
+    """Write models and estimates, and draw these; returns the files' names but ``models.nc``, not final yet."""
     from tvsysid.figures import identified_impedance
+    from tvsysid.recordings import whole_file
 
+    _write_models(found, out, {})
+    with whole_file(out / "stiffness.csv") as table:
+        found.over_time().to_csv(table, index=False, float_format="%.6g")
     _save(identified_impedance(found.models, found.vaf_over_time(), title), out / "stiffness")
-    return ["stiffness.png", "stiffness.pdf", *_write_scheduled(found, out, title)]
+    return ["stiffness.csv", "stiffness.png", "stiffness.pdf", *_write_scheduled(found, out, title)]
+
+
+def _write_models(found: Comparison, out: Path, about: Mapping[str, str | float]) -> None:
+    """Write the models, and what is said about them."""
+    from tvsysid.recordings import write_models
+
+    models = {label.replace("/", "_"): each for label, each in found.models.items()}
+    write_models(out / "models.nc", models, found.ensemble, about)
 
 
 def _write_account(account: Account, out: Path, sheet: bool) -> list[str]:
-    """Write estimates, models and page, and a sheet if it was asked for; returns the names of the files."""
-    from tvsysid.recordings import whole_file, write_models
+    """Write models with what is known of them, the page, and a sheet if it was asked for; returns the files' names."""
     from tvsysid.report import write_identification, write_sheet
     from tvsysid.report.sheet import facts
 
-    found = account.found
-    with whole_file(out / "stiffness.csv") as table:
-        found.over_time().to_csv(table, index=False, float_format="%.6g")
-    models = {label.replace("/", "_"): each for label, each in found.models.items()}
-    write_models(out / "models.nc", models, found.ensemble, facts(account))
+    _write_models(account.found, out, facts(account))
     write_identification(out / "report.html", account, command_line())
     if sheet:
         write_sheet(out / "sheet.html", [out])
-    return ["report.html", *["sheet.html"] * sheet, "models.nc", "stiffness.csv"]
+    return ["report.html", *["sheet.html"] * sheet, "models.nc"]
 
 
 def _aligned(recording: Recording, period: float, context: float) -> Recording:
@@ -216,10 +226,9 @@ def _title(file: Path, found: Comparison) -> str:
     from tvsysid.figures.words import count
     from tvsysid.report.answer import taken
 
-    ensemble = found.ensemble
-    title = f"{file.name}: {count(len(ensemble), 'realization')} of {ensemble.duration:g} s"
+    title = f"{file.name}: {count(len(found.ensemble), 'realization')} of {found.ensemble.duration:g} s"
     title += ", with 95 % bands" if found.has_bands else ""
-    return f"{title}; {taken(ensemble.delay_removed)}" if ensemble.delay_removed else title
+    return f"{title}; {taken(found.ensemble.delay_removed)}" if found.ensemble.delay_removed else title
 
 
 def _show_impedance(account: Account) -> None:

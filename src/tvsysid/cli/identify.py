@@ -180,9 +180,9 @@ def _write_results(found: Comparison, out: Path, title: str) -> list[str]:
     from tvsysid.figures import identified_impedance
     from tvsysid.recordings import whole_file
 
-    _write_models(found, out, {})
     with whole_file(out / "stiffness.csv") as table:
         found.over_time().to_csv(table, index=False, float_format="%.6g")
+    _write_models(found, out, {})
     _save(identified_impedance(found.models, found.vaf_over_time(), title), out / "stiffness")
     return ["stiffness.csv", "stiffness.png", "stiffness.pdf", *_write_scheduled(found, out, title)]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from itertools import pairwise
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -26,6 +26,7 @@ REACH = 0.04  # s to either side that the intrinsic response lasts
 SOONEST, LATEST, SHAPES = 0.04, 0.33, 8  # lags in s of the reflex's response, and the triangles that make it up
 USUAL_MUSCLE = (16.0, 0.8)  # frequency in rad/s and damping of the muscle of the reflex that is tested for
 LEAST_SAMPLES = 20  # of a realization at which all lags must be known
+TOGETHER = 64  # realizations whose signals are held at once
 ROUNDING = 1e-12  # share of the torque's power that rounding leaves
 _TESTED: WeakKeyDictionary[Ensemble, ReflexTest] = WeakKeyDictionary()
 
@@ -52,8 +53,19 @@ class ReflexTest(NamedTuple):
         return max(self.over_none, self.over_linear) < ENOUGH
 
 
+class _Fit(NamedTuple):
+    """Weights of the regressors (block, regressor), from the other blocks; each realization's gram times its own."""
+
+    weights: Array
+    products: Array
+
+
 class _Moments(NamedTuple):
-    """Second moments in each realization of regressors (grams), with the torque (moments), and of the torque (squares).
+    """Second moments of regressors, over all realizations and in each block of them, (1 + block, regressor, regressor).
+
+    Those with the torque (moments), and of the torque (squares), are each realization's, which is of the block that
+    ``block`` says. Its regressors are made anew by ``regressors`` whenever its own gram is needed: all together, either
+    take many times the memory of the data.
 
     The first regressors are the joint's, ``mean`` of which gives its mean stiffness, modulated by these
     ``harmonics`` of the realization's duration; then come those of late answers to positive velocity, and to negative
@@ -63,6 +75,8 @@ class _Moments(NamedTuple):
     grams: Array
     moments: Array
     squares: Array
+    block: NDArray[np.intp]
+    regressors: Callable[[], Iterator[tuple[Array, Array]]]
     mean: Array
     harmonics: NDArray[np.int64]
 
@@ -75,31 +89,37 @@ class _Moments(NamedTuple):
             out[own:, own + number] = mixture
         return out
 
-    def weights(self, columns: Array, left_out: slice = slice(0)) -> Array:
-        """Weights of the regressors, fitted to all realizations but some."""
-        gram, moments = (values.sum(axis=0) - values[left_out].sum(axis=0) for values in (self.grams, self.moments))
+    def weights(self, columns: Array, left_out: int | None = None) -> Array:
+        """Weights of the regressors, fitted to all realizations but a block."""
+        gram, moments = self.grams[0], self.moments.sum(axis=0)
+        if left_out is not None:
+            gram = gram - self.grams[1 + left_out]
+            moments = moments - self.moments[self.block == left_out].sum(axis=0)
         gram, moments = columns.T @ gram @ columns, moments @ columns
         power = gram.diagonal()
         size = np.sqrt(np.where(power > 0, power, 1.0))
         return np.asarray(columns @ (solved(gram / np.outer(size, size), moments / size) / size))
 
-    def weights_of_others(self, columns: Array) -> Array:
-        """The same for each realization (realization, regressor), from those of other blocks."""
-        count = len(self.squares)
-        edges = [count * block // BLOCKS for block in range(BLOCKS + 1)]
-        parts = [np.tile(self.weights(columns, slice(*out)), (out[1] - out[0], 1)) for out in pairwise(edges)]
-        return np.concatenate(parts)
+    def fits(self, *models: Array) -> list[_Fit]:
+        """Models of these columns, each fitted to all but a block of realizations, which it is to predict."""
+        weights = [np.stack([self.weights(columns, block) for block in range(BLOCKS)]) for columns in models]
+        products = np.empty((len(models), *self.moments.shape))
+        for each, (rows, _) in enumerate(self.regressors()):
+            gram = rows.T @ rows
+            for model, of_blocks in enumerate(weights):
+                products[model, each] = gram @ of_blocks[self.block[each]]
+        return [_Fit(*each) for each in zip(weights, products, strict=True)]
 
-    def errors(self, weights: Array) -> Array:
+    def errors(self, fit: _Fit) -> Array:
         """Squared error of each realization."""
-        left = self.squares + np.sum(weights * ((self.grams @ weights[..., None])[..., 0] - 2 * self.moments), axis=1)
+        left = self.squares + np.sum(fit.weights[self.block] * (fit.products - 2 * self.moments), axis=1)
         return np.asarray(np.maximum(left, ROUNDING * self.squares) + np.finfo(float).tiny)
 
-    def added(self, weights: Array, further: Array) -> Array:
-        """Product of the first weights' error with what others predict further, over that error's square."""
-        change = further - weights
-        product = np.sum(change * (self.moments - (self.grams @ weights[..., None])[..., 0]), axis=1)
-        return np.where(np.abs(product) > ROUNDING * self.squares, product / self.errors(weights), 0.0)
+    def added(self, fit: _Fit, further: _Fit) -> Array:
+        """Product of the first fit's error with what another predicts further, over that error's square."""
+        change = (further.weights - fit.weights)[self.block]
+        product = np.sum(change * (self.moments - fit.products), axis=1)
+        return np.where(np.abs(product) > ROUNDING * self.squares, product / self.errors(fit), 0.0)
 
 
 def reflex_test_of(ensemble: Ensemble) -> ReflexTest:
@@ -120,18 +140,21 @@ def changes(ensemble: Ensemble) -> bool:
     """
     sums = _moments_of(ensemble)
     every = sums.columns(*_answers())
-    constant, changing = (
-        sums.weights_of_others(np.delete(every, np.flatnonzero(sums.harmonics > most), axis=1)) for most in (0, SLOWEST)
+    constant, changing = sums.fits(
+        *(np.delete(every, np.flatnonzero(sums.harmonics > most), axis=1) for most in (0, SLOWEST))
     )
     return _above_zero(sums.added(constant, changing))[0] < ENOUGH
 
 
 def _moments_of(ensemble: Ensemble) -> _Moments:
     order, recorded = np.concatenate(ensemble.runs), ensemble.angle_as_recorded
-    velocity, ratio = recorded_velocity(recorded[order], ensemble.sampling_rate), recorded.shape[-1]
-    stretches = stretch(velocity, ratio), stretch(velocity, ratio, direction=-1)
-    angle, torque = ((each - each.mean(axis=0))[order] for each in (ensemble.angle, ensemble.torque))
-    return _moments(angle, torque, stretches, ensemble.core, ensemble.sampling_rate)
+    stretches = np.empty((2, *ensemble.angle.shape))
+    for some in _together(len(order)):
+        velocity = recorded_velocity(recorded[order[some]], ensemble.sampling_rate)
+        for out, direction in zip(stretches, (1, -1), strict=True):
+            out[some] = stretch(velocity, recorded.shape[-1], direction=direction)
+    angle, torque = (_Signal(each, each.mean(axis=0), order) for each in (ensemble.angle, ensemble.torque))
+    return _moments(angle, torque, (stretches[0], stretches[1]), ensemble.core, ensemble.sampling_rate)
 
 
 def reflex_test(angle: Array, torque: Array, stretches: tuple[Array, Array], core: slice, rate: float) -> ReflexTest:
@@ -168,14 +191,15 @@ def reflex_test(angle: Array, torque: Array, stretches: tuple[Array, Array], cor
     ----------
     Clark & West 2007, J. Econometrics 138, 291-311: nested models by what they predict.
     """
-    return _reflex_test(_moments(angle, torque, stretches, core, rate))
+    order, still = np.arange(len(angle)), np.zeros(angle.shape[1])
+    return _reflex_test(_moments(_Signal(angle, still, order), _Signal(torque, still, order), stretches, core, rate))
 
 
 def _reflex_test(sums: _Moments) -> ReflexTest:
     positive, negative = _answers()
     models = [(), (positive + negative,), (positive, negative), (positive,), (negative,)]
-    none, linear, both, *directed = (sums.weights_of_others(sums.columns(*late)) for late in models)
-    errors = [sums.errors(weights) for weights in directed]
+    none, linear, both, *directed = sums.fits(*(sums.columns(*late) for late in models))
+    errors = [sums.errors(fit) for fit in directed]
     direction = 1 if np.sum(np.log(errors[1] / errors[0])) >= 0 else -1
     over_none, least_over_none = _above_zero(sums.added(none, directed[0 if direction > 0 else 1]))
     over_linear, least_over_linear = _above_zero(sums.added(linear, both))
@@ -219,35 +243,68 @@ def _above_zero(scores: Array) -> tuple[float, float]:
     return float(stdtr(count - 1, -mean / spread)), mean - spread * float(stdtrit(count - 1, SURE))
 
 
-def _moments(angle: Array, torque: Array, stretches: tuple[Array, Array], core: slice, rate: float) -> _Moments:
+class _Signal(NamedTuple):
+    """Deviations of a signal (realization, time) from a mean over realizations, in an order."""
+
+    values: Array
+    mean: Array
+    order: NDArray[np.intp]
+
+    def some(self, which: slice) -> Array:
+        """Of some realizations."""
+        return np.asarray(self.values[self.order[which]] - self.mean)
+
+
+def _together(count: int) -> Iterator[slice]:
+    """Realizations that are held at once, one slice of them after the other."""
+    for start in range(0, count, TOGETHER):
+        yield slice(start, min(start + TOGETHER, count))
+
+
+def _moments(angle: _Signal, torque: _Signal, stretches: tuple[Array, Array], core: slice, rate: float) -> _Moments:
     reach, soonest, latest = (round(seconds * rate) for seconds in (REACH, SOONEST, LATEST))
-    start, stop = max(core.start, latest, reach), min(core.stop, angle.shape[1] - reach)
+    start, stop = max(core.start, latest, reach), min(core.stop, len(angle.mean) - reach)
     if stop - start < LEAST_SAMPLES:
         raise InputError(
             f"reflex_test: what was {LATEST:g} s before is known at {max(stop - start, 0)} samples of a realization, "
             f"it takes {LEAST_SAMPLES}; give longer realizations, or {LATEST:g} s of context"
         )
-    times, wide = slice(start, stop), 2 * reach + 1
+    times, wide, count = slice(start, stop), 2 * reach + 1, len(angle.order)
     turns = (np.arange(start, stop)[:, None] - core.start) / (core.stop - core.start) * np.arange(1, HARMONICS + 1)
     waves = np.concatenate([np.cos(2 * np.pi * turns), np.sin(2 * np.pi * turns)], axis=1)
-    late = [
-        _windows(each - each.mean(axis=0), latest - soonest + 1, start - latest, stop - latest) for each in stretches
-    ]
     # The first of a window's samples is the earliest.
     apart = np.abs(np.arange(latest, soonest - 1, -1)[:, None] - np.linspace(soonest, latest, SHAPES))
     triangles = np.maximum(0.0, 1 - apart * (SHAPES - 1) / max(latest - soonest, 1))
-    near = _windows(angle, wide, start - reach, stop - reach)
-    velocity = stretches[0] + stretches[1]
-    velocity = (velocity - velocity.mean(axis=0))[:, times, None]
+    still = [each.mean(axis=0) for each in stretches]
+    steady = sum(first[times] + second[times] for first, second in zip(*stretches, strict=True)) / count
+
+    def regressors() -> Iterator[tuple[Array, Array]]:
+        """Regressors (time, regressor) and torque (time,) of one realization after the other."""
+        for some in _together(count):
+            near, torques = angle.some(some), torque.some(some)[:, times]
+            late = [
+                _windows(each[some] - mean, latest - soonest + 1, start - latest, stop - latest)
+                for each, mean in zip(stretches, still, strict=True)
+            ]
+            velocity = (stretches[0][some, times] + stretches[1][some, times] - steady)[:, :, None]
+            windows = _windows(near, wide, start - reach, stop - reach)
+            for each in range(len(near)):
+                varying = [waves * near[each, times, None], waves * velocity[each]]
+                parts = [windows[each], *varying, *(drive[each] @ triangles for drive in late)]
+                yield np.concatenate(parts, axis=1), torques[each]
+
     mean = np.concatenate([np.ones(wide), waves.mean(axis=0), np.zeros(waves.shape[1])])
-    grams = np.empty((len(angle), *2 * (len(mean) + 2 * SHAPES,)))
-    moments = np.empty(grams.shape[:2])
-    for each in range(len(angle)):
-        varying = [waves * angle[each, times, None], waves * velocity[each]]
-        rows = np.concatenate([near[each], *varying, *(drive[each] @ triangles for drive in late)], axis=1)
-        grams[each], moments[each] = rows.T @ rows, torque[each, times] @ rows
+    edges = [count * block // BLOCKS for block in range(BLOCKS + 1)]
+    block = np.repeat(np.arange(BLOCKS), np.diff(edges))
+    unknowns = len(mean) + 2 * SHAPES
+    grams, moments, squares = np.zeros((1 + BLOCKS, unknowns, unknowns)), np.empty((count, unknowns)), np.empty(count)
+    for each, (rows, torques) in enumerate(regressors()):
+        gram = rows.T @ rows
+        grams[0] += gram
+        grams[1 + block[each]] += gram
+        moments[each], squares[each] = torques @ rows, np.sum(torques**2)
     harmonics = np.concatenate([np.zeros(wide, dtype=np.int64), np.tile(np.arange(1, HARMONICS + 1), 4)])
-    return _Moments(grams, moments, np.sum(torque[:, times] ** 2, axis=1), mean, harmonics)
+    return _Moments(grams, moments, squares, block, regressors, mean, harmonics)
 
 
 def _windows(signal: Array, width: int, first: int, stop: int) -> Array:

@@ -83,8 +83,9 @@ def test_one_switch_more_is_worth_what_all_together_are(random, balanced):
     sizes = evidence.Sizes(0.8, balanced)
     others, many = (smooth.products(line.columns(np.array(each))) for each in ([12.3, 33.0], [3.0, 20.5, 27.8]))
     mixed = many.between(others)
-    found = evidence.one_more(many, others.between(others), others.cross, mixed, many.diagonal(), sizes)
-    for index, value in enumerate(found):
+    gram, power = others.between(others), many.diagonal()
+    found = evidence.one_more(many, gram, others.cross, mixed, power, balanced, (0.05, sizes.spread))
+    for index, value in enumerate(found[1]):
         every = placing.together([others, many.take(np.array([index]))])
         assert value == pytest.approx(evidence.jumps(every.between(every), every.cross, sizes).evidence, abs=1e-8)
 

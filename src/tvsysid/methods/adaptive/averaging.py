@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tvsysid.methods.adaptive.evidence import Line, Sizes, Smooth, directions, every_sizes
+from tvsysid.methods.adaptive.evidence import Line, Smooth, every_sizes, jumps_of_every_size
 from tvsysid.methods.adaptive.mixture import LIGHTEST, Candidate, Mixture, mixture_of, path
 from tvsysid.methods.adaptive.placing import Found, Placed, Windows, add, joined, refined, simplified, total
 from tvsysid.methods.adaptive.prior import JITTERS, Axis, roughnesses
@@ -45,22 +45,11 @@ def candidates(smooths: tuple[Smooth, ...], sets: list[Placed]) -> list[Candidat
     for placed, first, stop in zip(filled, ends[:-1], ends[1:], strict=True):
         gram, cross = grams[:, first:stop, first:stop], crosses[:, first:stop]
         prior = placed.log_volume - (stop - first) * math.log(line.axis.times) - math.log(len(every))
-        for sizes in every:
-            values = scores + prior + _log_factors(gram, cross, sizes)
+        factors = jumps_of_every_size(gram, cross, line.axis.periodic)
+        for sizes, factor in zip(every, factors.T, strict=True):
+            values = scores + prior + factor
             out.extend(Candidate(*each, placed, sizes) for each in zip(smooths, map(float, values), strict=True))
     return out
-
-
-def _log_factors(gram: Array, cross: Array, sizes: Sizes) -> Array:
-    """Log evidence for switches beside many smooth parts, from their products (smooth part, switch, switch)."""
-    turn = directions(cross.shape[1], sizes.balanced)
-    if not turn.shape[1]:
-        return np.full(len(cross), -np.inf)
-    variance = sizes.spread**2
-    system = variance * (turn.T @ gram @ turn) + np.eye(turn.shape[1])
-    turned = cross @ turn
-    quadratic = np.einsum("sk,sk->s", turned, np.linalg.solve(system, turned[..., None])[..., 0])
-    return np.asarray(0.5 * variance * quadratic - 0.5 * np.linalg.slogdet(system)[1])
 
 
 class Averaged(NamedTuple):
@@ -71,11 +60,15 @@ class Averaged(NamedTuple):
     mixture: Mixture
     every: list[Candidate]
 
-    def probability(self, wanted: Callable[[Candidate], bool]) -> float:
-        """Of all candidates of a kind together."""
+    def probabilities(self) -> Array:
+        """Of every candidate."""
         evidence = np.array([each.evidence for each in self.every])
         share = np.exp(evidence - evidence.max())
-        return float(share[[wanted(each) for each in self.every]].sum() / share.sum())
+        return np.asarray(share / share.sum())
+
+    def probability(self, wanted: Callable[[Candidate], bool]) -> float:
+        """Of all candidates of a kind together."""
+        return float(self.probabilities()[[wanted(each) for each in self.every]].sum())
 
     def arc(self) -> float:
         """Length of the path of the estimate apart from its size, for simultaneous bands."""

@@ -218,33 +218,47 @@ def jumps(gram: Array, cross: Array, sizes: Sizes) -> Jumps:
     return Jumps(0.5 * float(answer @ answer) - 0.5 * log_determinant, answer @ half, half.T @ half)
 
 
-def one_more(own: Products, gram: Array, cross: Array, mixed: Array, power: Array, sizes: Sizes) -> Array:
-    """Log evidence for some switches and each of many others (column,) in turn, by rank-one updates.
+def jumps_of_every_size(gram: Array, cross: Array, periodic: bool) -> Array:
+    """Log evidence for some switches (..., size) with each of :func:`every_sizes`.
+
+    Of the products of switches with each other (..., switch, switch) and with what is seen (..., switch). The
+    eigenvalues of their products serve all sizes.
+    """
+    variance, out = np.square(SIZES)[:, None], []
+    for balanced in (False, True) if periodic else (False,):
+        turn = directions(cross.shape[-1], balanced)
+        values, vectors = np.linalg.eigh(turn.T @ gram @ turn)
+        answer = (cross @ turn)[..., None, :] @ vectors
+        left = 1 + variance * np.maximum(values, 0.0)[..., None, :]
+        found = 0.5 * np.sum(variance * answer**2 / left - np.log(left), axis=-1)
+        out.append(found if turn.shape[1] else np.full(found.shape, -np.inf))
+    return np.concatenate(out, axis=-1)
+
+
+def one_more(
+    own: Products, gram: Array, cross: Array, mixed: Array, power: Array, balanced: bool, spreads: tuple[float, ...]
+) -> Array:
+    """Log evidence (spread, column) for some switches and each of many others in turn, by rank-one updates.
 
     The others' ``own`` products with what is seen, their squares ``power`` (column,), and those ``mixed`` with the
-    switches (column, switch), whose own products are ``gram`` and ``cross``.
+    switches (column, switch), whose own products are ``gram`` and ``cross``. The eigenvalues of these serve all
+    ``spreads`` of :class:`Sizes`.
     """
     count, wanted = len(cross), own.cross
-    if sizes.balanced and not count:
-        return np.full(len(wanted), -np.inf)
-    turn = directions(count, sizes.balanced)
+    if balanced and not count:
+        return np.full((len(spreads), len(wanted)), -np.inf)
+    turn = directions(count, balanced)
     turned = mixed @ turn
-    if sizes.balanced:  # one switch more, and as much less of all others
+    if balanced:  # one switch more, and as much less of all others
         scale, mean = (1 + 1 / count) ** -0.5, np.full(count, 1 / count)
         power = (power - 2 * mixed @ mean + mean @ gram @ mean) * scale**2
         turned = ((mean @ gram - mixed) @ turn) * scale
         wanted = (mean @ cross - wanted) * scale
-    variance = sizes.spread**2
-    system = turn.T @ gram @ turn
-    system.flat[:: len(system) + 1] += 1 / variance
-    factor = factor_of(system) if len(system) else system
-    half = solved_by(factor, np.column_stack([turn.T @ cross, turned.T])) if len(system) else turned.T
-    if len(system):
-        answer, half = half[:, 0], half[:, 1:]
-        wanted, power = wanted - answer @ half, power - np.einsum("kc,kc->c", half, half)
-        before = 0.5 * float(answer @ answer) - float(np.log(np.diag(factor)).sum())
-        before -= len(system) * float(np.log(sizes.spread))
-    else:
-        before = 0.0
-    left = 1 + variance * np.maximum(power, 0.0)
-    return np.asarray(before + 0.5 * variance * wanted**2 / left - 0.5 * np.log(left))
+    values, vectors = np.linalg.eigh(turn.T @ gram @ turn)
+    answer, turned = cross @ turn @ vectors, turned @ vectors
+    variance = np.square(spreads)[:, None]
+    taken = 1 + variance * np.maximum(values, 0.0)
+    share = variance / taken
+    before = 0.5 * np.sum(share * answer**2 - np.log(taken), axis=1, keepdims=True)
+    left = 1 + variance * np.maximum(power - share @ (turned**2).T, 0.0)
+    return np.asarray(before + 0.5 * variance * (wanted - share * answer @ turned.T) ** 2 / left - 0.5 * np.log(left))

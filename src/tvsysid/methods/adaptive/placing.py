@@ -7,7 +7,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tvsysid.methods.adaptive.evidence import Columns, Line, Products, Sizes, Smooth, every_sizes, jumps, one_more
+from tvsysid.methods.adaptive.evidence import (
+    Columns,
+    Line,
+    Products,
+    Sizes,
+    Smooth,
+    every_sizes,
+    jumps_of_every_size,
+    one_more,
+)
 from tvsysid.numerics import Array
 
 RESOLVED = 1 / 16  # samples from one position that is tried to the next
@@ -93,10 +102,9 @@ def best_sizes(smooth: Smooth, columns: Columns) -> tuple[Sizes, float]:
     """Prior of sizes that suits some switches best, and their log evidence."""
     products = smooth.products(columns)
     gram = products.between(products)
-    every = every_sizes(smooth.line.axis.periodic)
-    evidence = [jumps(gram, products.cross, sizes).evidence for sizes in every]
+    evidence = jumps_of_every_size(gram, products.cross, smooth.line.axis.periodic)
     best = int(np.argmax(evidence))
-    return every[best], evidence[best]
+    return every_sizes(smooth.line.axis.periodic)[best], float(evidence[best])
 
 
 def refined(found: Found, windows: Windows) -> Placed:
@@ -135,7 +143,7 @@ def _values(window: Window, others: Products, sizes: Sizes, line: Line) -> Array
     """Log evidence for some switches and one more at each position of a window, apart from them."""
     products = window.products
     gram, mixed = others.between(others), products.between(others)
-    value = one_more(products, gram, others.cross, mixed, window.power, sizes)
+    value = one_more(products, gram, others.cross, mixed, window.power, sizes.balanced, (sizes.spread,))[0]
     for position in others.columns.positions:
         near = distance(line, products.columns.positions, position) < APART
         if not near.all():

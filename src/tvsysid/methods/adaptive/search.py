@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.methods.adaptive.evidence import Line, Products, Sizes, Smooth, every_sizes, jumps, one_more
+from tvsysid.methods.adaptive.evidence import Line, Products, Sizes, Smooth, jumps_of_every_size, one_more
 from tvsysid.methods.adaptive.placing import APART, Found, Windows, distance, refined, together
+from tvsysid.methods.adaptive.prior import SIZES
 from tvsysid.numerics import Array
 
 FINE, COARSE, PAIRS = 400, 200, 100  # positions that are tried: of one more switch, of the first, of a pair at most
@@ -109,17 +110,15 @@ class Walk:
         if not places:
             return self.smooth.score
         steps = self.at(places)[0]
-        gram = steps.between(steps)
-        every = every_sizes(self.grid.line.axis.periodic)
-        best = max(jumps(gram, steps.cross, sizes).evidence for sizes in every)
-        return self.smooth.score + best - len(places) * self.grid.log_positions
+        best = jumps_of_every_size(steps.between(steps), steps.cross, self.grid.line.axis.periodic).max()
+        return self.smooth.score + float(best) - len(places) * self.grid.log_positions
 
     def scan(self, places: tuple[float, ...]) -> tuple[float, float]:
         """Best score of a set and one switch more, and where that is."""
         steps, mixed = self.at(places)
-        gram, every = steps.between(steps), every_sizes(self.grid.line.axis.periodic)
-        found = [one_more(self.products, gram, steps.cross, mixed, self.power, sizes) for sizes in every]
-        best, positions = np.max(found, axis=0), self.grid.fine.positions
+        gram, kinds = steps.between(steps), (False, True) if self.grid.line.axis.periodic else (False,)
+        found = [one_more(self.products, gram, steps.cross, mixed, self.power, each, SIZES) for each in kinds]
+        best, positions = np.max(found, axis=(0, 1)), self.grid.fine.positions
         for place in places:
             best[distance(self.grid.line, positions, place) < APART] = -np.inf
         top = int(np.argmax(best))

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import partial
 
 import numpy as np
 
 from tvsysid.methods.adaptive.averaging import Averaged
+from tvsysid.methods.adaptive.evidence import Smooth
 from tvsysid.methods.adaptive.mixture import Candidate, path
 from tvsysid.methods.adaptive.model import Smoothness, Switch
 from tvsysid.methods.adaptive.placing import CLOSE, distance
-from tvsysid.methods.adaptive.prior import Roughness
 from tvsysid.numerics import Array
 
 WORTH = 0.01  # probability from which on something is listed
@@ -28,16 +27,14 @@ def parameters(found: Averaged) -> float:
 def smoothness(quantity: str, found: Averaged, unit: float, rate: float) -> Iterator[Smoothness]:
     """Smooth parts that are likely, the most probable first."""
     line = found.candidates[0].smooth.line
-    rows = []
-    for roughness in {id(each.smooth): each.smooth.roughness for each in found.every}.values():
-        probability = found.probability(partial(_has, roughness))
+    rows, probabilities = [], dict[Smooth, float]()
+    for each, share in zip(found.every, found.probabilities(), strict=True):
+        probabilities[each.smooth] = probabilities.get(each.smooth, 0.0) + float(share)
+    for smooth, probability in probabilities.items():
+        roughness = smooth.roughness
         amplitude, length = roughness.amplitude * line.size * unit, roughness.length / rate
         rows.append(Smoothness(quantity, roughness.kind, amplitude, length, probability))
     yield from sorted((row for row in rows if row.probability >= WORTH), key=lambda row: -row.probability)
-
-
-def _has(roughness: Roughness, candidate: Candidate) -> bool:
-    return candidate.smooth.roughness is roughness
 
 
 def switches(quantity: str, found: Averaged, unit: float, missing: int, rate: float) -> Iterator[Switch]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from tvsysid.estimates import StandardError
 from tvsysid.methods import base, shared
@@ -131,10 +132,11 @@ class AdaptiveRegression(base.Method):
         return None
 
     def _identify(self, ensemble: Ensemble) -> AdaptiveModel:
-        reflex = with_reflex(ensemble)
-        if reflex is not None and reflex.values.shape[2] >= SHORTEST and reflex.values.shape[1] >= LEAST:
-            return Identification(ensemble, reflex).model(repr(self))
-        return Identification(ensemble, Derived.of(ensemble)).model(repr(self))
+        with threadpool_limits(1):  # small matrices: BLAS threads would only wait for each other
+            reflex = with_reflex(ensemble)
+            if reflex is not None and reflex.values.shape[2] >= SHORTEST and reflex.values.shape[1] >= LEAST:
+                return Identification(ensemble, reflex).model(repr(self))
+            return Identification(ensemble, Derived.of(ensemble)).model(repr(self))
 
     def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
         return EXCITED_BELOW, base.EXCITED_ABOVE

@@ -143,12 +143,12 @@ def _values(window: Window, others: Products, sizes: Sizes, line: Line) -> Array
     """Log evidence for some switches and one more at each position of a window, apart from them."""
     products = window.products
     gram, mixed = others.between(others), products.between(others)
-    value = one_more(products, gram, others.cross, mixed, window.power, sizes.balanced, (sizes.spread,))[0]
+    (value,) = one_more(products, gram, others.cross, mixed, window.power, sizes.balanced, (sizes.spread,))
     for position in others.columns.positions:
         near = distance(line, products.columns.positions, position) < APART
         if not near.all():
             value[near] = -np.inf
-    return value
+    return np.asarray(value)
 
 
 def total(placed: Placed, smooth: Smooth) -> float:

@@ -73,6 +73,7 @@ def test_the_file_holds_channels_and_truth_of_the_system(tvsysid, name, further)
     for channel in simulation.recording.channels:
         assert f"--channel {channel}={channel}" in out
     assert ("--scheduling emg" in out) == (name == "scheduled")
+    assert ("--method kbr:reference=disturbance" in out) == (name == "compliant")
 
 
 @pytest.mark.usefixtures("own")

@@ -28,6 +28,13 @@ def test_simulated_joints_are_clean(profile, perturbation, number):
     assert not diagnosis.findings, diagnosis
 
 
+def test_a_multisine_that_comes_again_is_not_clipped():
+    joint = tv.simulate.Joint(stiffness=tv.simulate.SineWave())
+    simulation = joint.simulate(40.0, perturbation=tv.simulate.Multisine(), snr_db=10.0, seed=1)
+    diagnosis = tv.diagnose(cut(simulation.recording))
+    assert not diagnosis.findings, diagnosis
+
+
 @pytest.mark.parametrize("perturbation", ["noise", "prbs"])
 def test_without_decimation_and_without_context(perturbation):
     recording = simulated(60.0, perturbation)

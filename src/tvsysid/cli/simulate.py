@@ -122,6 +122,8 @@ def simulate(
         f"wrote {file}: {duration:g} s at {rate:g} Hz; identify it with\ntvsysid identify {file} --angle angle "
         f"--torque torque --rate {rate:g}{decimate} --period {period:g}{channels}"
     )
+    if "disturbance" in simulation.recording.channels:
+        say("in closed loop with its reference: add --method kbr:reference=disturbance,weighting=residual")
     if (followed := getattr(simulated, "variable", None)) in simulation.recording.channels:
         say(
             f"or over {followed}, which the joint follows: --scheduling {followed} in place of "

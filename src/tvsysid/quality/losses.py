@@ -52,7 +52,8 @@ def clipped(data: FittedEnsemble, which: str) -> Seen:
         return Seen(0.0, f"no {which} stays at a limit")
     share = 100 * float(tied.mean())
     middle = len(ordered) // 2
-    inside = ordered[min(middle + ALIKE, len(ordered)) - 1] - ordered[middle] <= SAME * size
+    about = ordered[middle - ALIKE + 1 : middle + ALIKE]
+    inside = np.min(about[ALIKE - 1 :] - about[:ALIKE], axis=0) <= SAME * size  # a multisine that repeats
     if inside.mean() > max(0.5 * tied.mean(), 0.01 * FAULTS[f"clipped-{which}"].limit):
         raise NotJudged(f"the same values of {which} come again and again, not only the extremes")
     if which == "angle" and float(np.mean(np.abs(deviations) < 0.5 * size)) < TWO_LEVELS:

@@ -13,7 +13,6 @@ from tvsysid.methods import base, shared, tuning
 from tvsysid.models import Diagnostics, ImpulseResponseModel, Model, SecondOrderModel
 from tvsysid.numerics.bases import Basis, CubicBSplines, check_basis, evaluate
 from tvsysid.numerics.moments import expanded
-from tvsysid.numerics.noise import autocovariance
 from tvsysid.signals import Array, Ensemble
 
 Prior = Literal["ard", "ridge", "none"]
@@ -310,7 +309,7 @@ def _noise_through(expansions: tuple[Array, ...], scale: Array, signals: Array, 
     """
     samples = left.shape[1]
     lags = min(lags, samples - 1)
-    covariance = autocovariance(left, lags) * (0.5 + 0.5 * np.cos(np.pi * np.arange(lags + 1) / (lags + 1)))
+    covariance = shared.autocovariance(left, lags) * (0.5 + 0.5 * np.cos(np.pi * np.arange(lags + 1) / (lags + 1)))
     size = next_fast_len(samples + lags, real=True)
     power = np.maximum(2 * rfft(covariance, size).real - covariance[0], 0.0) / size
     power[1 : (size + 1) // 2] *= 2  # of both signs of frequency

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.io import savemat
 from scipy.io.matlab import MatWriteError
 
-from tvsysid.errors import InputError
+from tvsysid.errors import InputError, printable
 from tvsysid.models import Model
 from tvsysid.recordings.process import contents_of
 from tvsysid.signals import Ensemble, Recording
@@ -108,7 +108,8 @@ def write_models(
     import xarray as xr  # noqa: PLC0415  # heavy
 
     groups = {name: _without_complex(model.to_xarray(ensemble)) for name, model in models.items()}
-    content = xr.DataTree.from_dict({"/": xr.Dataset(attrs=dict(about)), **groups}).to_netcdf(
+    attributes = {name: printable(each) if isinstance(each, str) else each for name, each in about.items()}
+    content = xr.DataTree.from_dict({"/": xr.Dataset(attrs=attributes), **groups}).to_netcdf(
         engine="h5netcdf"
     )  # HDF5 itself crashes where a disk is full
     with whole_file(path) as temporary:

@@ -44,6 +44,11 @@ def assert_sound(file):
         np.testing.assert_array_equal(described[name].read(name), values)
 
 
+def processor_seconds(pid):
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return sum(map(int, fields[11:13])) / os.sysconf("SC_CLK_TCK")
+
+
 @pytest.mark.slow
 def test_a_file_that_kills_its_library_is_an_error_and_the_next_is_read(sound):
     assert_sound(sound)
@@ -82,7 +87,15 @@ def test_ctrl_c_ends_a_library_that_does_not_answer(sound):
     pytest.importorskip("ezc3d", reason="ezc3d is not installed")
     assert_sound(sound)
     child = process._reader.process
-    threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT)).start()
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the background begins without
+    begun = processor_seconds(child.pid)
+
+    def interrupt():
+        while processor_seconds(child.pid) < begun + 0.2:  # then the library is at work, and this process waits for it
+            time.sleep(0.01)
+        signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)
+
+    threading.Thread(target=interrupt, daemon=True).start()
     with pytest.raises(KeyboardInterrupt):
         describe_file(DAMAGED / "endless.c3d")
     assert child.returncode == -signal.SIGKILL

@@ -124,7 +124,9 @@ def giving_way(
 ):
     """A joint on a soft actuator, which noise in the torque moves."""
     system = tv.simulate.CompliantActuator(
-        tv.simulate.Constant(stiffness), actuator_stiffness=actuator, noise_bandwidth=noise_bandwidth
+        tv.simulate.Constant(stiffness) if isinstance(stiffness, float) else stiffness,
+        actuator_stiffness=actuator,
+        noise_bandwidth=noise_bandwidth,
     )
     kind = tv.simulate.PERTURBATIONS[perturbation]
     return system.simulate(duration, perturbation=kind, snr_db=snr_db, seed=seed).recording

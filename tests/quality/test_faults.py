@@ -1,5 +1,6 @@
 """Faults planted in simulated and in real records are found by name."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -248,7 +249,9 @@ def test_a_stiff_actuator_is_no_feedback(perturbation):
 
 @pytest.mark.parametrize(("actuator", "wrong"), [(100.0, True), (10_000.0, False)])
 def test_slow_noise_that_moves_the_angle_is_found_with_the_reference(actuator, wrong):
-    recording = faults.giving_way(actuator=actuator, duration=100.0, noise_bandwidth=3.0)
+    # It moves farther while it is compliant; the mean is over time all the same: 100 N·m/rad.
+    changes = {"stiffness": tv.simulate.SquareWave()} if wrong else {}
+    recording = faults.giving_way(actuator=actuator, duration=100.0, noise_bandwidth=3.0, **changes)
     ensemble = cut(recording)
     checks = {check.name: check for check in tv.diagnose(ensemble, reference="disturbance", repeats=False).checks}
     assert {name for name, check in checks.items() if check.what == "the behaviour is not repeated"} == {
@@ -259,6 +262,8 @@ def test_slow_noise_that_moves_the_angle_is_found_with_the_reference(actuator, w
     if wrong:
         assert -60 < checks["loop-bias"].value < -10
         assert "--method kbr:reference=disturbance,weighting=residual" in checks["loop-bias"].what
+        closed = float(re.search(r"([\d.]+) with 'disturbance'", checks["loop-bias"].what)[1])
+        assert closed == pytest.approx(100, abs=7)  # 83 if times counted by how far the angle moves
     else:
         still = replace(ensemble, channels={"other": np.random.default_rng(0).random(ensemble.angle.shape)})
         unrelated = {check.name: check for check in tv.diagnose(still, reference="other").checks}

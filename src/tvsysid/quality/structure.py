@@ -65,9 +65,11 @@ def loop_bias(data: FittedEnsemble, reference: str) -> Seen:
         )
     first = fit.first - HALF_WIDTH
     z = differentiate(moved, data.rate)[:, :, first : first + fit.torque.shape[1]]
+    # All times count alike: the angle moves farther where the joint gives way, and a sum of squares dwells there.
+    z /= np.bincount(fit.bins, np.mean(z[0] ** 2, axis=0))[fit.bins] / np.bincount(fit.bins)[fit.bins]
     inverse = np.linalg.pinv(np.einsum("art,brt->ab", z, fit.motion))
     missing = np.einsum("a,art,rt->r", inverse[0], z, fit.residual)  # of the stiffness, in each realization
-    biased = float(data.mean_impedance[0][0])
+    biased = float(fit.stiffness[fit.bins].mean())
     closed = biased + float(missing.sum())
     what = (
         f"the mean stiffness is {biased:.3g} N·m/rad in open loop, {closed:.3g} with {reference!r} as the reference, "

@@ -1,7 +1,6 @@
 """Draw the pictures of the README and of docs/ anew: run ``python benchmarks/pictures.py`` from the repository root.
 
-Names after it draw some of them alone: ``comparison``, ``adaptive``, ``reflex-bias``, ``closed-loop-bias``.
-docs/reflex.md has the code of its own picture.
+Names after it draw some of them alone: ``comparison``, ``adaptive``, ``reflex``, ``reflex-bias``, ``closed-loop-bias``.
 """
 
 from __future__ import annotations
@@ -12,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 import tvsysid as tv
 from tvsysid.figures.comparison import BARS
@@ -28,7 +28,6 @@ from tvsysid.studies.reflex.presets import PRESETS as REFLEX
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
-    from matplotlib.figure import Figure
 
 DOCS = Path(__file__).parents[1] / "docs"
 
@@ -64,6 +63,28 @@ def adaptive() -> Figure:
     return figure
 
 
+def reflex() -> Figure:
+    joint = tv.simulate.ReflexJoint(stiffness=tv.simulate.SineWave(), reflex_gain=tv.simulate.SineWave(8, 4))
+    simulation = joint.simulate(150, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1)
+    ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), period=2.0)
+    ensemble = tv.preprocess.subtract_mean(ensemble)
+    found, truth = tv.compare(ensemble, ["cascade", "kbr", "sds"]), simulation.truth_of(ensemble)
+    looks = tv.figures.lines(list(found.models))
+    figure = Figure(figsize=(9, 3.2), layout="constrained")
+    for axes, name in zip(figure.subplots(1, 2), ("stiffness", "reflex_gain"), strict=True):
+        axes.plot(ensemble.time, truth[name].mean(axis=0), **TRUE_LINE)
+        for place, (label, model) in enumerate(found.models.items()):
+            if name in model.estimates:
+                look = looks[label].curve(len(model.time), place=place, several=len(looks))
+                axes.plot(model.time, model.estimates[name].values, label=label, **look)
+                axes.fill_between(model.time, *found.bands[label][name], color=looks[label].hue, alpha=0.2)
+        axes.set_xlabel("time (s)")
+    figure.axes[0].set_ylabel("stiffness (N·m/rad)")
+    figure.axes[1].set_ylabel("reflex gain (N·m·s/rad)")
+    figure.axes[0].legend(ncols=2)
+    return figure
+
+
 def reflex_bias() -> Figure:
     preset = REFLEX["reflex"] | {"system": tuple(NAMES.values()), "methods": (*ONE_PATH, "cascade"), "also": ()}
     return reflex_figures(*studied(**preset))["bias-reflex-sine"].draw()
@@ -78,6 +99,7 @@ def closed_loop_bias() -> Figure:
 PICTURES: dict[str, Callable[[], Figure]] = {
     "comparison": comparison,
     "adaptive": adaptive,
+    "reflex": reflex,
     "reflex-bias": reflex_bias,
     "closed-loop-bias": closed_loop_bias,
 }

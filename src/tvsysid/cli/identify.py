@@ -33,7 +33,10 @@ SLOW_RATE = 250.0  # Hz from which on identifying without decimation takes minut
 
 def identify(
     file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="MAT, CSV, TSV, NPZ, HDF5, NetCDF, Parquet or C3D file.")
+        Path,
+        typer.Argument(
+            metavar="FILE", help="MAT, CSV, TSV, NPZ, HDF5, NetCDF, NWB, Motion-BIDS, Parquet, C3D or EDF file."
+        ),
     ],
     angle: Annotated[str, options.ANGLE],
     torque: Annotated[str, options.TORQUE],
@@ -52,6 +55,8 @@ def identify(
     columns: options.ColumnsOption = "contiguous",
     torque_sign: options.TorqueSignOption = 1,
     angle_unit: options.AngleUnitOption = "rad",
+    torque_unit: options.TorqueUnitOption = "Nm",
+    header: options.HeaderOption = True,
     start: options.StartOption = 0.0,
     context: options.ContextOption = 0.5,
     method: options.MethodOption = DEFAULT_METHODS,
@@ -142,7 +147,9 @@ def identify(
     chosen = [parse(label) for label in method]
     check_folder(out)
     with shown_warnings():
-        recording = options.read(file, angle, torque, rate, columns, torque_sign, angle_unit, start, channel)
+        recording = options.read(
+            file, angle, torque, rate, columns, torque_sign, angle_unit, start, channel, header, torque_unit
+        )
         if align_channels:
             recording = _aligned(recording, period or PIECES, context)
         if decimate is not None:
@@ -161,7 +168,7 @@ def identify(
         remark("warning", f"{label} is skipped: {reason}")
     for label, reason in found.failed.items():
         remark("error", f"{label} failed: {reason}")
-    turned = ", with its sign reversed" if torque_sign == -1 else ""
+    turned = (", in N·mm" if torque_unit == "Nmm" else "") + (", with its sign reversed" if torque_sign == -1 else "")
     source = {"file": file.name, "angle": f"channel {angle}, in {angle_unit}", "torque": f"channel {torque}{turned}"}
     written = _write_results(found, out, _title(file, found))  # first, as holding out takes longest
     account = _account(found, time_limit, source)

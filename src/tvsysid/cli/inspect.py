@@ -26,8 +26,8 @@ def inspect(
         Path,
         typer.Argument(
             metavar="FILE",
-            help="MAT (any version, with structures or nldat objects), CSV or TSV with a header line, NPZ, HDF5, "
-            "NetCDF, Parquet (`tvsysid[parquet]`) or C3D (`tvsysid[c3d]`).",
+            help="MAT (any version, with structures, nldat or segdat objects), CSV or TSV, NPZ, HDF5, NetCDF, NWB, "
+            "Motion-BIDS, Parquet (`tvsysid[parquet]`), C3D (`tvsysid[c3d]`), EDF or BDF (`tvsysid[edf]`).",
         ),
     ],
     plot: Annotated[
@@ -60,6 +60,8 @@ def inspect(
     columns: options.ColumnsOption = "contiguous",
     torque_sign: options.TorqueSignOption = 1,
     angle_unit: options.AngleUnitOption = "rad",
+    torque_unit: options.TorqueUnitOption = "Nm",
+    header: options.HeaderOption = True,
     start: options.StartOption = 0.0,
     context: options.ContextOption = 0.5,
 ) -> None:
@@ -103,7 +105,7 @@ def inspect(
     used = [name for name, value in {**needed, "--period": period}.items() if value is not None]
     if not diagnose and used:
         raise InputError(f"{used[0]}: is used with --diagnose only; add --diagnose")
-    channels = describe_file(file)
+    channels = describe_file(file, header)
     _show_channels(file.name, channels)
     drawn = _outlines(channels)
     if drawn:
@@ -116,7 +118,9 @@ def inspect(
     if period is None:
         remark("note", f"no --period: the record is cut into pieces of {PIECES:g} s, which are not taken to repeat")
     with shown_warnings():
-        recording = options.read(file, angle, torque, rate, columns, torque_sign, angle_unit, start, channel)
+        recording = options.read(
+            file, angle, torque, rate, columns, torque_sign, angle_unit, start, channel, header, torque_unit
+        )
         if decimate is not None:
             preprocess.decimate(recording, decimate)  # reports a rate that is impossible
         # Not decimated: that would hide a clipped signal. A check that needs a low rate decimates by itself.

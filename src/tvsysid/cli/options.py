@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 Columns = Literal["contiguous", "trials"]
 AngleUnit = Literal["rad", "deg"]
+TorqueUnit = Literal["Nm", "Nmm"]
 
 
 def option(metavar: str | None, text: str, *names: str) -> Any:
@@ -40,7 +41,7 @@ MethodOption = Annotated[
 
 # How a recording is read and cut: `identify` and `inspect --diagnose`.
 ANGLE = option("NAME", "Name of the variable or column with the angle.")
-TORQUE = option("NAME", "Name of the variable or column with the torque, in N·m.")
+TORQUE = option("NAME", "Name of the variable or column with the torque.")
 RATE = option("HZ", "Sampling rate of the recording.")
 PERIOD = option("S", "Duration of one realization, that is, of one repetition of the behaviour.")
 DecimateOption = Annotated[
@@ -60,7 +61,17 @@ TorqueSignOption = Annotated[
     ),
 ]
 AngleUnitOption = Annotated[AngleUnit, option(None, "Unit of the angle in the file.")]
+TorqueUnitOption = Annotated[
+    TorqueUnit, option(None, "Unit of the torque in the file; N·mm is what C3D files have in most laboratories.")
+]
 StartOption = Annotated[float, option("S", "Time of the first sample; realizations begin at multiples of the period.")]
+HeaderOption = Annotated[
+    bool,
+    typer.Option(
+        "--header/--no-header",
+        help="Whether the first line of a text table (CSV, TSV) has names; if not, columns are called 1, 2, ...",
+    ),
+]
 ChannelOption = Annotated[
     list[str],
     option(
@@ -106,6 +117,8 @@ def read(
     angle_unit: AngleUnit,
     start: float,
     channel: Iterable[str],
+    header: bool = True,
+    torque_unit: TorqueUnit = "Nm",
 ) -> Recording:
     """Recording as the options say; each of the further channels as NAME=CHANNEL."""
     from tvsysid.recordings import read_recording
@@ -126,4 +139,6 @@ def read(
         columns=columns,
         start=start,
         channels=channels,
+        header=header,
+        torque_unit=torque_unit,
     )

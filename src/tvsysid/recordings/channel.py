@@ -21,6 +21,8 @@ UNIT_NAMES = ("units", "unit")
 NUMBERS = "biufc"
 NO_UNITS = ("", "defaultunits", "unknown", "none")
 MOST_CHANNELS = 10_000  # of a file
+MOST_JITTER = 0.1  # of a step in time: what clocks of computers and times of 32 bits leave; a lost sample is more
+UNEVEN = "values at times that are not evenly spaced"
 TIMES_ITS_SIZE = 3  # values as read, as columns of trials one after the other, and in SI units
 
 
@@ -38,6 +40,8 @@ class Channel:
         As the file states it, or empty.
     sampling_rate
         In Hz, as the file states it, or None.
+    trial_starts
+        First sample of each trial, where the file states trials that follow each other in one vector.
     values
         Reads the values; None for what cannot be a signal.
     held
@@ -48,6 +52,7 @@ class Channel:
     dtype: str
     unit: str = ""
     sampling_rate: float | None = None
+    trial_starts: tuple[int, ...] = ()
     values: Callable[[], NDArray[Any]] | None = field(default=None, repr=False, compare=False)
     held: bool = field(default=False, repr=False, compare=False)
 
@@ -66,6 +71,7 @@ class Channel:
         """Shape, and unit and rate where they are stated, in words."""
         words = " x ".join(map(str, self.shape)) or "one value"
         words += f" of {self.dtype}" if self.values is None else ""
+        words += f" in {len(self.trial_starts)} trials" if self.trial_starts else ""
         words += f", {self.unit}" if self.unit else ""
         return words + (f", {self.sampling_rate:g} Hz" if self.sampling_rate is not None else "")
 
@@ -90,7 +96,7 @@ def stored(
     sampling_rate: float | None = None,
 ) -> Channel:
     """Channel whose values are read when they are asked for."""
-    return Channel(shape, _kind_of(dtype), unit, sampling_rate, read if dtype.kind in NUMBERS else None)
+    return Channel(shape, _kind_of(dtype), unit, sampling_rate, values=read if dtype.kind in NUMBERS else None)
 
 
 def in_memory(values: ArrayLike, unit: str = "", sampling_rate: float | None = None) -> Channel:
@@ -128,6 +134,20 @@ def stated_rate(value: Any) -> float | None:
     except (ValueError, TypeError):
         return None
     return rate if math.isfinite(rate) and rate > 0 else None
+
+
+def even_rate(times: NDArray[Any]) -> float | None:
+    """Rate of samples at these times in s, of shape (time,); None if their steps differ by more than a tenth.
+
+    Examples
+    --------
+    >>> even_rate(np.array([2.0, 2.01, 2.0199, 2.03])), even_rate(np.array([2.0, 2.01, 2.03]))
+    (100.0, None)
+    """
+    steps = np.diff(np.asarray(times, dtype=float))
+    step = float(steps.mean()) if len(steps) else 0.0
+    even = math.isfinite(step) and step > 0 and np.abs(steps - step).max() <= MOST_JITTER * step
+    return round(1 / step, 9) if even else None
 
 
 def stated(*attributes: Mapping[str, Any]) -> tuple[str, float | None]:

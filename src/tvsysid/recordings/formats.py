@@ -12,14 +12,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tvsysid.errors import InputError
+from tvsysid.recordings.bids import read_motion
 from tvsysid.recordings.channel import MOST_CHANNELS, Channel, with_rates
 from tvsysid.recordings.hdf5 import contents_of_netcdf, read_hdf5, read_netcdf, read_netcdf_3
 from tvsysid.recordings.limits import SMALLER
 from tvsysid.recordings.mat import contents_of_mat_5, read_mat_5, read_mat_73
-from tvsysid.recordings.tables import read_c3d, read_npz, read_parquet, read_text
+from tvsysid.recordings.nwb import read_nwb
+from tvsysid.recordings.optional import read_c3d, read_edf, read_parquet
+from tvsysid.recordings.tables import read_npz, read_text
 
 MAT_5, MAT_73 = "MAT file of version 5 or 7", "MAT file of version 7.3"
 HDF5, NETCDF, PARQUET, ZIP, C3D, TEXT = "HDF5 file", "NetCDF file", "Parquet file", "ZIP archive", "C3D file", "text"
+EDF, BDF, TABLE = "EDF file", "BDF file", "text table with a header line"
 PICKLE = "Python pickle, which is never read"
 HDF5_BYTES = b"\x89HDF\r\n\x1a\n"
 # Contents by the bytes that such files begin with; a MAT file of version 4 begins with nothing of its own.
@@ -29,6 +33,8 @@ SIGNATURES = {
     HDF5_BYTES: HDF5,
     **dict.fromkeys((b"CDF\x01", b"CDF\x02", b"CDF\x05"), NETCDF),
     b"PAR1": PARQUET,
+    b"0       ": EDF,
+    b"\xffBIOSEMI": BDF,
     b"PK\x03\x04": ZIP,
     b"\x93NUMPY": "single NumPy array",
     b"\xd0\xcf\x11\xe0": "old Excel or Word file",
@@ -38,7 +44,7 @@ SIGNATURES = {
 }
 HEAD = 2048
 NO_MEMORY = ("bad_alloc", "malloc of size", "memory allocation failed", "Unable to allocate")  # in libraries' words
-Reader = Callable[[Path], Iterator[tuple[str, Channel]]]
+Reader = Callable[..., Iterator[tuple[str, Channel]]]  # of a path; those of text tables also of whether names are first
 
 
 class Format(NamedTuple):
@@ -52,33 +58,46 @@ class Format(NamedTuple):
 FORMATS = {
     # Of version 4 the first bytes say nothing, and text in an old encoding is not told from noise by them.
     ".mat": Format("MAT file", {MAT_5: read_mat_5, MAT_73: read_mat_73, "": read_mat_5}),
-    ".csv": Format("text table with a header line", dict.fromkeys((TEXT, ""), partial(read_text, separator=","))),
-    ".tsv": Format("text table with a header line", dict.fromkeys((TEXT, ""), partial(read_text, separator="\t"))),
+    ".csv": Format(TABLE, dict.fromkeys((TEXT, ""), partial(read_text, separator=","))),
+    ".tsv": Format(TABLE, dict.fromkeys((TEXT, ""), partial(read_text, separator="\t"))),
+    "_motion.tsv": Format("Motion-BIDS table", {TEXT: read_motion}, (TEXT,)),
     ".npz": Format("NPZ file", {ZIP: read_npz}, (ZIP,)),
     ".h5": Format(HDF5, {HDF5: read_hdf5}),
     ".hdf5": Format(HDF5, {HDF5: read_hdf5}),
     ".nc": Format(NETCDF, {NETCDF: read_netcdf_3, HDF5: read_netcdf}, (HDF5,)),
+    ".nwb": Format("NWB file", {HDF5: read_nwb}, (HDF5,)),
     ".parquet": Format(PARQUET, {PARQUET: read_parquet}),
     ".c3d": Format(C3D, {C3D: read_c3d}),
+    ".edf": Format(EDF, {EDF: read_edf}),
+    ".bdf": Format(BDF, {BDF: read_edf}),
 }
 
 
-def channels_of(file: Path) -> dict[str, Channel]:
+def format_of(file: Path) -> Format | None:
+    """Format that a file's name says it has, by the longest ending that is known."""
+    endings = [ending for ending in FORMATS if file.name.lower().endswith(ending)]
+    return FORMATS[max(endings, key=len)] if endings else None
+
+
+def channels_of(file: Path, header: bool = True) -> dict[str, Channel]:
     """Channels that a file holds, in this process; elsewhere, files are read by :func:`.process.describe_file`."""
     if not file.exists():
         raise InputError(f"{file}: no such file")
     if not file.is_file():
         raise InputError(f"{file}: expected a file, this is {'a folder' if file.is_dir() else 'none'}")
-    kind = FORMATS.get(file.suffix.lower())
+    kind = format_of(file)
     if kind is None:
         raise InputError(f"{file}: unknown ending {file.suffix!r}; files that can be read end in {', '.join(FORMATS)}")
+    if not header and kind.name != TABLE:
+        raise InputError(f"{file}: --no-header (header=False) is for text tables; leave it out for a {kind.name}")
     if file.stat().st_size == 0:
         raise InputError(f"{file}: the file is empty")
     with explained(file):
         content = content_of(file)
         if content not in kind.readers:
             raise InputError(f"{file}: not a {kind.name} that can be read: {_advice(content)}")
-        return with_rates(_unique(file, kind.readers[content](file)))
+        reader = kind.readers[content] if header else partial(kind.readers[content], header=False)
+        return with_rates(_unique(file, reader(file)))
 
 
 def _unique(file: Path, channels: Iterator[tuple[str, Channel]]) -> dict[str, Channel]:
@@ -148,7 +167,7 @@ def _too_much(file: Path) -> str:
 @contextmanager
 def explained(file: Path) -> Iterator[None]:
     """Whatever the libraries that read formats raise becomes an InputError that names the file."""
-    kind = FORMATS.get(file.suffix.lower())
+    kind = format_of(file)
     name = kind.name if kind else "file"
     try:
         yield

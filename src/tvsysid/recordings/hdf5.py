@@ -108,13 +108,13 @@ def _dataset(file: Path, dataset: h5py.Dataset, above: tuple[Mapping[str, Any], 
     return stored(dataset.shape, dataset.dtype, partial(values_of, file, dataset.name), unit, rate)
 
 
-def values_of(file: Path, name: str) -> NDArray[Any]:
-    """All values of one dataset."""
+def values_of(file: Path, name: str, part: Any = ()) -> NDArray[Any]:
+    """All values of one dataset, or a part of them."""
     with h5py.File(file, "r") as root:
         dataset = root[name]
         if not isinstance(dataset, h5py.Dataset):
             raise InputError(f"{file}: {name} has changed while it was read; read it again")
-        return np.asarray(dataset[()])
+        return np.asarray(dataset[part])
 
 
 def read_netcdf(file: Path) -> Iterator[tuple[str, Channel]]:

@@ -8,11 +8,13 @@ import warnings
 import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 from scipy.io import loadmat, whosmat
 from scipy.io.matlab import MatlabObject, MatlabOpaque, MatReadWarning
 
@@ -23,6 +25,11 @@ from tvsysid.recordings.limits import claim
 
 INTEGER_CLASSES = tuple(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))
 COMPRESSED, MOST_COMPRESSED = 15, 1032  # how elements are marked that zlib made smaller, and by how much it can at most
+SEGMENTS = ("onsetPointer", "segLength")  # where the segments of a segdat begin, counted from 1, and how long they are
+EXPORT = (
+    "in MATLAB: s = struct('dataSet', z.dataSet, 'chanNames', {z.chanNames}, 'onsetPointer', get(z, 'onsetPointer'), "
+    "'segLength', get(z, 'segLength')), and save s"
+)
 PLAIN_CLASSES = ("double", "single", "logical", *INTEGER_CLASSES, "char", "cell", "struct", "function_handle", "")
 
 
@@ -98,13 +105,15 @@ def _channels(name: str, values: Any) -> Iterator[tuple[str, Channel]]:
     if isinstance(values, MatlabObject) and values.size == 1 and values.dtype.names:
         properties = {field: values.ravel()[0][field] for field in values.dtype.names}
     if kind is not None:
-        if kind == "nldat" and isinstance(properties, Mapping):
-            yield from _nldat(name, properties)
+        if kind in ("nldat", "segdat") and isinstance(properties, Mapping):
+            yield from _nldat(name, properties, kind == "segdat")
         else:
             yield name, Channel(np.shape(values), f"an object of class {kind}")
         return
     array = np.asarray(values)
-    if array.dtype.names and array.size == 1:
+    if array.dtype.names and array.size == 1 and {"dataSet", *SEGMENTS} <= {*array.dtype.names}:
+        yield from _nldat(name, {field: array.ravel()[0][field] for field in array.dtype.names}, True)
+    elif array.dtype.names and array.size == 1:
         for field in array.dtype.names:
             yield from _channels(f"{name}.{field}", array.ravel()[0][field])
     elif array.dtype.names:
@@ -115,8 +124,8 @@ def _channels(name: str, values: Any) -> Iterator[tuple[str, Channel]]:
         yield name, in_memory(array)
 
 
-def _nldat(name: str, properties: Mapping[str, Any]) -> Iterator[tuple[str, Channel]]:
-    """Channels of the toolbox's ``nldat``: samples x channels x realizations."""
+def _nldat(name: str, properties: Mapping[str, Any], cut: bool = False) -> Iterator[tuple[str, Channel]]:
+    """Channels of the toolbox's ``nldat``, samples x channels x realizations, or of its ``segdat``, which is cut."""
     values = np.asarray(properties.get("dataSet"))
     if values.dtype.kind not in NUMBERS or values.ndim not in (2, 3):
         yield name, Channel(values.shape, "an nldat object without data")
@@ -128,7 +137,45 @@ def _nldat(name: str, properties: Mapping[str, Any]) -> Iterator[tuple[str, Chan
     for number in range(values.shape[1]):
         label = labels[number] if number < len(labels) and labels.count(labels[number]) == 1 else str(number + 1)
         unit = stated_unit(units[number]) if number < len(units) else ""
-        yield f"{name}.{label}", in_memory(values[:, number], unit, None if increment is None else 1 / increment)
+        rate = None if increment is None else 1 / increment
+        channel = _cut(values, number, properties, unit, rate) if cut else in_memory(values[:, number], unit, rate)
+        yield f"{name}.{label}", channel
+
+
+def _cut(values: NDArray[Any], number: int, properties: Mapping[str, Any], unit: str, rate: float | None) -> Channel:
+    """A channel of a ``segdat``: the samples of its segments, each of which may have a gap before it."""
+    try:
+        starts, lengths = (_of_channel(_parameter(properties, name), number, values.shape[1]) for name in SEGMENTS)
+        spans = [slice(first - 1, first - 1 + length) for first, length in zip(starts, lengths, strict=True)]
+    except (ValueError, TypeError, KeyError, AttributeError, OverflowError):
+        return Channel(values.shape[:1], f"a segdat whose segments cannot be read; {EXPORT}", unit)
+    inside = all(0 <= span.start < span.stop <= len(values) for span in spans)
+    if values.ndim != 2 or not spans or not inside:
+        return Channel(values.shape[:1], "a segdat with segments that its samples do not have", unit)
+    channel = in_memory(np.concatenate([values[span, number] for span in spans]), unit, rate)
+    return replace(channel, trial_starts=(0, *np.cumsum(lengths)[:-1].tolist()) if len(spans) > 1 else ())
+
+
+def _of_channel(numbers: NDArray[Any], number: int, channels: int) -> list[int]:
+    """Of the onsets or lengths of segments, those of one channel: some versions keep a column for each."""
+    table = np.atleast_2d(np.asarray(numbers, dtype=float))
+    if np.isnan(table).any() or (table != np.round(table)).any():
+        raise ValueError
+    if table.shape[1] == channels and (1 not in table.shape or (table == table[:, :1]).all()):
+        return [int(item) for item in table[:, number]]
+    return [int(item) for item in table.ravel()]
+
+
+def _parameter(properties: Mapping[str, Any], name: str) -> Any:
+    """Value of a property, or of one of the toolbox's ``param`` objects: its value, or if that is NaN its default."""
+    if name in properties:
+        return properties[name]
+    for item in np.ravel(properties["parameterSet"]):
+        if _texts(item.properties["paramName"]) == [name]:
+            value = np.ravel(item.properties["paramValue"])[0]
+            unset = np.size(value) == 1 and np.isnan(np.asarray(value, dtype=float)).all()
+            return item.properties["paramDefault"] if unset else value
+    raise KeyError
 
 
 def _texts(values: Any) -> list[str]:

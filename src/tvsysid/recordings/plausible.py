@@ -18,7 +18,8 @@ SAME_RATE = 1e-3  # relative difference of rates that counts as none: files roun
 SPELLINGS = {
     "rad": ("rad", "radian", "radians"),
     "deg": ("deg", "degree", "degrees", "°"),
-    "N·m": ("nm", "newtonmeter", "newtonmeters", "newtonmetre", "newtonmetres"),
+    "Nm": ("nm", "newtonmeter", "newtonmeters", "newtonmetre", "newtonmetres"),
+    "Nmm": ("nmm", "newtonmillimeter", "newtonmillimeters", "newtonmillimetre", "newtonmillimetres"),
 }
 
 

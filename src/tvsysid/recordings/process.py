@@ -39,24 +39,25 @@ SETTINGS = {
 Answer = tuple[dict[str, Any], dict[str, NDArray[Any]]]
 
 
-def describe_file(path: str | Path) -> dict[str, Channel]:
+def describe_file(path: str | Path, header: bool = True) -> dict[str, Channel]:
     """Channels that a file holds, each with shape, type, and unit and sampling rate where the file states them.
 
     By name, in the file's order, for any format that :func:`tvsysid.read_recording` reads. Values are read when asked
-    for: ``channel.read(name)``. An InputError is raised if the file cannot be read, or is not what its ending says.
+    for: ``channel.read(name)``. Of text without a line of names (``header=False``), columns are called 1, 2, ... An
+    InputError is raised if the file cannot be read, or is not what its ending says.
     """
     file = Path(path)
-    told, arrays = _reader.ask("describe", file)
+    told, arrays = _reader.ask("describe", file, header)
 
     def values(name: str) -> NDArray[Any]:
         return _reader.ask("values", file, name)[1][name]
 
     channels = {}
-    for name, (shape, dtype, unit, rate, readable) in told["channels"].items():
+    for name, (shape, dtype, unit, rate, starts, readable) in told["channels"].items():
         read: Callable[[], NDArray[Any]] | None = None
         if readable:
             read = partial(np.asarray, arrays[name]) if name in arrays else partial(values, name)
-        channels[name] = Channel(tuple(shape), dtype, unit, rate, read, held=name in arrays)
+        channels[name] = Channel(tuple(shape), dtype, unit, rate, tuple(starts), read, held=name in arrays)
     return channels
 
 
@@ -73,7 +74,7 @@ class _Reader:
         self.lock = threading.Lock()
         self.process: subprocess.Popen[bytes] | None = None
 
-    def ask(self, action: str, file: Path, *names: str) -> Answer:
+    def ask(self, action: str, file: Path, *more: str | bool) -> Answer:
         """What it answers; an InputError if that is an error, or if it dies of the file."""
         seconds = seconds_for(file.stat().st_size if file.is_file() else 0)
         with self.lock:
@@ -87,7 +88,7 @@ class _Reader:
             watch.daemon = True
             watch.start()
             try:
-                told, arrays = _exchange(process, [action, _folder(), str(file), *names])
+                told, arrays = _exchange(process, [action, _folder(), str(file), *more])
             except (OSError, EOFError, ValueError):
                 with suppress(subprocess.TimeoutExpired):
                     process.wait(1)
@@ -134,7 +135,7 @@ class _Reader:
             self.process = None
 
 
-def _exchange(process: subprocess.Popen[bytes], request: list[str]) -> Answer:
+def _exchange(process: subprocess.Popen[bytes], request: list[str | bool]) -> Answer:
     """Send a request and receive its answer; an EOFError if the process is gone."""
     asked, answers = process.stdin, process.stdout
     if asked is None or answers is None:

@@ -22,6 +22,7 @@ from tvsysid.signals import Array, Recording
 Columns = Literal["contiguous", "trials"]
 
 ANGLE_UNITS = {"rad": 1.0, "deg": math.pi / 180}
+TORQUE_UNITS = {"Nm": 1.0, "Nmm": 1e-3}
 
 
 def read_recording(
@@ -35,32 +36,38 @@ def read_recording(
     columns: Columns = "contiguous",
     start: float = 0.0,
     channels: Mapping[str, str] | None = None,
+    header: bool = True,
+    torque_unit: Literal["Nm", "Nmm"] = "Nm",
 ) -> Recording:
     """Read angle and torque from a file, in rad and N·m.
 
     Parameters
     ----------
     path
-        MAT file (version 4 to 7.3), CSV or TSV with a header line, NPZ, HDF5, NetCDF, Parquet (``tvsysid[parquet]``) or
-        C3D (``tvsysid[c3d]``), by its ending.
+        MAT file (version 4 to 7.3), CSV or TSV, NPZ, HDF5, NetCDF, NWB, Motion-BIDS (``_motion.tsv``), Parquet
+        (``tvsysid[parquet]``), C3D (``tvsysid[c3d]``), EDF or BDF (``tvsysid[edf]``), by its ending.
     angle, torque
         Names of the variables or columns, as :func:`tvsysid.recordings.describe_file` and ``tvsysid inspect`` list
         them: ``run.angle`` in a MATLAB structure or object, ``run/angle`` in a group of an HDF5 or NetCDF file.
     sampling_rate
         In Hz. What the file says of itself is compared with it, and never used in its place.
     angle_unit
-        Unit of the angle in the file. Torque is in N·m.
+        Unit of the angle in the file.
     torque_sign
         -1 where the file counts torque positive that assists a positive angle; a stiff joint would else come out with
         negative stiffness.
     columns
         What the columns of a time x trial matrix are: ``"contiguous"``, each follows the one before it in time, or
-        ``"trials"``, each is a trial of its own.
+        ``"trials"``, each is a trial of its own, as are the segments of the Kearney laboratory's ``segdat``.
     start
         Time of the first sample (of each trial) in s.
     channels
         Further signals to take along, as they are (EMG, a reference torque, a scheduling variable): the name that each
         gets in the recording, and its name in the file, ``{"emg": "EMG_SIGNAL"}``.
+    header
+        Whether the first line of a text table has names; if not, columns are called 1, 2, ...
+    torque_unit
+        Unit of the torque in the file: N·m, or N·mm, as C3D files of gait laboratories have it.
 
     Raises
     ------
@@ -82,15 +89,16 @@ def read_recording(
     ...     read_recording(f"{folder}/ankle.npz", angle="pos", torque="tq", sampling_rate=100)
     Recording(20 s at 100 Hz; angle RMS 0.0142 rad, torque RMS 1.14 N·m)
     """
-    request = _Request(angle, torque, sampling_rate, angle_unit, torque_sign, columns, start, channels or {})
+    request = _Request(
+        angle, torque, sampling_rate, angle_unit, torque_sign, columns, start, channels or {}, header, torque_unit
+    )
     file = Path(path)
-    found, values = _signals(file, request)
-    rows, trials = values[angle].shape
+    found, values, starts = _signals(file, request)
     signals = {
         name: checked_array(f"{file.name}: {name}", matrix, ("time", "trial")).ravel(order="F")
         for name, matrix in values.items()
     }
-    recording = request.recording(signals, tuple(range(0, rows * trials, rows)) if columns == "trials" else (0,))
+    recording = request.recording(signals, starts)
     for text in request.warnings(found, recording):
         warnings.warn(f"{file.name}: {text}", DataQualityWarning, stacklevel=2)
     return recording
@@ -108,10 +116,13 @@ class _Request:
     columns: Columns = "contiguous"
     start: float = 0.0
     channels: Mapping[str, str] = field(default_factory=dict)
+    header: bool = True
+    torque_unit: Literal["Nm", "Nmm"] = "Nm"
 
     def __post_init__(self) -> None:
-        if self.angle_unit not in ANGLE_UNITS:
-            raise InputError(f"angle_unit must be one of {', '.join(map(repr, ANGLE_UNITS))}; got {self.angle_unit!r}")
+        for what, unit, known in (("angle", self.angle_unit, ANGLE_UNITS), ("torque", self.torque_unit, TORQUE_UNITS)):
+            if unit not in known:
+                raise InputError(f"{what}_unit must be one of {', '.join(map(repr, known))}; got {unit!r}")
         if self.torque_sign not in (1, -1):
             raise InputError(f"torque_sign must be 1 or -1; got {self.torque_sign!r}")
         if self.angle == self.torque:
@@ -135,7 +146,7 @@ class _Request:
         """Recording of signals of shape (time,), in the units that are said."""
         return Recording(
             angle=_scaled(signals[self.angle], ANGLE_UNITS[self.angle_unit]),
-            torque=_scaled(signals[self.torque], self.torque_sign),
+            torque=_scaled(signals[self.torque], self.torque_sign * TORQUE_UNITS[self.torque_unit]),
             sampling_rate=self.sampling_rate,
             start=self.start,
             channels={name: signals[theirs] for name, theirs in self.channels.items()},
@@ -144,7 +155,10 @@ class _Request:
 
     def warnings(self, found: Mapping[str, Channel], recording: Recording) -> Iterator[str]:
         """What the file states otherwise, and what looks wrong."""
-        read, units = {name: found[name] for name in self.names}, {self.angle: self.angle_unit, self.torque: "N·m"}
+        read, units = (
+            {name: found[name] for name in self.names},
+            {self.angle: self.angle_unit, self.torque: self.torque_unit},
+        )
         yield from contradictions(read, recording.sampling_rate, units)
         yield from implausible(recording, self.angle, self.torque, self.angle_unit)
 
@@ -180,17 +194,15 @@ def read_usable_trials(paths: Mapping[str, Path], shortest: float = 0.0, **setti
     refused: dict[str, str] = {}
     for called, file in paths.items():
         try:
-            found, values = _signals(file, request)
+            found, values, starts = _signals(file, request)
         except (InputError, MemoryError) as error:
             refused[called] = str(error).removeprefix(f"{file}: ").removeprefix(f"{file.name}: ") or "no memory left"
             continue
-        trials = values[request.angle].shape[1] if request.columns == "trials" else 1
-        for number in range(trials):
-            name = called if trials == 1 else f"{called}, trial {number + 1}"
-            chosen = slice(None) if trials == 1 else slice(number, number + 1)
-            columns = {channel: matrix[:, chosen].ravel(order="F") for channel, matrix in values.items()}
+        signals = {channel: matrix.ravel(order="F") for channel, matrix in values.items()}
+        for number, trial in enumerate(map(slice, starts, (*starts[1:], None))):
+            name = called if len(starts) == 1 else f"{called}, trial {number + 1}"
             try:
-                checked = {channel: checked_array(channel, column, ("time",)) for channel, column in columns.items()}
+                checked = {channel: checked_array(channel, each[trial], ("time",)) for channel, each in signals.items()}
                 recording = request.recording(checked)
             except InputError as error:
                 refused[name] = str(error)
@@ -274,9 +286,9 @@ def join_trials(recordings: Sequence[Recording]) -> Recording:
     )
 
 
-def _signals(file: Path, request: _Request) -> tuple[dict[str, Channel], dict[str, Array]]:
-    """All channels of a file, and the values of those asked for, of one shape (time, trial)."""
-    found = describe_file(file)
+def _signals(file: Path, request: _Request) -> tuple[dict[str, Channel], dict[str, Array], tuple[int, ...]]:
+    """All channels of a file, the values of those asked for, of one shape (time, trial), and where trials start."""
+    found = describe_file(file, request.header)
     names = request.names
     for name in names:
         if name not in found:
@@ -297,7 +309,24 @@ def _signals(file: Path, request: _Request) -> tuple[dict[str, Channel], dict[st
         signals[name] = values.reshape(_time_first(values.shape))
         if signals[name].ndim != 2 or not signals[name].size:
             checked_array(f"{file.name}: {name}", signals[name], ("time", "trial"))
-    return found, signals
+    return found, signals, _trial_starts(file, request, found, signals[request.angle].shape)
+
+
+def _trial_starts(
+    file: Path, request: _Request, found: Mapping[str, Channel], shape: tuple[int, ...]
+) -> tuple[int, ...]:
+    """First sample of each trial: of each column, or where the file itself says that one begins."""
+    stated = {found[name].trial_starts for name in request.names}
+    if len(stated) > 1:
+        raise InputError(f"{file.name}: the channels are cut into trials at different samples; cut them alike")
+    if request.columns == "trials":
+        return next(iter(stated)) or tuple(range(0, shape[0] * shape[1], shape[0]))
+    if len(segments := next(iter(stated))) > 1:
+        raise InputError(
+            f"{file.name}: the channels are {len(segments)} segments with gaps between them; read each as a trial "
+            "(--columns trials)"
+        )
+    return (0,)
 
 
 def _time_first(shape: tuple[int, ...]) -> tuple[int, ...]:

@@ -28,12 +28,12 @@ class Server:
     def __init__(self) -> None:
         self.last: tuple[Path, Mapping[str, Channel]] = Path(), {}
 
-    def describe(self, file: Path) -> Answer:
+    def describe(self, file: Path, header: bool = True) -> Answer:
         """Channels of a file, with the values of those that are read already."""
-        channels = channels_of(file)
+        channels = channels_of(file, header)
         self.last = file, {name: item for name, item in channels.items() if not item.held}
         told = {
-            name: (item.shape, item.dtype, item.unit, item.sampling_rate, item.values is not None)
+            name: (item.shape, item.dtype, item.unit, item.sampling_rate, item.trial_starts, item.values is not None)
             for name, item in channels.items()
         }
         held = {name: item.values() for name, item in channels.items() if item.held and item.values is not None}
@@ -57,13 +57,13 @@ class Server:
 
     def answer(self, line: bytes) -> Answer:
         """What a request asks for, or why it cannot be had."""
-        action, folder, path, *names = json.loads(line)
+        action, folder, path, *more = json.loads(line)
         with suppress(OSError):
             os.chdir(folder)
         file = Path(path)
         try:
             with explained(file), limited(file.stat().st_size if file.is_file() else 0):
-                return getattr(self, action)(file, *names)  # type: ignore[no-any-return]
+                return getattr(self, action)(file, *more)  # type: ignore[no-any-return]
         except InputError as error:
             return {"error": str(error)}, {}
 

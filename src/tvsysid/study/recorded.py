@@ -39,6 +39,8 @@ class Reading(Settings):
     torque_sign: Literal[1, -1] = 1
     columns: Literal["contiguous", "trials"] = "contiguous"
     channels: Mapping[str, str] = Field(default_factory=dict)
+    header: bool = True
+    torque_unit: Literal["Nm", "Nmm"] = "Nm"
 
 
 class Preparing(Settings):

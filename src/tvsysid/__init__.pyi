@@ -40,6 +40,8 @@ from .numerics.bases import GaussianBumps as GaussianBumps
 from .numerics.bases import HaarWavelets as HaarWavelets
 from .numerics.bases import LegendrePolynomials as LegendrePolynomials
 from .quality import diagnose as diagnose
+from .recommendation import Recommendation as Recommendation
+from .recommendation import recommend as recommend
 from .recordings import read_recording as read_recording
 from .recordings import read_trials as read_trials
 from .signals import Ensemble as Ensemble

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,11 +20,12 @@ from tvsysid.methods import DEFAULT_METHODS, Evidence, Tuned, deviating_channels
 from tvsysid.methods.adaptive.model import AdaptiveModel
 from tvsysid.methods.apart import Identified, checked_limit, identify, predicted
 from tvsysid.methods.apply import Identifies
-from tvsysid.methods.base import SkippedError
+from tvsysid.methods.base import SkippedError, inputs_of
 from tvsysid.methods.travel import pickled
 from tvsysid.metrics import time_varying_vaf, vaf
 from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_known
+from tvsysid.recommendation import Recommendation, recommend
 from tvsysid.showing import Progress, Shown, reported, summary_html
 from tvsysid.signals import Array, Ensemble
 
@@ -64,11 +66,25 @@ class Comparison(Shown, Frozen):
         """Whether any stiffness has a band."""
         return any(np.isfinite(limits["stiffness"]).any() for limits in self.bands.values())
 
+    @cached_property
+    def recommendation(self) -> Recommendation:
+        """Which method suits these data, and why, with the reference or the variable that a method here takes."""
+        inputs = {item.kind: item.name for method in self.methods.values() for item in inputs_of(method)}
+        return recommend(self.ensemble, inputs.get("reference"), inputs.get("scheduling"), model=self._adaptive[1])
+
     @property
     def leading(self) -> str:
-        """Label of the method whose answer to go by: ``adaptive`` where it is among them, else the first."""
-        adaptive = (label for label, model in self.models.items() if isinstance(model, AdaptiveModel))
-        return next(adaptive, next(iter(self.models)))
+        """Label of the method whose answer to go by: what suits the data, else ``adaptive``, else the first."""
+        if len(self.models) == 1:
+            return next(iter(self.models))
+        methods = {label: self.methods[label] for label in self.models}
+        return self.recommendation.leading(methods) or self._adaptive[0]
+
+    @property
+    def _adaptive(self) -> tuple[str, Model]:
+        """Label and model of ``adaptive``; of the first method where it is not among them."""
+        every = list(self.models.items())
+        return next((each for each in every if isinstance(each[1], AdaptiveModel)), every[0])
 
     def __repr__(self) -> str:
         failed = f"; failed: {', '.join(self.failed)}" if self.failed else ""

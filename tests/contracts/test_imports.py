@@ -23,6 +23,7 @@ LEVELS = [
     ["preprocess"],
     ["quality"],
     ["recordings", "simulate", "methods", "metrics"],
+    ["recommendation"],
     ["uncertainty", "comparison"],
     ["study", "check"],
     ["figures"],

@@ -177,6 +177,8 @@ def identify(
     _show_further(found)
     _show_reflex(found)
     _show_diagnosis(account)
+    if found.leading not in found.recommendation.suited[:1]:
+        remark("note", f"the method for these data: {found.recommendation.sentence}")
     say_written(out, [*written, *_write_tuning(found, out)])
     if found.failed:
         raise typer.Exit(1)
@@ -330,7 +332,8 @@ def _account(found: Comparison, time_limit: float, source: dict[str, str]) -> Ac
         held_out = found.held_out_vaf(progress=advance, time_limit=time_limit)
     try:
         with threadpool_limits(1):
-            return Account(found, held_out, diagnose(found.ensemble), source=source)
+            diagnosis = found.recommendation.diagnosis or diagnose(found.ensemble)
+            return Account(found, held_out, diagnosis, source=source)
     except InputError as error:
         return Account(found, held_out, undiagnosed=str(error), source=source)
 

@@ -79,6 +79,7 @@ def write_identification(path: str | Path, account: Account, command: str = "") 
         _outcome(account, figures[:in_front]),
         _made(account),
         _diagnosed(account),
+        _suited(account),
         _methods(account, figures[in_front:]),
         *_beside(account),
         _met(account),
@@ -245,6 +246,20 @@ def _diagnosed(account: Account) -> page.Section:
         "the recorded rate, where clipped and lost signals show better, and draws what it sees."
     )
     return page.Section("diagnosis", title, blocks, contents="Diagnosis")
+
+
+def _suited(account: Account) -> page.Section:
+    """Which method suits the data, whether it was run or not, and by which properties."""
+    suited = account.found.recommendation
+    rows = [page.Row((name, page.number(value), unit)) for name, (value, unit) in suited.measured.items()]
+    columns = [page.Column("property"), page.Column("value", kind="number"), page.Column("unit")]
+    caption = "What was measured in the data; nothing where it is not shown, or cannot be told from these data."
+    lines = [f"Not {key}: {reason}" for key, reason in suited.against.items()]
+    lines += [_sentence(caveat) for caveat in suited.caveats]
+    table = page.Table("Properties", caption, columns, rows, narrow=True)
+    return page.Section(
+        "suited", "Which method suits these data", [_sentence(suited.sentence), table, page.Bullets(lines)]
+    )
 
 
 def _methods(account: Account, figures: list[page.Block]) -> page.Section:

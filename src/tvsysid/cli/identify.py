@@ -178,7 +178,7 @@ def identify(
     _show_reflex(found)
     _show_diagnosis(account)
     if found.leading not in found.recommendation.suited[:1]:
-        remark("note", f"the method for these data: {found.recommendation.sentence}")
+        say(f"method for these data: {found.recommendation.sentence}")
     say_written(out, [*written, *_write_tuning(found, out)])
     if found.failed:
         raise typer.Exit(1)

@@ -109,7 +109,7 @@ def test_the_method_that_reads_a_channel(tvsysid, folder):
 def test_the_entry_point_is_of_the_group_that_is_read():
     import tomllib
 
-    from tvsysid.methods.plugins import GROUP
+    from tvsysid.methods.plugins import GROUPS
 
     (project,) = blocks("toml")
-    assert tomllib.loads(project)["project"]["entry-points"] == {GROUP: {"sliding": "mymethod:SlidingFit"}}
+    assert tomllib.loads(project)["project"]["entry-points"] == {GROUPS["method"]: {"sliding": "mymethod:SlidingFit"}}

@@ -13,6 +13,7 @@ from tvsysid.cli.console import say
 from tvsysid.cli.experiment import experiment
 from tvsysid.cli.identify import identify
 from tvsysid.cli.inspect import inspect
+from tvsysid.cli.leaderboard import leaderboard
 from tvsysid.cli.methods import methods
 from tvsysid.cli.report import report
 from tvsysid.cli.simulate import simulate
@@ -44,7 +45,7 @@ app = typer.Typer(
     help="Estimate how stiff a human joint is while it moves: time-varying identification of joint impedance.\n\n"
     "All units are SI: rad, N·m, s, Hz, N·m/rad, N·m·s/rad, kg·m².",
 )
-for command in (benchmark, experiment, report, identify, inspect, methods, check_method, simulate):
+for command in (benchmark, leaderboard, experiment, report, identify, inspect, methods, check_method, simulate):
     app.command(cls=_Command)(command)
 
 

@@ -7,6 +7,7 @@ from tvsysid.figures.adaptive import adaptive_impedance
 from tvsysid.figures.comparison import BARS_OF_PATHWAYS, method_comparison
 from tvsysid.figures.diagnosis import diagnosis_illustration, diagnosis_panels
 from tvsysid.figures.identification import identified_impedance, tuning_curves
+from tvsysid.figures.leaderboard import leaderboard
 from tvsysid.figures.objects import plot
 from tvsysid.figures.participants import participant_in_detail, stiffness_of_participants, stiffness_with_bands
 from tvsysid.figures.preparation import preparation_steps
@@ -37,7 +38,15 @@ __all__ += [
     "helpers",
     "identified_impedance",
 ]
-__all__ += ["impulse_responses", "lines", "method_comparison", "participant_in_detail", "plot", "preparation_steps"]
+__all__ += [
+    "impulse_responses",
+    "leaderboard",
+    "lines",
+    "method_comparison",
+    "participant_in_detail",
+    "plot",
+    "preparation_steps",
+]
 __all__ += [
     "recorded_channels",
     "recorded_signals",

@@ -1,7 +1,7 @@
 """Methods by name: the package's own, those of installed packages, and ``module:Object`` of a user's own.
 
 Settings typed as text get the types of their fields, whoever wrote the method. Systems, profiles and perturbations of a
-user's own are found in the same way.
+user's own are found in the same way, and scenarios, which packages offer as they do methods.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ CLOSED_LOOP = (
     "birf:reference=disturbance",
     "kbr:reference=disturbance,weighting=residual",
 )  # methods as they serve a joint in closed loop, whose disturbance is the channel of this name
-GROUP = "tvsysid.methods"  # of entry points under which a package offers its methods
+GROUPS = {"method": "tvsysid.methods", "scenario": "tvsysid.scenarios"}  # of entry points that a package offers
 VERBS = {  # what an object of each kind must have, and how it is written
     "method": ("identify", "identify(self, ensemble) that returns a model with stiffness and predict(ensemble)"),
     "system": ("simulate", "simulate(self, duration, perturbation, snr_db, seed, rate) that returns a Simulation"),
@@ -98,14 +98,29 @@ def clashes() -> tuple[str, ...]:
     return tuple(sentence.format(key, *_origin(point)) for key, point in installed().items() if key in METHODS)
 
 
-def installed() -> dict[str, EntryPoint]:
-    """Methods of installed packages by name, sorted; none of them is loaded."""
+def installed(what: str = "method") -> dict[str, EntryPoint]:
+    """Methods, or what else is in ``GROUPS``, of installed packages by name, sorted; none of them is loaded."""
     found: dict[str, EntryPoint] = {}
     for distribution in distributions():
         with suppress(Exception):  # unreadable metadata of whatever package must not stop the others
-            for point in distribution.entry_points.select(group=GROUP):
+            for point in distribution.entry_points.select(group=GROUPS[what]):
                 found.setdefault(point.name, point)
     return dict(sorted(found.items()))
+
+
+def origin_of(text: str) -> str:
+    """Where a method as typed comes from: the package and its version, or the module.
+
+    Examples
+    --------
+    >>> origin_of("mymodule:MyMethod:order=3")
+    'mymodule'
+    """
+    key = key_of(text)
+    point = None if key in METHODS else installed().get(key)
+    if point is not None:
+        return f"{_origin(point)[0]} {getattr(point.dist, 'version', '')}".rstrip()
+    return "tvsysid" if key in METHODS else key.partition(":")[0]
 
 
 def _origin(point: EntryPoint) -> tuple[str, str]:
@@ -266,18 +281,18 @@ def target_of(key: str, what: str) -> Any:
     """Class or object of a key; of a method, the package's own come first."""
     if what == "method" and key in METHODS:
         return METHODS[key]
-    if what != "method" or ":" in key:
+    if what not in GROUPS or ":" in key:
         return load(key, what)
-    point = installed().get(key)
+    point = installed(what).get(key)
     if point is None:
-        raise InputError(
-            f"unknown method {key!r}; the methods are {', '.join(names())}; a method of your own is named module:Class"
-        )
+        known = ", ".join(names() if what == "method" else installed(what)) or "none, for no installed package has any"
+        own = "module:Class" if what == "method" else "module:name"
+        raise InputError(f"unknown {what} {key!r}; the {what}s are {known}; a {what} of your own is named {own}")
     package, place = _origin(point)
     try:
         return load(place, what)
     except InputError as error:
-        raise InputError(f"method {key!r} of the installed package {package} cannot be loaded: {error}") from error
+        raise InputError(f"{what} {key!r} of the installed package {package} cannot be loaded: {error}") from error
 
 
 def _made(key: str, target: Any, settings: Mapping[str, Any], what: str) -> Any:

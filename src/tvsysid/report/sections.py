@@ -83,13 +83,15 @@ def _problem(method: str, kind: str, reasons: list[str], trials: int) -> Problem
     return {"method": method, "kind": kind, "count": len(reasons), "trials": trials, "first": reasons[0]}
 
 
-def problems_section(found: Iterable[Problem], what: str) -> Section:
+LEFT_OUT = "What failed or was skipped is left out of the metrics; what gave a warning counts."
+
+
+def problems_section(found: Iterable[Problem], what: str, caption: str = LEFT_OUT) -> Section:
     """Failures and warnings of a study."""
     rows = [
         Row((each["method"], each["kind"], f"{each['count']} of {each['trials']}", each["first"])) for each in found
     ]
     headings = columns({what: "label", "what": "", "how many": "number", "first reason": "long"})
-    caption = "What failed or was skipped is left out of the metrics; what gave a warning counts."
     table = Table("Failures and warnings", caption, headings, rows)
     blocks = [table] if rows else ["No identification failed, and none gave a warning."]
     return Section("problems", "Failures and warnings", blocks)

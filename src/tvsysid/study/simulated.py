@@ -12,11 +12,12 @@ from functools import cached_property
 from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from tvsysid.errors import InputError, describe_error
 from tvsysid.estimates import IMPEDANCE
 from tvsysid.methods import STUDIED_METHODS, found_as, label_of, parse
+from tvsysid.methods.plugins import target_of
 from tvsysid.signals import Array, Ensemble
 from tvsysid.simulate import (
     PERTURBATIONS,
@@ -29,7 +30,7 @@ from tvsysid.simulate import (
     Simulation,
     System,
 )
-from tvsysid.study.settings import AnyMethod, Listed, Settings, StudySettings, Whole, spawn_key, unique
+from tvsysid.study.settings import AnyMethod, Listed, Settings, StudySettings, Whole, listed, spawn_key, unique
 from tvsysid.study.trial import Setting, true_values
 
 VISCOSITIES = ("constant", "covarying")
@@ -46,6 +47,16 @@ KINDS: dict[str, tuple[Mapping[str, Any], str, str]] = {
     "viscosity": (dict.fromkeys(VISCOSITIES, ""), "viscosity", ""),
 }
 """What each setting may name, what it is called, and the verb of an object in its place."""
+
+
+def _scenarios(values: Any) -> Any:
+    """Scenarios that are named in the place of their settings."""
+    named = {name: target_of(name, "scenario") for name in listed(values) if isinstance(name, str)}
+    for name, found in named.items():
+        if not isinstance(found, Mapping):
+            raise ValueError(f"scenario {name!r} must be a mapping of settings, such as 'duration_s', got {found!r}")
+    return tuple(named[each] if isinstance(each, str) else each for each in listed(values))
+
 
 Parts = Annotated[tuple[Any, ...], Listed, Field(min_length=1)]
 Numbers = Annotated[tuple[float, ...], Listed, Field(min_length=1)]
@@ -155,7 +166,7 @@ class Study(_Grid, StudySettings):
         has its own.
     also
         Further scenarios: mappings of the settings above and of ``methods``, each a grid of its own; what is not given
-        is as above.
+        is as above. Or names: of such a mapping that an installed package offers, or ``"module:name"``.
     rate, period
         Rate in Hz to which the data are decimated, and duration of a realization in s.
     subtract_mean
@@ -189,7 +200,7 @@ class Study(_Grid, StudySettings):
     snr_db: Annotated[Numbers, _said("numbers of decibels")] = (10.0,)
     viscosity: Annotated[Parts, _said(f"names: {', '.join(VISCOSITIES)}")] = ("constant",)
     system: Annotated[Parts, _said(f"names of systems: {', '.join(SYSTEMS)}")] = ("joint",)
-    also: Annotated[tuple[Further, ...], _said("tables of further scenarios")] = ()
+    also: Annotated[tuple[Further, ...], BeforeValidator(_scenarios), _said("further scenarios: tables, or names")] = ()
     rate: Annotated[float, _said("a number of hertz", gt=0)] = RATE
     period: Annotated[float, _said("a number of seconds", gt=0)] = PERIOD
     subtract_mean: Annotated[bool, _said("true or false")] = False

@@ -1,0 +1,208 @@
+"""The leaderboard: frozen scenarios, the score against slow and closed forms, ties, and a page that stays the same."""
+
+import hashlib
+import textwrap
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.stats import gmean
+from tests.synthetic import SQUARE, results_of
+
+import tvsysid as tv
+from tvsysid.errors import InputError
+from tvsysid.simulate import SYSTEMS
+from tvsysid.studies import leaderboard
+from tvsysid.studies.leaderboard import standing, version
+from tvsysid.studies.leaderboard.page import _seed_in_words
+
+TINY = {
+    **{"methods": ("sds", "lpv", "entered"), "trials": 2, "duration_s": 20.0, "snr_db": 10.0},
+    **{"stiffness": "square", "perturbation": "noise", "viscosity": "constant", "system": "joint"},
+}
+OWN = """
+import numpy as np
+import tvsysid as tv
+
+class Spring:
+    def simulate(self, duration, *, perturbation, snr_db, seed, rate=1000.0):
+        joint = tv.simulate.Joint(stiffness=tv.simulate.Constant(80.0))
+        return joint.simulate(duration, perturbation=perturbation, snr_db=snr_db, seed=seed, rate=rate)
+
+SPRING = {"system": "own_scenarios:Spring", "perturbation": "prbs", "duration_s": 20, "snr_db": 10}
+NUMBER = 3
+"""
+
+
+@pytest.fixture
+def installed(tmp_path, monkeypatch):
+    """A package that offers an entry and scenarios."""
+    info = tmp_path / "mypackage-1.2.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: mypackage\nVersion: 1.2\n")
+    points = """\
+        [tvsysid.methods]
+        entered = tvsysid.methods:ShortDataSegments
+        [tvsysid.scenarios]
+        spring = own_scenarios:SPRING
+        number = own_scenarios:NUMBER
+        gone = own_scenarios:GONE
+        """
+    (info / "entry_points.txt").write_text(textwrap.dedent(points))
+    (tmp_path / "own_scenarios.py").write_text(OWN)
+    monkeypatch.syspath_prepend(str(tmp_path))
+
+
+def test_the_scenarios_of_the_version_are_those_that_were_frozen():
+    study = leaderboard.study_of()
+    assert version.digest(study) == "e44ed1031c86ae2b" == version.DIGEST, "give what is changed a new version"
+    assert (version.VERSION, len(study.scenarios), study.trials, study.seed) == (1, 13, 10, 1)
+    kinds = {type(study.simulated(scenario)[0]) for scenario in study.scenarios}
+    assert kinds == {type(system) for system in SYSTEMS.values()}
+
+
+def test_whatever_is_changed_makes_another_digest(monkeypatch):
+    usual = {"system": "joint", "perturbation": "noise", "stiffness": "sine", "viscosity": "constant", "duration_s": 20}
+    found = {
+        version.digest(leaderboard.study_of(**usual, **changes))
+        for changes in ({"snr_db": 10}, {"snr_db": 9}, {"snr_db": 10, "trials": 3}, {"snr_db": 10, "rate": 50})
+    }
+    monkeypatch.setitem(SYSTEMS, "joint", tv.simulate.Joint(inertia=0.021))
+    found.add(version.digest(leaderboard.study_of(**usual, snr_db=10)))
+    monkeypatch.setitem(SYSTEMS, "joint", tv.simulate.Joint())
+    monkeypatch.setattr(  # what no setting shows
+        tv.simulate.FilteredNoise, "generate", lambda self, samples, rate, random: random.standard_normal(samples)
+    )
+    found.add(version.digest(leaderboard.study_of(**usual, snr_db=10)))
+    assert len(found) == 6
+
+
+def test_errors_are_those_of_a_plain_loop():
+    results = results_of(SQUARE[:2], ("eirf", "birf"), trials=3)
+    values = results.estimate.values
+    values[0, 1, 0] = np.nan  # nothing
+    values[0, 2, 0, :, :50] = np.nan  # half of it left out
+    values[1, 0, 1] = 1000.0  # worse than nothing
+    expected = np.empty((2, 3, 2))
+    for place in np.ndindex(*expected.shape):
+        truth = results.truth.values[place[0], 0]
+        said = np.where(np.isnan(values[place][0]), 0.0, values[place][0])
+        expected[place] = min(1.0, np.sqrt(np.mean((said - truth) ** 2)) / 100.0)
+    found = standing.errors_of(results)
+    np.testing.assert_allclose(found.values, expected, rtol=1e-12)
+    assert (found.values[0, 1, 0], found.values[1, 0, 1]) == (1.0, 1.0)
+    truth = results.truth.expand_dims(trial=results.sizes["trial"], axis=1)
+    own = results.assign(trial_truth=truth.copy(data=truth.values * [[[[1.0]], [[2.0]], [[1.0]]]]))
+    np.testing.assert_allclose(standing.errors_of(own).values[:, ::2], expected[:, ::2], rtol=1e-12)
+    assert standing.errors_of(own).values[1, 1, 1] > 0.5  # twice the stiffness was true
+
+
+def test_the_page_on_the_leaderboard_says_what_the_score_is():
+    page = (Path(__file__).parents[2] / "docs" / "leaderboard.md").read_text(encoding="utf-8")
+    assert standing.SCORE.replace("’", "'") in " ".join(page.split())
+
+
+def test_the_score_is_a_geometric_mean_and_its_error_that_of_the_delta_method(random):
+    errors = 0.1 * random.lognormal(0, 0.2, (4, 200, 1)) * random.lognormal(0, 0.1, (4, 200, 2))
+    by_scenario = np.sqrt((errors**2).mean(axis=1))
+    np.testing.assert_allclose(standing.scores_of(errors)[0], 100 * gmean(by_scenario, axis=0))
+    halved = errors * np.array([0.5, 1, 1, 1])[:, None, None]
+    np.testing.assert_allclose(standing.scores_of(halved), standing.scores_of(errors) * 0.5 ** (1 / 4))
+    replicates = standing.replicates_of(errors)
+    influence = 0.5 * errors**2 / (errors**2).mean(axis=1, keepdims=True) * standing.scores_of(errors)[0] / 4
+
+    def delta(values):
+        return np.sqrt((values.var(axis=1, ddof=1) / 200).sum(axis=0))
+
+    np.testing.assert_allclose(replicates.std(axis=0), delta(influence), rtol=0.06)
+    paired = delta(influence[..., 0] - influence[..., 1])
+    assert (replicates[:, 0] - replicates[:, 1]).std() == pytest.approx(paired, rel=0.06)
+    assert paired < 0.7 * np.hypot(*delta(influence))  # the same trials
+
+
+def test_standard_errors_are_those_of_fresh_trials(random):
+    """With few trials too, of which a draw varies less than a sample."""
+    errors = 0.1 * random.lognormal(0, 0.15, (300, 13, 5, 1))
+    scores = [standing.scores_of(each)[0, 0] for each in errors]
+    told = [standing.replicates_of(each).std() for each in errors[:20]]
+    assert np.sqrt(np.mean(np.square(told))) == pytest.approx(np.std(scores), rel=0.1)
+
+
+def test_ranks_are_shared_with_the_leader_within_two_standard_errors():
+    scores = np.array([5.0, 4.0, 4.5, 4.2, 9.0])
+    noise = np.tile([-1.0, 1.0], 50)  # of one standard error
+    replicates = scores + noise[:, None] * np.array([0.2, 0.0, 0.2, 0.2, 0.0])
+    found = standing.ranks_of(scores, replicates)
+    # 4.2 is within 0.4 of 4.0, 4.5 is not and leads; 5.0 moves as 4.5 does, so that their difference is sure.
+    assert found["rank"].tolist() == [4, 1, 3, 1, 5]
+    np.testing.assert_allclose(found["behind"], [0.5, np.nan, 0.5, 0.2, 4.0])
+    np.testing.assert_allclose(found["behind_error"], [0.0, np.nan, 0.2, 0.2, 0.2], atol=1e-12)
+    alone = standing.ranks_of(scores, standing.replicates_of(np.ones((3, 1, 5))))
+    assert set(alone["rank"]) == {1}  # of one trial nothing is sure
+
+
+@pytest.fixture
+def tiny(installed, monkeypatch):
+    monkeypatch.setattr(leaderboard, "study_of", lambda *given, **also: version.study_of(*given, **TINY | also))
+
+
+@pytest.mark.usefixtures("tiny")
+def test_the_command_ranks_entries_of_packages_in_scenarios_of_packages(tvsysid, tmp_path):
+    secret = 3**50
+    words = ("leaderboard", "--scenario", "spring", "--seed", secret, "--workers", 1, "--out", "out")
+    code, out, err = tvsysid(*words)
+    assert code == 0, out + err
+    assert "lpv: 4 of 4 trials were skipped" in err
+    assert "by trying" not in err
+    table = pd.read_csv(tmp_path / "out" / "leaderboard.csv").set_index("entry")
+    assert table["rank"].to_dict() == {"sds": 1, "entered": 1, "lpv": 3}
+    assert table.loc["entered", ["behind", "behind_error", "origin"]].tolist() == [0, 0, "mypackage 1.2"]
+    assert table.loc["lpv", ["score", "answered"]].tolist() == [100, 0]
+    by_scenario = table[["square-noise-20s-10dB", "own_scenarios_Spring-own-prbs-20s-10dB"]]
+    np.testing.assert_allclose(table.score, gmean(by_scenario, axis=1), rtol=1e-5)
+    text = (tmp_path / "out" / "leaderboard.html").read_text()
+    assert "are the ranks 1: sds, entered." in text
+    assert hashlib.sha256(f"tvsysid leaderboard 1 seed {secret}".encode()).hexdigest() in text
+    assert str(secret) not in text + (tmp_path / "out" / "leaderboard.csv").read_text()
+    assert "Not leaderboard 1: its scenarios or trials were changed." in text
+
+
+@pytest.mark.usefixtures("tiny")
+def test_the_page_is_the_same_whenever_and_wherever_it_is_made(tvsysid, tmp_path, monkeypatch):
+    monkeypatch.setitem(TINY, "methods", ("birf", "sds"))
+    pages = []
+    for folder in ("one", "two", "one"):  # the last from what is kept
+        code, _, err = tvsysid("leaderboard", "--seed", 7, "--workers", 1, "--out", folder)
+        assert (code, "found from its hash by trying" in err) == (0, True)
+        pages.append((tmp_path / folder / "leaderboard.html").read_bytes())
+        (tmp_path / folder / "leaderboard.html").unlink()
+    assert pages[0] == pages[1] == pages[2]
+    assert b"which is public" not in pages[0]
+    assert "which is public" in _seed_in_words(1)
+
+
+@pytest.mark.usefixtures("installed")
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        (
+            "spin",
+            "unknown scenario 'spin'; the scenarios are gone, number, spring; a scenario of your own is named mod",
+        ),
+        ("number", "scenario 'number' must be a mapping of settings, such as 'duration_s', got 3"),
+        ("gone", "scenario 'gone' of the installed package mypackage cannot be loaded"),
+        ("own_scenarios:MISSING", "has no 'MISSING'"),
+    ],
+)
+def test_scenarios_that_cannot_be_used(name, said):
+    with pytest.raises(InputError, match=said):
+        leaderboard.study_of(scenarios=[name])
+
+
+@pytest.mark.usefixtures("installed")
+def test_scenarios_of_packages_are_in_studies_too(tmp_path):
+    (tmp_path / "study.toml").write_text('also = ["spring"]\nmethods = "sds"\n')
+    study = tv.study.Study.from_toml(tmp_path / "study.toml")
+    assert study.scenarios[-1].label == "own_scenarios_Spring-own-prbs-20s-10dB"
+    assert study.also == tv.study.Study(also="own_scenarios:SPRING").also

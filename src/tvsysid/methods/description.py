@@ -78,7 +78,8 @@ def _needs(method: object) -> tuple[str, ...]:
 
 
 def _reports(method: object) -> tuple[str, ...]:
-    """Quantities that a method estimates, and pathways."""
+    """Quantities that a method estimates, always or sometimes, and pathways."""
     several = len(getattr(method, "pathway_names", ())) > 1
     quantities = dict.fromkeys((*IMPEDANCE, *names_said(method, "quantities"), *scheduled_by(method)))
-    return (*quantities, *(["the torque of each pathway"] if several else []))
+    sometimes = names_said(method, "sometimes")
+    return (*quantities, *sometimes, *(["the torque of each pathway"] if several else []))

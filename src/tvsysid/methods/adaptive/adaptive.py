@@ -10,7 +10,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from tvsysid.estimates import StandardError
+from tvsysid.estimates import Estimate, StandardError
 from tvsysid.methods import base, shared
 from tvsysid.methods.adaptive import tables
 from tvsysid.methods.adaptive.averaging import Averaged, averaged, averaged_beside
@@ -33,7 +33,7 @@ from tvsysid.methods.adaptive.moments import (
 from tvsysid.methods.adaptive.noise import Misfit, Scatter, alike, misfit, scatter, scores
 from tvsysid.methods.adaptive.prior import DECIMATOR, USUAL_TAPS, Axis
 from tvsysid.methods.adaptive.reflex import WithReflex, with_reflex
-from tvsysid.methods.cascade.result import not_of_second_order
+from tvsysid.methods.cascade.result import negative_viscosity, not_of_second_order
 from tvsysid.models import Diagnostics
 from tvsysid.quality.statistics import LEAST_REALIZATIONS
 from tvsysid.signals import Array, Ensemble
@@ -112,6 +112,7 @@ class AdaptiveRegression(base.Method):
         "functions of time that stiffness is a sum of are known, birf with these is more exact.",
         "Noise of the torque does not move the angle (no closed loop).",
     )
+    sometimes: ClassVar[tuple[str, ...]] = ("reflex_gain, and the torque of each pathway, where a reflex is shown",)
     differs: ClassVar[str] = (
         "How fast stiffness changes is found from the data, and the band counts how unsure that is; where a "
         "reflex is shown, its torque is no stiffness."
@@ -276,7 +277,7 @@ class Identification:
             beside=None if reflex is None else reflex.beside,
             diagnostics=Diagnostics(
                 tables.parameters(stiffness.averaged) + tables.parameters(viscosity) + 1,
-                warnings=tuple(self._warnings(stiffness)),
+                warnings=tuple(self._warnings(stiffness, estimates["viscosity"])),
                 details=details,
             ),
         )
@@ -290,7 +291,7 @@ class Identification:
         moments = shared.derivative_moments(products, angle, torque, ensemble.sampling_rate)
         return moments.second_order_agreement(impedance, len(ensemble))
 
-    def _warnings(self, stiffness: Stiffness) -> Iterator[str]:
+    def _warnings(self, stiffness: Stiffness, viscosity: Estimate) -> Iterator[str]:
         """What could not be decided, in one warning; and that viscosity and inertia are those of no such joint."""
         open_ones = []
         if len(self.ensemble) < LEAST_REALIZATIONS:
@@ -307,6 +308,7 @@ class Identification:
         if isinstance(self.signals, WithReflex):
             mean = float(np.mean(stiffness.values))
             yield from not_of_second_order(mean, self.signals.stiffness(mean, stiffness.constants))
+        yield from negative_viscosity(viscosity)
 
 
 def is_constant(candidate: Candidate) -> bool:

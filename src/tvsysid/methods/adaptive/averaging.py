@@ -21,6 +21,7 @@ LIKELY, MOST_MODELS = 7.0, 32  # log evidence below the best down to which model
 MOST_SETS = 8  # of switches that are refined
 MOST_SMEARED = 6  # switches up to which it is tried how steps are smeared
 COARSELY = 1 / 4  # sample between positions where smears are compared
+OPEN = 3.0  # log evidence below the usual low-pass's down to which another smear counts
 
 
 def candidates(smooths: tuple[Smooth, ...], sets: list[Placed]) -> list[Candidate]:
@@ -91,10 +92,11 @@ def averaged(line: Line) -> Averaged:
         return found
     axes = [line.axis._replace(taps=0.0), *(line.axis._replace(jitter=jitter) for jitter in JITTERS)]
     scores = [_score(best, line, axis) for axis in (line.axis, *axes)]
-    other = int(np.argmax(scores[1:]))
-    if scores[1 + other] - math.log(len(axes)) < scores[0]:
+    other, prior = int(np.argmax(scores[1:])), -math.log(len(axes))
+    if scores[1 + other] + prior < scores[0] - OPEN:
         return found
-    return _averaged(replace(line, axis=axes[other]))
+    beside = _averaged(replace(line, axis=axes[other])).every
+    return _weighed(line, [*found.every, *(replace(each, evidence=each.evidence + prior) for each in beside)])
 
 
 def averaged_beside(line: Line, other: Averaged) -> Averaged:
@@ -109,9 +111,8 @@ def averaged_beside(line: Line, other: Averaged) -> Averaged:
 def tied(placed: Placed, line: Line) -> Placed:
     """Switches of another line, with what is known of where they lie."""
     columns = line.columns(placed.positions)
-    windows = tuple(line.columns(each.positions) for each in placed.windows)
     volume = len(placed.positions) * math.log(line.axis.times) + math.log(0.5)  # no position is to be found
-    return Placed(placed.positions, columns, windows, placed.shares, volume)
+    return placed._replace(columns=columns, log_volume=volume)
 
 
 def _has_none(candidate: Candidate) -> bool:

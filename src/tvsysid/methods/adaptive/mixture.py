@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.methods.adaptive.evidence import Columns, Jumps, Sizes, Smooth, directions, jumps
+from tvsysid.methods.adaptive.evidence import Jumps, Sizes, Smooth, directions, jumps
 from tvsysid.methods.adaptive.placing import Placed, distance
 from tvsysid.numerics import Array
 
@@ -93,7 +93,7 @@ def mixture_of(candidate: Candidate, weight: float) -> Mixture:
     return out
 
 
-def thinned(window: Columns, share: Array, most: int) -> tuple[Columns, Array]:
+def thinned(window: Array, share: Array, most: int) -> tuple[Array, Array]:
     """The positions that count, at most so many: each stands for its neighbours."""
     kept = np.flatnonzero(share > LIGHTEST)
     if not len(kept):
@@ -101,14 +101,14 @@ def thinned(window: Columns, share: Array, most: int) -> tuple[Columns, Array]:
     group = np.minimum((np.cumsum(share[kept]) - share[kept] / 2) / share[kept].sum() * most, most - 1).astype(int)
     best = [kept[group == each][np.argmax(share[kept][group == each])] for each in np.unique(group)]
     weights = np.array([share[kept][group == each].sum() for each in np.unique(group)])
-    return window.take(np.array(best)), weights / weights.sum()
+    return window[best], weights / weights.sum()
 
 
-def _moved(candidate: Candidate, own: Path, place: int, window: Columns, rows: NDArray[np.intp]) -> tuple[Array, Array]:
+def _moved(candidate: Candidate, own: Path, place: int, window: Array, rows: NDArray[np.intp]) -> tuple[Array, Array]:
     """Means and variances (row, position) with one switch at the positions of a window, the others at their modes."""
     smooth, sizes = candidate.smooth, candidate.sizes
     assert sizes is not None
-    modes, moving = smooth.products(candidate.placed.columns), smooth.products(window)
+    modes, moving = smooth.products(candidate.placed.columns), smooth.products(smooth.line.columns(window))
     count, many = len(modes.cross), len(moving.cross)
     gram = np.repeat(modes.between(modes)[None], many, axis=0)
     between = moving.between(modes)
@@ -121,7 +121,7 @@ def _moved(candidate: Candidate, own: Path, place: int, window: Columns, rows: N
     covariance = turn @ np.linalg.inv(system) @ turn.T
     mean = np.einsum("mij,mj->mi", covariance, cross)
     answers = np.repeat(own.answers[rows, None], many, axis=1)
-    steps = smooth.line.axis.steps(window.positions)[rows]
+    steps = smooth.line.axis.steps(window)[rows]
     answers[:, :, place] = steps - smooth.spread.T[rows] @ moving.taken
     plain = (smooth.answer @ smooth.spread)[rows, None]
     base = np.einsum("kt,kt->t", smooth.spread, smooth.spread)[rows, None]

@@ -36,13 +36,13 @@ class Found(NamedTuple):
 class Placed(NamedTuple):
     """Switches at their most probable ``positions``, with the products of these.
 
-    Each may also lie at other positions: a window of columns and their probability for each, ``log_volume`` being the
+    Each may also lie at other positions: a window of them and their probabilities for each, ``log_volume`` being the
     log of what the positions weigh together, in samples.
     """
 
     positions: Array
     columns: Columns
-    windows: tuple[Columns, ...]
+    windows: tuple[Array, ...]
     shares: tuple[Array, ...]
     log_volume: float
 
@@ -114,9 +114,9 @@ def refined(found: Found, windows: Windows) -> Placed:
     if not count:
         return Placed(found.positions, own.columns, (), (), 0.0)
     sizes = best_sizes(smooth, own.columns)[0]
-    about = [own.columns.take(np.array([place])) for place in range(count)]
     shares, volumes = [np.ones(1)] * count, np.full(count, math.log(windows.resolved))
     positions = own.columns.positions
+    about = list(positions[:, None])
     for _ in range(SWEEPS if count > 1 else 1):
         before = positions.copy()
         for place in range(count):
@@ -127,7 +127,7 @@ def refined(found: Found, windows: Windows) -> Placed:
             if not np.isfinite(value[best]):  # others are too close everywhere
                 continue
             own = own.put(place, window.products, best)
-            positions, about[place] = own.columns.positions, window.products.columns
+            positions, about[place] = own.columns.positions, window.products.columns.positions
             share = np.exp(value - value[best])
             volumes[place] = math.log(float(share.sum()) * windows.resolved)
             shares[place] = share / share.sum()

@@ -78,8 +78,11 @@ class WithReflex:
         times = np.flatnonzero(data.fitted[rows].all(axis=0))
         if not len(times) or np.ptp(times) + 1 != len(times):
             return None
-        further = [problem.columns(found.shape), problem.slopes(found), data.torque[None]]
-        values = np.concatenate([data.signals, *further])[:, rows][:, :, times[0] : times[-1] + 1]
+        parts = [data.signals, problem.columns(found.shape), problem.slopes(found), data.torque[None]]
+        ends = np.cumsum([0, *map(len, parts)])
+        values = np.empty((ends[-1], rows.sum(), len(times)))  # of long data, concatenating would hold it three times
+        for start, stop, part in zip(ends, ends[1:], parts, strict=False):
+            values[start:stop] = part[:, rows, times[0] : times[-1] + 1]
         first = data.bases[0].shape[1] + data.bases[1].shape[1] + 1
         weights = (found.scale / found.spread)[first:] ** 2
         noise = found.solved.noise_variance
@@ -89,7 +92,7 @@ class WithReflex:
         lags = search.lags
         readout = second_order_fit(np.arange(-lags, lags + 1) / rate) @ intrinsic_filters(lags, rate).T
         edges = (int(times[0]), data.torque.shape[1] - int(times[-1]) - 1)
-        return cls(np.ascontiguousarray(values), rate, edges, data.share, holds, beside, readout)
+        return cls(values, rate, edges, data.share, holds, beside, readout)
 
 
 def with_reflex(ensemble: Ensemble) -> WithReflex | None:

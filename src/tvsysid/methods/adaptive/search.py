@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.methods.adaptive.evidence import Line, Products, Sizes, Smooth, jumps_of_every_size, one_more
+from tvsysid.methods.adaptive.evidence import Columns, Line, Products, Sizes, Smooth, jumps_of_every_size, one_more
 from tvsysid.methods.adaptive.placing import APART, Found, Windows, distance, refined, together
 from tvsysid.methods.adaptive.prior import SIZES
 from tvsysid.numerics import Array
@@ -44,9 +44,7 @@ class Grid:
         count = len(self.fine.positions)
         self.coarse = np.arange(0, count, -(-count // COARSE))
         self.pairs = np.arange(0, len(self.coarse), -(-len(self.coarse) // PAIRS))
-        coarse = self.fine.take(self.coarse)
-        self.coarse_columns = coarse
-        pairs = coarse.take(self.pairs)
+        pairs = self.fine.take(self.coarse[self.pairs])
         self.pair_gram = pairs.seen.T @ pairs.weighted
         self.log_positions = math.log(times)
         self.windows = Windows(line, POLISHED, ABOUT * max(1.0, self.step))
@@ -54,20 +52,19 @@ class Grid:
 
 def first_states(smooths: tuple[Smooth, ...], grid: Grid) -> list[State]:
     """Best of no switch, one switch and a pair of opposite ones beside each smooth part."""
-    return [_first(smooth, grid) for smooth in smooths]
+    columns = grid.fine.take(grid.coarse)
+    return [_first(smooth, grid, columns) for smooth in smooths]
 
 
-def _first(smooth: Smooth, grid: Grid) -> State:
-    products = smooth.products(grid.coarse_columns)
+def _first(smooth: Smooth, grid: Grid, columns: Columns) -> State:
+    products = smooth.products(columns)
     variance = START.spread**2
     power = 1 + variance * products.diagonal()
     single = 0.5 * (variance * products.cross**2 / power - np.log(power)) - grid.log_positions
     pair_value, pair = _pair(products.take(grid.pairs), grid)
     best = int(np.argmax(single))
-    options = [(0.0, ()), (float(single[best]), (float(grid.coarse_columns.positions[best]),))]
-    options.append(
-        (pair_value - 2 * grid.log_positions, tuple(float(grid.coarse_columns.positions[grid.pairs[k]]) for k in pair))
-    )
+    options = [(0.0, ()), (float(single[best]), (float(columns.positions[best]),))]
+    options.append((pair_value - 2 * grid.log_positions, tuple(float(columns.positions[grid.pairs[k]]) for k in pair)))
     value, places = max(options)
     return State(places, smooth.score + value)
 

@@ -71,7 +71,7 @@ def _near(found: Averaged, position: float) -> Iterator[tuple[Candidate, float]]
 
 def _limits(candidate: Candidate, place: int) -> tuple[float, float]:
     """Positions between which a switch lies with a probability of 95 %."""
-    window, share = candidate.placed.windows[place].positions, candidate.placed.shares[place]
+    window, share = candidate.placed.windows[place], candidate.placed.shares[place]
     times, mode = candidate.smooth.line.axis.times, candidate.placed.positions[place]
     offsets: Array = window - mode
     if candidate.smooth.line.axis.periodic:

@@ -16,7 +16,7 @@ from tvsysid.numerics.bands import arc_length
 from tvsysid.numerics.noise import autocovariance
 
 LONGEST = 60  # samples up to which the noise's autocorrelation counts
-CHUNK = 2**22  # regressors' values held at once
+CHUNK = 2**18  # regressors' values held at once
 
 
 class Covariance(NamedTuple):

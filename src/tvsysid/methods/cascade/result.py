@@ -225,7 +225,7 @@ def _warnings(
         )
     mean = float(np.nanmean(estimates["stiffness"].values))
     yield from not_of_second_order(mean, details["stiffness_fitted"])
-    yield from _negative_viscosity(estimates["viscosity"])
+    yield from negative_viscosity(estimates["viscosity"])
     gain = estimates["reflex_gain"]
     known = gain.values[np.isfinite(gain.values)]
     error = gain.standard_error
@@ -246,7 +246,8 @@ def not_of_second_order(mean: float, fitted: float) -> Iterator[str]:
         )
 
 
-def _negative_viscosity(viscosity: Estimate) -> Iterator[str]:
+def negative_viscosity(viscosity: Estimate) -> Iterator[str]:
+    """Warn where a viscosity is negative, band and all."""
     upper = viscosity.band()[1]
     share = np.mean(upper[np.isfinite(upper)] < 0)
     if share > 0:

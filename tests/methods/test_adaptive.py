@@ -323,6 +323,16 @@ def test_what_data_leave_open_is_one_warning():
         assert [text in each for each in texts if "leave open" in each] == [True]
 
 
+def test_a_negative_viscosity_is_warned_of_and_a_reflex_is_said_to_be_reported(random):
+    angle = random.normal(size=(30, 120))
+    inner = differentiate(angle, 100.0)
+    torque = np.zeros_like(angle)
+    torque[:, 12:-12] = 80 * inner[0] - 0.5 * inner[1] + random.normal(size=inner[0].shape)
+    model = METHOD.identify(tv.Ensemble(angle, torque, 100.0, context=12))
+    assert ["viscosity is negative over 100 %" in text for text in model.diagnostics.warnings].count(True) == 1
+    assert any("where a reflex is shown" in text for text in tv.methods.describe("adaptive").reports)
+
+
 def test_nothing_is_concluded_from_an_angle_that_is_still(random):
     angle = np.cumsum(random.normal(size=(40, 184)), axis=1)
     angle[:, 70:110] = 0.0
@@ -384,6 +394,23 @@ def test_two_switches_that_are_close_are_both_listed(random):
     line, _ = line_of(random, periodic=False, switches=(20.3, 22.6))
     rows = list(tables.switches("stiffness", averaging.averaged(line), 1.0, 0, 1.0))
     assert [row.time for row in rows if row.probability > 0.5] == pytest.approx([20.3, 22.6], abs=0.4)
+
+
+def test_how_steps_are_smeared_is_averaged_where_the_data_leave_it_open(random, monkeypatch):
+    monkeypatch.setattr(averaging, "roughnesses", lambda axis: tuple(some(axis, 0)))
+    line, _ = line_of(random, periodic=False)
+    for scale, count in ((1.0, 1), (20.0, 2)):
+        each = evidence.Line.of(line.axis, 5 * line.seen, scale * 25 * np.linalg.inv(line.precision), 5.0)
+        found = averaging.averaged(each)
+        axes = {candidate.smooth.line.axis for candidate in found.every}
+        assert (line.axis in axes, len(axes)) == (True, count)
+    (other,) = axes - {line.axis}
+    beside = [
+        one.evidence - np.log(len(averaging.JITTERS) + 1)
+        for one in averaging._averaged(replace(each, axis=other)).every
+    ]
+    expected = [one.evidence for one in averaging._averaged(each).every] + beside
+    np.testing.assert_allclose([one.evidence for one in found.every], sorted(expected, reverse=True))
 
 
 @pytest.mark.slow

@@ -75,7 +75,7 @@ class AdaptiveRegression(base.Method):
     A search finds sets of switches, beside every smooth part that is still likely; each switch is then placed to 1/16
     sample, and where else it may lie counts. Where realizations follow each other in the record, the end of one is
     taken as the beginning of the next. A step is seen as a decimation smears it; that there was no low-pass, or that
-    realizations switch at different times, is tried where there are steps.
+    realizations switch at different times, is tried where there are steps, and averaged where it is open.
 
     The bands are quantiles of the mixture of all that is likely, with Student's t of the scatter's degrees of freedom.
     Near a switch whose time is undecided the estimate lies between the levels, which is the least mean square error,

@@ -84,7 +84,7 @@ def averaged(line: Line) -> Averaged:
     """Everything that is likely of a line, weighted by its evidence.
 
     How a step is smeared, by a low-pass before sampling or because realizations switch at different times, is tried
-    where there are steps; the usual low-pass has a prior probability of 1/2.
+    where there are steps; the usual low-pass has a prior probability of 1/2, and what the data leave open is averaged.
     """
     found = _averaged(line)
     best = found.candidates[0]

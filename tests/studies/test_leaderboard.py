@@ -11,7 +11,8 @@ from scipy.stats import gmean
 from tests.synthetic import SQUARE, results_of
 
 import tvsysid as tv
-from tvsysid.errors import InputError
+from tvsysid.errors import DataQualityWarning, InputError
+from tvsysid.methods import METHODS
 from tvsysid.simulate import SYSTEMS
 from tvsysid.studies import leaderboard
 from tvsysid.studies.leaderboard import standing, version
@@ -24,6 +25,12 @@ TINY = {
 OWN = """
 import numpy as np
 import tvsysid as tv
+
+class Needy:
+    def __init__(self, order):
+        self.order = order
+    def identify(self, ensemble):
+        return ensemble
 
 class Spring:
     def simulate(self, duration, *, perturbation, snr_db, seed, rate=1000.0):
@@ -52,6 +59,12 @@ def installed(tmp_path, monkeypatch):
     (info / "entry_points.txt").write_text(textwrap.dedent(points))
     (tmp_path / "own_scenarios.py").write_text(OWN)
     monkeypatch.syspath_prepend(str(tmp_path))
+    return info / "entry_points.txt"
+
+
+def offer_needy(file):
+    """Offer a method beside, that cannot be made without a setting."""
+    file.write_text(file.read_text().replace("entered", "needy = own_scenarios:Needy\nentered"))
 
 
 def test_the_scenarios_of_the_version_are_those_that_were_frozen():
@@ -144,6 +157,7 @@ def test_ranks_are_shared_with_the_leader_within_two_standard_errors():
 
 @pytest.fixture
 def tiny(installed, monkeypatch):
+    offer_needy(installed)
     monkeypatch.setattr(leaderboard, "study_of", lambda *given, **also: version.study_of(*given, **TINY | also))
 
 
@@ -155,6 +169,7 @@ def test_the_command_ranks_entries_of_packages_in_scenarios_of_packages(tvsysid,
     assert code == 0, out + err
     assert "lpv: 4 of 4 trials were skipped" in err
     assert "by trying" not in err
+    assert "needy" in err
     table = pd.read_csv(tmp_path / "out" / "leaderboard.csv").set_index("entry")
     assert table["rank"].to_dict() == {"sds": 1, "entered": 1, "lpv": 3}
     assert table.loc["entered", ["behind", "behind_error", "origin"]].tolist() == [0, 0, "mypackage 1.2"]
@@ -198,6 +213,14 @@ def test_the_page_is_the_same_whenever_and_wherever_it_is_made(tvsysid, tmp_path
 def test_scenarios_that_cannot_be_used(name, said):
     with pytest.raises(InputError, match=said):
         leaderboard.study_of(scenarios=[name])
+
+
+def test_installed_methods_take_part_if_they_can(installed):
+    offer_needy(installed)
+    with pytest.warns(DataQualityWarning, match="'needy': class Needy needs order; .*; it is left out"):
+        entries = leaderboard.study_of(["own_scenarios:Needy:order=3"]).methods
+    assert set(METHODS) | {"entered", "own_scenarios:Needy:order=3", "birf:reference=disturbance"} < set(entries)
+    assert "needy" not in entries
 
 
 @pytest.mark.usefixtures("installed")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tvsysid.cli.console import remark, say_written, show_table, waiting
+from tvsysid.cli.console import remark, say_written, show_table, shown_warnings, waiting
 from tvsysid.cli.options import MethodOption, OutOption, SchedulerOption, TimeLimitOption, WorkersOption, given, option
 from tvsysid.cli.running import STORE, check_folder, print_met, run_in
 from tvsysid.limits import TIME_LIMIT
@@ -61,7 +61,8 @@ def leaderboard(
     from tvsysid.studies.leaderboard import FILES, SECRET, SEED, study_of, write_leaderboard
     from tvsysid.study import run
 
-    study = study_of(method, scenario or (), **given(trials=trials, seed=seed))
+    with shown_warnings():
+        study = study_of(method, scenario or (), **given(trials=trials, seed=seed))
     if SEED != study.seed < SECRET:
         remark("warning", "a seed below 2^64 can be found from its hash by trying; give one of 20 digits or more")
     check_folder(out)

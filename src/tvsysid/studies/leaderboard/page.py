@@ -12,7 +12,7 @@ from tvsysid.figures.words import count
 from tvsysid.recordings import whole_file
 from tvsysid.report import page, problems, sections
 from tvsysid.report.study import TRAIT_COLUMNS, traits_of
-from tvsysid.simulate import CompliantActuator, ReflexJoint, ScheduledJoint
+from tvsysid.simulate import CompliantActuator, Joint, ReflexJoint, ScheduledJoint
 from tvsysid.studies.leaderboard.standing import SCORE, SURE, answered, standings
 from tvsysid.studies.leaderboard.version import DIGEST, SEED, VERSION, commitment, digest
 
@@ -22,8 +22,7 @@ if TYPE_CHECKING:
 
     from tvsysid.study import Study
 
-KINDS = {ReflexJoint: "reflex", ScheduledJoint: "scheduled", CompliantActuator: "closed loop"}
-IMPOSED = "imposed angle"
+KINDS = {ReflexJoint: "reflex", ScheduledJoint: "scheduled", CompliantActuator: "closed loop", Joint: "imposed angle"}
 FILES = ("leaderboard.html", "leaderboard.csv")
 COLUMNS = (
     "Score ± standard error, and how far it is behind the one that leads its rank or, if it leads one, the rank "
@@ -62,7 +61,7 @@ def _groups(study: Study) -> dict[str, list[str]]:
     found: dict[str, list[str]] = {}
     for scenario in study.scenarios:
         system, _ = study.simulated(scenario)
-        kind = next((kind for of, kind in KINDS.items() if isinstance(system, of)), IMPOSED)
+        kind = next((kind for of, kind in KINDS.items() if isinstance(system, of)), "other")
         found.setdefault(kind, []).append(scenario.label)
     return found
 
@@ -99,9 +98,9 @@ def _seed_in_words(seed: int) -> str:
 
 def _told(table: pd.DataFrame, kinds: Iterable[str]) -> list[str]:
     """Who leads, in all and in scenarios of each kind, and which ranks are shared."""
-    ranks = {f"{rank}": ", ".join(group.entry) for rank, group in table.groupby("rank")}
-    shared = "; ".join(f"{rank}: {entries}" for rank, entries in ranks.items() if entries.count(", "))
-    first = f"First: {ranks['1']}. The score is the error of the stiffness in per cent: less is better."
+    ranks = {each: list(table.entry[table["rank"] == each]) for each in table["rank"].unique().tolist()}
+    shared = "; ".join(f"{rank}: {', '.join(entries)}" for rank, entries in ranks.items() if len(entries) > 1)
+    first = f"First: {', '.join(ranks[1])}. The score is the error of the stiffness in per cent: less is better."
     words = f"Shared, because they differ by no more than {SURE:g} standard errors, are the ranks {shared}."
     best = "; ".join(
         f"{kind}: {table.sort_values(kind, kind='stable').entry.iloc[0]} ({table[kind].min():.1f} %)" for kind in kinds

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import re
+import warnings
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from tvsysid.methods import CLOSED_LOOP, label_of, names
+from tvsysid.errors import DataQualityWarning, InputError
+from tvsysid.methods import CLOSED_LOOP, label_of, names, parse
 from tvsysid.study.settings import overridden
 from tvsysid.study.simulated import Scenario, Study
 
@@ -44,13 +46,23 @@ SCENARIOS = (
 def study_of(entries: Sequence[Any] = (), scenarios: Sequence[Any] = (), **changes: Any) -> Study:
     """Leaderboard as a study: the package's methods, those of installed packages, and further entries.
 
-    Further ``scenarios`` and ``changes`` of settings make it another one than the version's, as its digest shows.
+    Further ``scenarios`` and ``changes`` of settings make it another one than the version's, as its digest shows. An
+    installed method that cannot be made as it is is left out, with a warning.
     """
     first, *others = ({name: (value,) for name, value in each._asdict().items()} for each in SCENARIOS)
     fixed: dict[str, Any] = {"rate": 100.0, "period": 2.0, "subtract_mean": True, "trials": TRIALS, "seed": SEED}
-    fixed |= {"methods": tuple(dict.fromkeys((*names(), *CLOSED_LOOP, *entries))), "also": others}
+    fixed |= {"methods": tuple(dict.fromkeys((*filter(_usable, names()), *CLOSED_LOOP, *entries))), "also": others}
     settings = overridden(first | fixed, changes)
     return Study(**settings | {"also": (*settings.get("also", ()), *scenarios)})
+
+
+def _usable(name: str) -> bool:
+    try:
+        parse(name)
+    except InputError as error:
+        warnings.warn(f"{error}; it is left out", DataQualityWarning, stacklevel=3)
+        return False
+    return True
 
 
 def digest(study: Study) -> str:

@@ -1,6 +1,7 @@
 from . import figures as figures
 from . import methods as methods
 from . import metrics as metrics
+from . import planning as planning
 from . import preprocess as preprocess
 from . import quality as quality
 from . import recordings as recordings
@@ -39,6 +40,8 @@ from .numerics.bases import FourierSeries as FourierSeries
 from .numerics.bases import GaussianBumps as GaussianBumps
 from .numerics.bases import HaarWavelets as HaarWavelets
 from .numerics.bases import LegendrePolynomials as LegendrePolynomials
+from .planning import Plan as Plan
+from .planning import plan as plan
 from .quality import diagnose as diagnose
 from .recommendation import Recommendation as Recommendation
 from .recommendation import recommend as recommend

@@ -25,7 +25,7 @@ LEVELS = [
     ["recordings", "simulate", "methods", "metrics"],
     ["recommendation"],
     ["uncertainty", "comparison"],
-    ["study", "check"],
+    ["study", "check", "planning"],
     ["figures"],
     ["report"],
     ["studies"],

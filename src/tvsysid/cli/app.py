@@ -15,6 +15,7 @@ from tvsysid.cli.identify import identify
 from tvsysid.cli.inspect import inspect
 from tvsysid.cli.leaderboard import leaderboard
 from tvsysid.cli.methods import methods
+from tvsysid.cli.plan import plan
 from tvsysid.cli.report import report
 from tvsysid.cli.simulate import simulate
 
@@ -45,7 +46,7 @@ app = typer.Typer(
     help="Estimate how stiff a human joint is while it moves: time-varying identification of joint impedance.\n\n"
     "All units are SI: rad, N·m, s, Hz, N·m/rad, N·m·s/rad, kg·m².",
 )
-for command in (benchmark, leaderboard, experiment, report, identify, inspect, methods, check_method, simulate):
+for command in (benchmark, leaderboard, experiment, report, identify, inspect, methods, check_method, simulate, plan):
     app.command(cls=_Command)(command)
 
 

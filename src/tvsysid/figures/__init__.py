@@ -10,6 +10,7 @@ from tvsysid.figures.identification import identified_impedance, tuning_curves
 from tvsysid.figures.leaderboard import leaderboard
 from tvsysid.figures.objects import plot
 from tvsysid.figures.participants import participant_in_detail, stiffness_of_participants, stiffness_with_bands
+from tvsysid.figures.planning import planned_recording
 from tvsysid.figures.preparation import preparation_steps
 from tvsysid.figures.recorded import ensemble_signals, recorded_channels, recorded_signals
 from tvsysid.figures.saving import Illustration, Picture, draw_all, drawn, helpers, save, share_out
@@ -44,10 +45,11 @@ __all__ += [
     "lines",
     "method_comparison",
     "participant_in_detail",
+    "planned_recording",
     "plot",
-    "preparation_steps",
 ]
 __all__ += [
+    "preparation_steps",
     "recorded_channels",
     "recorded_signals",
     "save",

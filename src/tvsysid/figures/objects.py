@@ -12,11 +12,13 @@ from tvsysid.figures.comparison import OVER_TIME, method_comparison
 from tvsysid.figures.diagnosis import diagnosis_panels
 from tvsysid.figures.identification import identified_impedance, tuning_curves
 from tvsysid.figures.participants import stiffness_of_participants, stiffness_with_bands
+from tvsysid.figures.planning import planned_recording
 from tvsysid.figures.preparation import preparation_steps
 from tvsysid.figures.recorded import ensemble_signals, recorded_signals
 from tvsysid.methods import METHODS, Evidence
 from tvsysid.methods.adaptive.model import AdaptiveModel
 from tvsysid.models import Model
+from tvsysid.planning import Plan
 from tvsysid.preprocess import Preparation
 from tvsysid.quality import Diagnosis
 from tvsysid.signals import Ensemble, Recording
@@ -56,8 +58,8 @@ def plot(shown: Any, title: str = "") -> Figure:
         label = str(shown.recording.values[0])
         return stiffness_with_bands(shown, label, title) if one else stiffness_of_participants(shown, title)
     raise InputError(
-        "plot: expected a recording, ensemble, preparation, diagnosis, model, comparison, evidence or results of a "
-        f"study, got {type(shown).__name__}"
+        "plot: expected a recording, ensemble, preparation, diagnosis, model, comparison, evidence, plan or results of "
+        f"a study, got {type(shown).__name__}"
     )
 
 
@@ -103,3 +105,4 @@ plot.register(Model, _model)
 plot.register(AdaptiveModel, adaptive_impedance)
 plot.register(Comparison, _comparison)
 plot.register(Evidence, _evidence)
+plot.register(Plan, planned_recording)

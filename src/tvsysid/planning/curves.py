@@ -1,0 +1,176 @@
+"""Random error and bias against the number of realizations, from simulated ensembles of some sizes."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import nnls
+from threadpoolctl import threadpool_limits
+
+from tvsysid.errors import DataQualityWarning, InputError
+from tvsysid.limits import TIME_LIMIT
+from tvsysid.methods import apart
+from tvsysid.metrics import debiased_bias_error, random_error, rise_time
+from tvsysid.planning.setups import Setup, Simulated
+from tvsysid.preprocess import subtract_mean
+from tvsysid.signals import Array
+
+LEAST, RECORDS = 5, 6  # realizations of the smallest ensembles; records from which ensembles are cut
+NEAR = 2.5  # octaves of realizations over which a bias is averaged
+POWERS = np.array([0.75, 1.0, 2.0, 4.0])  # of 1/n that variances are sums of
+STEEP = 4.0  # times the random error of twice as many realizations: with so few, a method breaks down
+ROUNDS = 10  # in which weights are found from what was fitted
+WITHIN = 0.4  # s about a step, at most, in which an estimate rises
+
+
+class Errors(NamedTuple):
+    """Random error and bias error of the stiffness in N·m/rad, as of :mod:`tvsysid.metrics`."""
+
+    random: float
+    bias: float
+
+    @property
+    def total(self) -> float:
+        """Root mean square of both."""
+        return math.hypot(self.random, self.bias)
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """Errors of one method in ensembles of some numbers of ``realizations``, from so many ``draws`` of each.
+
+    All of shape (size,); sizes at which the method cannot identify, or breaks down, are left out. ``why`` it cannot.
+    """
+
+    realizations: Array
+    random: Array
+    bias: Array
+    draws: Array
+    why: str = ""
+
+    @cached_property
+    def powers(self) -> Array:
+        """Variance as a sum of powers of 1/n, none of them negative; (power,).
+
+        Least squares of relative errors, weighted by the number of draws. Few realizations take high powers, where a
+        method nears what it cannot do without; smoothers that become finer with more data take one below 1.
+        """
+        columns, variance = self.realizations[:, None] ** -POWERS, self.random**2
+        fitted, found = variance, np.zeros(len(POWERS))
+        for _ in range(ROUNDS):
+            weight = np.sqrt(self.draws - 1) / fitted
+            found = nnls(columns * weight[:, None], variance * weight)[0]
+            fitted = columns @ found
+        return found
+
+    def at(self, count: float) -> Errors:
+        """Errors with so many realizations; NaN for fewer than were simulated.
+
+        The bias is a mean over sizes near; beyond the largest, bias stays and variance falls as it did.
+        """
+        if not self.realizations.size or count < self.realizations[0]:
+            return Errors(math.nan, math.nan)
+        away = np.log2(self.realizations / min(count, self.realizations[-1]))
+        weight = (1 - np.minimum(np.abs(away) / NEAR, 1.0) ** 3) ** 3 * (self.draws - 1)
+        bias = math.sqrt(float(weight @ self.bias**2 / weight.sum()))
+        return Errors(math.sqrt(float(count**-POWERS @ self.powers)), bias)
+
+    def needed(self, error: float, most: int) -> int | None:
+        """Fewest realizations, up to a number, whose total error is no larger; None if there are none."""
+        if not self.realizations.size:
+            return None
+        first = int(self.realizations[0])
+        return next((count for count in range(first, most + 1) if self.at(count).total <= error), None)
+
+
+def sizes(most: int) -> list[int]:
+    """Numbers of realizations that are simulated: each twice the one before."""
+    return [round(most / 2**step) for step in range(int(math.log2(most / LEAST)), -1, -1)]
+
+
+def curves_of(
+    setup: Setup, methods: Mapping[str, bytes], most: int, draws: int, seed: int, advance: Callable[[], object]
+) -> dict[str, Curve]:
+    """Curve of each method; ``advance`` is called after each ensemble."""
+    rows: dict[str, list[tuple[float, ...]]] = {label: [] for label in methods}
+    why: dict[str, str] = {}
+    records = [setup.simulated(most, seed + number) for number in range(RECORDS)]
+    for count in sizes(most):
+        parts = list(_cut(records, count, draws))
+        found, truth = (
+            identified(methods, parts, why, advance),
+            np.mean([part.stiffness for part in parts], axis=(0, 1)),
+        )
+        for label, estimates in found.items():
+            known = estimates[np.isfinite(estimates).any(axis=1)]
+            if len(known) > 1 and np.isfinite(known).all(axis=0).any():
+                errors = random_error(known) * math.sqrt(len(known) / (len(known) - 1))
+                rows[label].append((count, errors, debiased_bias_error(known, truth), len(known)))
+    return {label: _curve(each, why.get(label, "")) for label, each in rows.items()}
+
+
+def _curve(rows: list[tuple[float, ...]], why: str) -> Curve:
+    columns = np.array(rows or np.empty((0, 4))).T
+    random = columns[1]
+    broken = np.flatnonzero(random[:-1] > STEEP * random[1:])
+    first = broken[-1] + 1 if broken.size else 0
+    count, random, bias, draws = columns[:, first:]
+    return Curve(count, random, bias, draws, why)
+
+
+def rises(
+    setup: Setup, methods: Mapping[str, bytes], counts: Mapping[str, int], draws: int, seed: int,
+    advance: Callable[[], object],
+) -> dict[str, float]:  # fmt: skip
+    """Seconds in which each method's mean estimate rises from 10 to 90 % of a step, with so many realizations."""
+    stepped = setup.stepped()
+    if stepped is None:
+        return dict.fromkeys(methods, math.nan)
+    record, found = stepped.simulated(max(counts.values()), seed), {}
+    for label, method in methods.items():
+        parts = list(_cut([record], counts[label], draws))
+        values = identified({label: method}, parts, {}, advance)[label]
+        low, high = float(record.stiffness.min()), float(record.stiffness.max())
+        both = np.concatenate([values, low + high - np.roll(values, values.shape[1] // 2, axis=1)])
+        levels = low + 0.1 * (high - low), high - 0.1 * (high - low)
+        within = min(WITHIN, 0.2 * setup.period)
+        known = both[np.isfinite(both).any(axis=1)]
+        time = parts[0].ensemble.time
+        risen = float(rise_time(time, known, *levels, setup.period / 4, within)) if len(known) else math.nan
+        found[label] = float(np.maximum(risen, time[1]))  # no sooner than a sample
+    return found
+
+
+def identified(
+    methods: Mapping[str, bytes], parts: Sequence[Simulated], why: dict[str, str], advance: Callable[[], object]
+) -> dict[str, Array]:
+    """Stiffness in each ensemble by each pickled method, (ensemble, time); NaN where it fails, and why."""
+    found: dict[str, list[Array]] = {label: [] for label in methods}
+    with threadpool_limits(1), warnings.catch_warnings():
+        warnings.simplefilter("ignore", DataQualityWarning)
+        for part in parts:
+            ensemble = subtract_mean(part.ensemble)
+            for label, method in methods.items():
+                try:
+                    values = apart.identify(method, ensemble, label, limit=TIME_LIMIT).model.stiffness
+                except InputError as error:
+                    why[label], values = str(error), np.full(ensemble.samples, np.nan)
+                found[label].append(values)
+                advance()
+    return {label: np.array(values) for label, values in found.items()}
+
+
+def _cut(records: Sequence[Simulated], count: int, draws: int) -> Iterator[Simulated]:
+    """Up to so many ensembles of consecutive realizations, none in two of them."""
+    for whole in records:
+        size = len(whole.ensemble)
+        parts = max(1, min(-(-draws // len(records)), size // count))
+        for first in np.linspace(0, max(size - count, 0), parts).astype(int):
+            index = np.arange(first, min(first + count, size))
+            yield Simulated(whole.ensemble.select(index), whole.stiffness[index])

@@ -1,8 +1,8 @@
 """How well a plan predicts: run ``python benchmarks/planning.py`` from the repository root.
 
-Random error of the stiffness (N·m/rad) of 4 methods, 3 durations and 2 noise levels: as :func:`tvsysid.plan` predicts it
-from the stated protocol, as it does from pilots of 20 realizations (simulated, each with another seed), and as it is
-reached in trials that no plan has seen. All of one process.
+Random error of the stiffness (N·m/rad) of 4 methods, 3 durations and 2 noise levels: as :func:`tvsysid.plan` predicts
+it from the stated protocol, as it does from pilots of 20 realizations (simulated, each with another seed), and as it is
+reached in trials that no plan has seen.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from rich.table import Table
 
 import tvsysid as tv
 from tvsysid.methods.travel import pickled
+from tvsysid.planning.answers import METHODS
 from tvsysid.planning.curves import identified
-from tvsysid.planning.plan import METHODS
 
 DURATIONS = (40.0, 80.0, 150.0)
 NOISES = (10.0, 0.0)  # dB

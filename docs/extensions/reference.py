@@ -21,6 +21,7 @@ PACKAGES = (
     "tvsysid.quality",
     "tvsysid.metrics",
     "tvsysid.simulate",
+    "tvsysid.planning",
     "tvsysid.study",
     "tvsysid.figures",
     "tvsysid.report",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from bisect import bisect_left
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -85,8 +86,9 @@ class Curve:
         """Fewest realizations, up to a number, whose total error is no larger; None if there are none."""
         if not self.realizations.size:
             return None
-        first = int(self.realizations[0])
-        return next((count for count in range(first, most + 1) if self.at(count).total <= error), None)
+        counts = range(int(self.realizations[0]), most + 1)
+        place = bisect_left(counts, -error, key=lambda count: -self.at(count).total)
+        return counts[place] if place < len(counts) else None
 
 
 def sizes(most: int) -> list[int]:

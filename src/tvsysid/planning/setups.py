@@ -23,7 +23,7 @@ from tvsysid.simulate.setup import RMS_ANGLE
 from tvsysid.simulate.simulation import checked_simulation
 
 SIMULATED_HZ = 1000.0
-PROBE = 40.0  # s that are simulated to see how large the torque is
+PROBE = 40.0  # s that are simulated to see how large the noise is
 CONTEXT = 0.5  # s beside each realization
 STEP = 0.25  # share of a constant stiffness to either side of it, between which a step is tried
 
@@ -47,8 +47,8 @@ class Protocol:
     amplitude
         RMS of the angle in rad.
     noise
-        RMS of the torque's noise in N·m. If None, what leaves ``snr_db`` at the usual amplitude of 0.5 degrees; noise
-        does not grow with the amplitude.
+        RMS of the torque's noise in N·m, at the rate below, whatever the amplitude. If None, what leaves ``snr_db`` at
+        the usual amplitude of 0.5 degrees.
     period, rate
         Seconds of a realization, and Hz to which signals are decimated.
 
@@ -101,8 +101,9 @@ class Protocol:
         louder = 20 * math.log10(self.amplitude / RMS_ANGLE)
         if self.noise is None:
             return self.snr_db + louder
-        torque = float(np.std(self._made(PROBE, math.inf, 0).noiseless.torque))
-        return louder + 20 * math.log10(torque / self.noise)
+        probe = self._made(PROBE, 0.0, 0)
+        noisy, clean = (decimate(each, self.rate).torque for each in (probe.recording, probe.noiseless))
+        return louder + 20 * math.log10(float(np.std(noisy - clean)) / self.noise)
 
     def simulated(self, count: int, seed: int) -> Simulated:
         """So many realizations; the same seed gives the same."""

@@ -265,7 +265,7 @@ def _answer(
     elif needed is None:
         why = [f"{BEYOND * tried} realizations are too few"]
     if resolution is not None and not rise <= resolution:
-        why += [f"it follows a step within {rise:.2g} s" if math.isfinite(rise) else "it does not follow a step"]
+        why += [f"it takes {rise:.2g} s to follow a step" if math.isfinite(rise) else "it does not follow a step"]
     count = needed or tried
     return Answer(setup, method, needed, count * period, HALF * errors.random, errors.bias, rise, "; ".join(why))
 

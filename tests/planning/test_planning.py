@@ -1,0 +1,171 @@
+"""Planning: the law that errors follow, what a pilot shows, and what is answered."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.conftest import ensemble_of
+from tests.drawing import draw
+
+import tvsysid as tv
+from tvsysid.errors import InputError
+from tvsysid.planning import Curve, Pilot, Protocol
+from tvsysid.planning.answers import HALF
+from tvsysid.planning.curves import Errors, sizes
+
+COUNTS = np.array([5.0, 10.0, 20.0, 40.0, 80.0, 160.0, 320.0])
+
+
+def curve(random, bias=0.0, draws=18.0):
+    random = np.asarray(random)
+    return Curve(COUNTS[-len(random) :], random, np.full(len(random), bias), np.full(len(random), draws))
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _few():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("tvsysid.planning.answers.MOST", 80)
+        yield
+
+
+@pytest.fixture(scope="module")
+def planned():
+    setup = Protocol(perturbation="prbs", stiffness="square", noise=0.3)
+    return tv.plan([setup, replace(setup, amplitude=0.02)], 6.0, 0.1, ["birf", "esm:stiffness=fit"], draws=6)
+
+
+def test_law_of_many_realizations_is_found_and_goes_on():
+    falls = curve(30 / np.sqrt(COUNTS))
+    for count in (5, 30, 320, 2000):
+        assert falls.at(count).random == pytest.approx(30 / np.sqrt(count), rel=1e-6)
+    # 1.96 * 30 / sqrt(n) <= 6
+    assert falls.needed(6 / HALF, 1000) == 97
+    assert falls.needed(6 / HALF, 96) is None
+
+
+def test_law_of_few_realizations():
+    # That of least squares with 4 coefficients at each time.
+    exact = 30 / np.sqrt(COUNTS - 4)
+    law = curve(exact)
+    found = [law.at(count).random for count in COUNTS]
+    np.testing.assert_allclose(found, exact, rtol=0.06)
+    assert np.isnan(law.at(4).random)
+
+
+def test_bias_counts_and_may_exceed_the_wish():
+    assert Errors(3.0, 4.0).total == 5.0
+    biased = curve(30 / np.sqrt(COUNTS), bias=2.0)
+    needed = biased.needed(2.5, 1000)
+    assert needed == int(np.ceil(900 / (2.5**2 - 2.0**2)))
+    assert biased.needed(1.9, 10**4) is None
+
+
+def test_sizes_where_a_method_breaks_down_are_left_out():
+    from tvsysid.planning.curves import _curve
+
+    rows = [(5.0, 1e5, 3.0, 18.0), (10.0, 9.0, 0.1, 18.0), (20.0, 6.0, 0.1, 18.0)]
+    assert _curve(rows, "").realizations.tolist() == [10.0, 20.0]
+    assert _curve([], "why").needed(1.0, 10) is None
+
+
+def test_sizes_double():
+    assert sizes(320) == [5, 10, 20, 40, 80, 160, 320]
+    assert sizes(24) == [6, 12, 24]
+
+
+def test_amplitude_and_noise_are_a_signal_to_noise_ratio():
+    usual, twice = (Protocol(amplitude=size) for size in (0.01, 0.02))
+    assert twice._snr_db - usual._snr_db == pytest.approx(20 * np.log10(2))
+    loud = Protocol(noise=0.4)
+    made = loud.simulated(20, 3)
+    clean = tv.preprocess.segment(tv.preprocess.decimate(loud._made(40.0, loud._snr_db, 3).noiseless, 100), 2.0)
+    noise = made.ensemble.torque - clean.torque
+    assert np.std(noise) == pytest.approx(0.4, rel=0.05)
+    assert made.stiffness.shape == (20, 200)
+
+
+def test_period_stretches_a_wave():
+    setup = Protocol(stiffness="square", period=1.0)
+    truth = setup.simulated(5, 0).stiffness
+    np.testing.assert_array_equal(truth[0], np.where((np.arange(100) >= 25) & (np.arange(100) < 75), 150.0, 50.0))
+
+
+def test_pilot_has_the_joint_the_noise_and_the_movement_of_its_recording():
+    ensemble = ensemble_of(80.0, "sine", "noise")
+    pilot = Pilot.of(ensemble)
+    truth = 100 + 50 * np.sin(np.pi * ensemble.time)
+    assert np.sqrt(np.mean((pilot.stiffness - truth) ** 2)) < 2
+    assert pilot.viscosity.mean() == pytest.approx(2.2, rel=0.05)
+    assert pilot.inertia == pytest.approx(0.02, rel=0.05)
+    more = pilot.simulated(200, 1).ensemble
+    assert len(more) == 200
+    assert more.angle.std() == pytest.approx(ensemble.angle.std(), rel=0.05)
+    assert more.torque.std() == pytest.approx(ensemble.torque.std(), rel=0.05)
+    # Torque that no joint explains: of both, what is left by the same method.
+    left = [
+        np.std(each.torque[:, each.core] - tv.BasisIRF().identify(each).predict(each))
+        for each in map(tv.preprocess.subtract_mean, (ensemble, more))
+    ]
+    assert left[1] == pytest.approx(left[0], rel=0.05)
+
+
+def test_pilot_with_another_perturbation_and_amplitude():
+    pilot = Pilot.of(ensemble_of(40.0, "sine", "noise"), amplitude=0.02, perturbation="prbs")
+    angle = pilot.simulated(20, 1).ensemble.angle
+    assert angle.std() == pytest.approx(0.02, rel=0.1)
+    kurtosis = np.mean(angle**4) / np.mean(angle**2) ** 2
+    assert kurtosis < 2  # of two levels, 1; of a Gaussian, 3
+    assert str(pilot) == "prbs of 0.02 rad"
+
+
+def test_answers(planned):
+    assert len(planned.answers) == len(planned.table()) == 4
+    slow, fast = planned.answers[:2]
+    assert slow.realizations is None
+    assert "its bias alone is" in slow.why
+    assert "to follow a step" in slow.why
+    assert fast.method == "esm:stiffness=fit"
+    assert planned.best is None
+    assert str(planned).endswith("no method suffices, of those tried; see why in the table.")
+    few, many = (planned.curves[setup, "esm:stiffness=fit"].at(80).random for setup in reversed(planned.setups))
+    assert many / few == pytest.approx(0.02 / Protocol().amplitude, rel=0.15)
+    assert "<table>" in planned._repr_html_()
+
+
+def test_picture(planned):
+    figure = planned.plot()
+    draw(figure)
+    assert [axes.get_xlabel() for axes in figure.axes][:2] == ["minutes recorded"] * 2
+    assert figure.axes[2].get_xlabel().startswith("time to follow a step")
+
+
+def test_verified():
+    plan = tv.plan(ensemble_of(40.0, "sine", "noise"), 8.0, methods=["birf"])
+    assert plan.best.method == "birf"
+    assert f"{plan.best.realizations} realizations of 2 s" in str(plan)
+    (found,) = plan.verify(30)
+    assert found.predicted == pytest.approx(8 / HALF, rel=0.05)
+    assert found.reached == pytest.approx(found.predicted, rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ({"precision": -1}, "precision: expected a positive number, got -1"),
+        ({"resolution": 0}, "resolution: expected a positive number, got 0"),
+        ({"draws": 2}, "draws must be a whole number from 6 on, got 2"),
+        ({"methods": []}, "expected a method at least"),
+        ({"setup": [Protocol(), Protocol()]}, "setups that differ"),
+        ({"setup": Protocol(period=300.0)}, "realizations of 300 s are too long"),
+    ],
+)
+def test_wishes_that_are_none(words, message):
+    with pytest.raises(InputError, match=message):
+        tv.plan(**{"setup": Protocol(), **words})
+
+
+def test_protocols_that_are_none():
+    with pytest.raises(InputError, match="unknown perturbation 'nose'"):
+        Protocol(perturbation="nose")
+    with pytest.raises(InputError, match="noise: expected a positive number, got 0"):
+        Protocol(noise=0)

@@ -24,10 +24,18 @@ from tvsysid.estimates import IMPEDANCE
 threadpool_limits(1)
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+# What tests start finds its modules compiled, also where nobody else may keep them so.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
 # Studies write thousands of small files, each synchronized with its disk: less work where files live in memory.
 MEMORY = "/dev/shm"
 if os.access(MEMORY, os.W_OK) and shutil.disk_usage(MEMORY).free > 2 * 2**30:
     os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", MEMORY)
+
+# What processes of studies, experiments and commands use.
+PRELOADED = ["tvsysid.check", "tvsysid.simulate", "tvsysid.figures", "matplotlib.figure"]
+PRELOADED += ["tvsysid.study", "xarray", "pandas", "zarr", "h5netcdf"]
 
 settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=25)
 settings.load_profile("repeatable")
@@ -87,7 +95,7 @@ def forking():
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["tvsysid.check", "tvsysid.simulate", "tvsysid.figures", "matplotlib.figure"])
+    context.set_forkserver_preload(PRELOADED)
     return context
 
 

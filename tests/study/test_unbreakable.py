@@ -55,19 +55,6 @@ def interruptible():
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
-def start(folder, *words):
-    """Start the command line in an interpreter, and a process group, of its own."""
-    return subprocess.Popen(
-        [sys.executable, "-m", "tvsysid.cli", *WORDS, *words],
-        cwd=folder,
-        start_new_session=True,
-        preexec_fn=interruptible if os.name == "posix" else None,  # noqa: PLW1509
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-
-
 class Forked:
     """The command line in a process group of its own, forked, which takes less time than to start an interpreter."""
 
@@ -168,13 +155,10 @@ def test_killed_at_six_random_moments_and_gone_on_with(tmp_path, start_study, un
 def test_interrupted_with_a_key_and_gone_on_with(tmp_path, forking, uninterrupted):
     # A key interrupts workers too where a method hangs, below.
     for number in (signal.SIGINT, signal.SIGTERM):
-        if number == signal.SIGINT:
-            process = Forked(forking, tmp_path, "--workers", "1")
-        else:
-            process = start(tmp_path, "--workers", "2")
+        process = Forked(forking, tmp_path, "--workers", "1" if number == signal.SIGINT else "2")
         already = trials_in(tmp_path)
         wait_for(lambda: trials_in(tmp_path) > already + 10)  # noqa: B023
-        os.killpg(process.pid, number) if number == signal.SIGINT else process.send_signal(number)
+        (os.killpg if number == signal.SIGINT else os.kill)(process.pid, number)
         errors = finished(process, 128 + number)
         before, _, last = errors.rstrip("\n").rpartition("\n")
         assert before == ("" if not already else f"resuming: {already} of {TOTAL} trials are done already")

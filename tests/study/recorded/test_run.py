@@ -1,5 +1,6 @@
 """Running experiments: the same numbers whoever works, nothing lost, nothing done twice."""
 
+import multiprocessing
 import shutil
 import time
 from dataclasses import dataclass
@@ -8,11 +9,11 @@ import numpy as np
 import pytest
 import xarray as xr
 from scipy.io import savemat
-from tests.study.recorded.conftest import GROUPS, READING, SHORT, SMALL, trial, write_trials
+from tests.study.recorded.conftest import READING, SHORT, SMALL, trial, write_trials
 
 import tvsysid as tv
 from tvsysid.preprocess import block_weights, bootstrap_weights
-from tvsysid.study import Experiment, alignment, of_quantity, prepared_recordings, read_results, run, summarize
+from tvsysid.study import Experiment, of_quantity, prepared_recordings, read_results, run, summarize
 from tvsysid.study.contents import RECORDINGS
 
 pytestmark = pytest.mark.usefixtures("few_groups")
@@ -199,9 +200,10 @@ def test_a_doubt_is_told_once_with_how_often_it_was_met(small):
     assert "(4 of 4 draws)" in text
 
 
-def run_small(path, workers):
-    alignment.GROUPS = GROUPS
-    run(Experiment(**SMALL), store=path, workers=workers)
+def run_small(prepared, path, workers, start):
+    forking = multiprocessing.get_context(start)
+    multiprocessing.get_context = lambda method=None: forking  # workers start at once
+    run(Experiment(**SMALL), prepared=prepared, store=path, workers=workers)
 
 
 @pytest.mark.slow
@@ -209,7 +211,7 @@ def test_killed_at_any_moment_it_goes_on_with_the_same_results(small, tmp_path, 
     path = tmp_path / "results.zarr"
     random = np.random.default_rng(0)
     for workers in (1, 2, 1):
-        process = forking.Process(target=run_small, args=(path, workers))
+        process = forking.Process(target=run_small, args=(small.prepared, path, workers, forking.get_start_method()))
         process.start()
         before = tasks_in(path)
         while tasks_in(path) == before and process.exitcode is None:  # it is under way when a task is done
@@ -218,7 +220,8 @@ def test_killed_at_any_moment_it_goes_on_with_the_same_results(small, tmp_path, 
         process.kill()
         process.join(60)
     seen = []
-    same(run(small.experiment, store=path, workers=1, progress=lambda done, total: seen.append(done)), small.results)
+    heard = {"progress": lambda done, total: seen.append(done)}
+    same(run(small.experiment, prepared=small.prepared, store=path, workers=1, **heard), small.results)
     assert seen[0] >= 3
 
 

@@ -86,11 +86,15 @@ class Data(NamedTuple):
 
 def plain(duration: float, snr_db: float, waves: tuple[Any, ...], seed: int) -> Data:
     """A joint whose angle is imposed."""
-    return Data(Joint(stiffness=waves[seed % 4 % len(waves)]), duration, snr_db)
+    return Data(Joint(stiffness=waves[seed % len(waves)]), duration, snr_db)
 
 
 def few(seed: int) -> Data:
-    return Data(Joint(stiffness=ANY[seed // 4 % 4]), PERIOD * FEW[seed % 4], 10)
+    return Data(Joint(stiffness=ANY[(seed + seed // 4) % 4]), PERIOD * FEW[seed % 4], 10)
+
+
+def weak(seed: int) -> Data:
+    return Data(Joint(stiffness=ANY[seed // 2 % 4]), 40, (-5, -16)[seed % 2])
 
 
 def loop(seed: int, noises: tuple[tuple[float, float], ...], **named: str) -> Data:
@@ -124,8 +128,7 @@ KINDS: dict[str, Callable[[int], Data]] = {
     "slow change": partial(plain, 80, 10, SMOOTH),
     "short record": short,
     "few realizations": few,
-    "weak": partial(plain, 40, -5, ANY),
-    "too weak": partial(plain, 30, -15, ANY),
+    "weak excitation": weak,
     "reflex": reflex,
     "slow noise": slow_noise,
     "loop with a reference": partial(loop, noises=((5.0, 5.0), (40.0, 5.0)), reference=REFERENCE),

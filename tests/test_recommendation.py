@@ -1,7 +1,9 @@
 """Which method suits an ensemble: the table of rules, and what is measured for it."""
 
+import dataclasses
 import math
 
+import numpy as np
 import pytest
 from tests.conftest import ensemble_of
 
@@ -27,6 +29,10 @@ SOUND = {"realizations": 20, "scheduling variable": 0, "information": 200, "slow
         ({"reflex": 20, "slow noise": 14}, "adaptive"),
         ({"slow noise": 14}, "kbr:weighting=residual,tuned=true"),
         ({"slow noise": 14, "switches": 1}, "adaptive"),
+        ({"harmonics": 2}, "birf:tuned=true"),
+        ({"harmonics": 2, "slow noise": 14}, "kbr:weighting=residual,tuned=true"),
+        ({"harmonics": 2, "switches": 1}, "adaptive"),
+        ({"harmonics": 6}, "adaptive"),
     ],
 )
 def test_rules(differs, suited):
@@ -44,7 +50,7 @@ def test_every_rule_can_be_read():
 def test_few_realizations_and_what_leads_then():
     ensemble = ensemble_of().select([0, 1])
     found = tv.recommend(ensemble)
-    assert found.suited == ("cascade", "kbr:tuned=true")  # adaptive does not apply
+    assert found.suited == ("cascade", "kbr:tuned=true", "kbr")  # adaptive does not apply
     assert isinstance(found.method, tv.JointCascade)
     assert "at least 4 realizations" in found.against["adaptive"]
     assert tv.compare(ensemble, ["eirf", "birf", "kbr"]).leading == "kbr"
@@ -54,7 +60,8 @@ def test_few_realizations_and_what_leads_then():
 
 def test_adaptive_by_its_own_posterior_and_units_of_all_that_is_measured():
     found = tv.recommend(ensemble_of())
-    assert found.suited[0] == "adaptive"
+    assert found.suited == ("birf:tuned=true", "adaptive")  # a sine
+    assert found.measured["harmonics"] == (1.0, "of the period")
     assert found.measured["angle RMS"][1] == "rad"
     assert {"switches", "stiffness changes by", "slow noise", "information"} <= set(found.measured)
     assert list(found.table.columns) == ["property", "value", "unit"]
@@ -67,11 +74,21 @@ def test_a_loop_by_its_reference(closed_loop):
     assert named.against["sds"] == "It takes the angle as imposed."
     unnamed = tv.recommend(closed_loop)
     assert math.isnan(unnamed.measured.get("loop bias", (math.nan,))[0])
-    assert "by the actuator's command alone" in unnamed.caveats[-1]
+    assert "by the actuator's command alone" in unnamed.caveats[-2]
+    assert "'disturbance' moves before the angle: if it is the perturbation, name it" in unnamed.caveats[-1]
     # What is the method but for settings that are chosen from the data leads; another reference is another method.
     methods = {"sds": tv.ShortDataSegments(), "a": tv.KernelRegression(reference="disturbance", weighting="residual")}
     assert named.leading(methods) == "a"
     assert named.leading({"b": tv.KernelRegression(reference="other", weighting="residual")}) is None
+
+
+def test_only_what_was_applied_is_taken_for_a_reference(closed_loop):
+    late = np.roll(closed_loop.signal("disturbance"), 5, axis=1)  # as what answers the angle
+    noise = np.random.default_rng(1).normal(size=late.shape)
+    others = {"late": late, "noise": noise, "sensor": closed_loop.angle + 1e-4 * noise, "still": 0 * noise}
+    others["torque sensor"] = closed_loop.torque + 0.01 * noise
+    ensemble = dataclasses.replace(closed_loop, channels=others)
+    assert {name: tv.quality.find_reference(ensemble, name).found for name in others} == dict.fromkeys(others, False)
 
 
 def test_bad_input():

@@ -78,7 +78,7 @@ class Comparison(Shown, Frozen):
         if len(self.models) == 1:
             return next(iter(self.models))
         methods = {label: self.methods[label] for label in self.models}
-        return self.recommendation.leading(methods) or self._adaptive[0]
+        return self.recommendation.leading(methods, self.evidence) or self._adaptive[0]
 
     @property
     def _adaptive(self) -> tuple[str, Model]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
@@ -14,22 +14,23 @@ from threadpoolctl import threadpool_limits
 
 from tvsysid.checked import Frozen
 from tvsysid.errors import DataQualityWarning, InputError
-from tvsysid.methods import DEFAULT_METHODS, key_of, parse
+from tvsysid.methods import DEFAULT_METHODS, Tuned, key_of, parse
 from tvsysid.methods.adaptive.adaptive import AdaptiveRegression
 from tvsysid.methods.adaptive.model import AdaptiveModel
 from tvsysid.methods.apply import Identifies
 from tvsysid.methods.base import reason_to_skip
 from tvsysid.models import Model
-from tvsysid.quality import Diagnosis, diagnose
+from tvsysid.quality import Diagnosis, diagnose, find_reference
 from tvsysid.showing import summary_html
-from tvsysid.signals import Ensemble
+from tvsysid.signals import Array, Ensemble
 
 if TYPE_CHECKING:
     import pandas as pd
 
 SLOW, WIDE = (0.0, 5.0), (8.0, 25.0)  # Hz: bands whose power density of the noise is compared
 MEASURES = ("angle RMS", "bandwidth of the angle", "signal-to-noise ratio", "mean stiffness")  # of the diagnosis
-LIKELY = 0.5  # probability from which on a switch counts
+LIKELY = 0.5  # probability from which on a switch counts, and a constant
+MOST = 0.99  # share of a change that so many harmonics hold
 SAID = ("reflex", "loop-bias", "feedback")  # faults that the rules speak of
 REFERENCE, IS_SLOW = "reference={reference}", "slow noise > 10"
 
@@ -67,31 +68,31 @@ RULES = (
         (),
         "the torque that answers the angle is too weak for a stiffness over time: perturb more strongly, or record "
         "more realizations",
-        "too weak",
+        "weak excitation",
     ),
     Rule(
         ("loop bias > 5", IS_SLOW),
-        (f"kbr:{REFERENCE},weighting=residual,tuned=true", f"birf:{REFERENCE},tuned=true"),
+        (f"kbr:{REFERENCE},weighting=residual,tuned=true", f"kbr:{REFERENCE},weighting=residual", f"birf:{REFERENCE}"),
         "noise in the torque moves the angle (a closed loop), of which {reference!r} is free; the noise is slow, and "
         "frequencies count by how little of it they hold",
-        "loop, slow noise",
+        "loop with a reference",
     ),
     Rule(
         ("loop bias > 5",),
-        (f"birf:{REFERENCE},tuned=true", f"kbr:{REFERENCE},tuned=true"),
+        (f"birf:{REFERENCE},tuned=true", f"birf:{REFERENCE}", f"kbr:{REFERENCE}"),
         "noise in the torque moves the angle (a closed loop), of which {reference!r} is free",
-        "loop, wide noise",
+        "loop with a reference",
     ),
     Rule(
         ("feedback > 10",),
         (),
         "noise in the torque moves the angle (a closed loop), which biases all methods, and no reference is named: "
         "record the disturbance that was applied, or the actuator's command",
-        "loop, found without a reference",
+        "loop without a reference",
     ),
     Rule(
         ("realizations < 6",),
-        ("cascade", "adaptive", "kbr:tuned=true"),
+        ("cascade", "adaptive", "kbr:tuned=true", "kbr"),
         "realizations are too few to tell a switch from noise, and it finds how smooth stiffness is without them",
         "few realizations",
     ),
@@ -108,10 +109,17 @@ RULES = (
         "slow noise",
     ),
     Rule(
+        ("harmonics > 0", "harmonics < 4", "switches < 1"),
+        ("birf:tuned=true", "adaptive"),
+        "stiffness changes as a few harmonics of the period, which a tuned basis describes with the least random error "
+        "(that of adaptive is up to 1.5 times as large)",
+        "slow change",
+    ),
+    Rule(
         (),
-        ("adaptive", "kbr:tuned=true"),
+        ("adaptive", "kbr:tuned=true", "kbr"),
         "the behaviour repeats, and it finds from the data how fast stiffness changes, and whether it switches",
-        "fast change, slow change, constant, short record",
+        "fast change, short record",
     ),
 )
 
@@ -149,11 +157,13 @@ class Recommendation(Frozen):
         """The method, ready to run: ``recommend(ensemble).method.identify(ensemble)``; None where none is right."""
         return parse(self.suited[0]) if self.suited else None
 
-    def leading(self, methods: Mapping[str, object]) -> str | None:
-        """Label of the one to go by of these ``methods``: alike in what matters, tuned or not; None if none suits."""
-        for typed in self.suited:
+    def leading(self, methods: Mapping[str, object], tuned: Container[str] = ()) -> str | None:
+        """Label of the one to go by of these ``methods``; None if none suits. The settings of some are ``tuned``."""
+        for wanted in map(parse, self.suited):
             for label, method in methods.items():
-                if label == typed or _alike(parse(typed), method):
+                if isinstance(wanted, Tuned) and not (label in tuned or isinstance(method, Tuned)):
+                    continue
+                if _alike(wanted, method):
                     return label
         return None
 
@@ -214,8 +224,8 @@ def recommend(
     Examples
     --------
     >>> import tvsysid as tv
-    >>> simulation = tv.simulate.Joint(stiffness=tv.simulate.SineWave()).simulate(
-    ...     40, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1)
+    >>> joint = tv.simulate.Joint(stiffness=tv.simulate.SquareWave())
+    >>> simulation = joint.simulate(40, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1)
     >>> ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), period=2.0)
     >>> found = tv.recommend(tv.preprocess.subtract_mean(ensemble))
     >>> print(found.sentence)
@@ -237,7 +247,16 @@ def recommend(
     suited = [typed.format(**channels) for typed in rule.methods]
     suited = [typed for typed in suited if not reason_to_skip(parse(typed), ensemble)]
     against, caveats = _against(suited, ensemble), _caveats(diagnosis, measured)
+    caveats += tuple(moving(ensemble, [name for name in ensemble.channels if name not in (reference, scheduling)]))
     return Recommendation(tuple(suited), rule.why.format(**channels), measured, against, caveats, diagnosis)
+
+
+def moving(ensemble: Ensemble, channels: Iterable[str]) -> Iterator[str]:
+    """Of channels that nobody named as a reference, those that move the joint as one does, in a sentence each."""
+    for name in channels:
+        seen = find_reference(ensemble, name)
+        if seen.found:
+            yield f"{name!r} moves before the angle: if it is the perturbation, name it as the reference; {seen.what}"
 
 
 def rule_of(measured: Measured) -> Rule:
@@ -290,7 +309,15 @@ def _speed(ensemble: Ensemble, model: Model | None) -> dict[str, tuple[float, st
     change = float(np.nanmax(model.stiffness) - np.nanmin(model.stiffness))
     fastest = float(np.nanmax(np.abs(np.gradient(model.stiffness, model.time))))
     found = {"switches": (float(switches), ""), "stiffness changes by": (change, "N·m/rad")}
+    if model.diagnostics.details["constant_stiffness"] < LIKELY:
+        found["harmonics"] = (_harmonics(model.stiffness), "of the period")
     return found | {"time of the fastest change": (change / fastest if fastest > 0 else math.nan, "s")}
+
+
+def _harmonics(stiffness: Array) -> float:
+    """How many harmonics of a realization hold nearly all of a change."""
+    power = np.cumsum(np.abs(np.fft.rfft(stiffness[np.isfinite(stiffness)])[1:]) ** 2)
+    return 1.0 + float(np.searchsorted(power, MOST * power[-1]))
 
 
 def _against(suited: list[str], ensemble: Ensemble) -> dict[str, str]:

@@ -11,6 +11,7 @@ import typer
 
 from tvsysid.cli import options
 from tvsysid.cli.console import progress, remark, say, say_written, show_table, shown_warnings
+from tvsysid.cli.references import warn_of_references
 from tvsysid.cli.running import check_folder, command_line
 from tvsysid.errors import InputError
 from tvsysid.limits import TIME_LIMIT
@@ -170,6 +171,15 @@ def identify(
         remark("error", f"{label} failed: {reason}")
     turned = (", in N·mm" if torque_unit == "Nmm" else "") + (", with its sign reversed" if torque_sign == -1 else "")
     source = {"file": file.name, "angle": f"channel {angle}, in {angle_unit}", "torque": f"channel {torque}{turned}"}
+    known = [angle, torque, *(text.partition("=")[2] for text in channel)]
+    as_read = (rate, columns, torque_sign, angle_unit, start)
+    warn_of_references(
+        found,
+        file,
+        header,
+        known,
+        lambda names: options.read(file, angle, torque, *as_read, names, header, torque_unit),
+    )
     written = _write_results(found, out, _title(file, found))  # first, as holding out takes longest
     account = _account(found, time_limit, source)
     written = [*_write_account(account, out, sheet), *written]

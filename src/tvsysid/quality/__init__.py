@@ -2,6 +2,16 @@
 
 from tvsysid.quality.catalogue import FAULTS, Fault
 from tvsysid.quality.curves import Curves
-from tvsysid.quality.diagnosis import Diagnosis, Finding, diagnose, find_delay, find_reflex
+from tvsysid.quality.diagnosis import Diagnosis, Finding, diagnose, find_delay, find_reference, find_reflex
 
-__all__ = ["FAULTS", "Curves", "Diagnosis", "Fault", "Finding", "diagnose", "find_delay", "find_reflex"]
+__all__ = [
+    "FAULTS",
+    "Curves",
+    "Diagnosis",
+    "Fault",
+    "Finding",
+    "diagnose",
+    "find_delay",
+    "find_reference",
+    "find_reflex",
+]

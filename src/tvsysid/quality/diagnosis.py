@@ -259,6 +259,11 @@ def find_reflex(ensemble: Ensemble) -> Finding:
     return _finding("reflex", structure.reflex, FittedEnsemble.of(ensemble))
 
 
+def find_reference(ensemble: Ensemble, channel: str) -> Finding:
+    """``loop-bias`` of a channel that nobody named, which is found only where it moves the angle as a command does."""
+    return _finding("loop-bias", structure.applied, FittedEnsemble.of(ensemble), channel)
+
+
 def find_delay(recording: Recording, period: float, context: float = 0.5) -> Finding:
     """Look for a delay of a recording's torque, cut as for :func:`tvsysid.diagnose`; the value is in ms."""
     checks = diagnose(subtract_mean(segment(recording, period, context))).checks

@@ -18,6 +18,12 @@ AHEAD = 0.03  # seconds ahead that the angle is predicted: within them derivativ
 MIRRORED = 1.5  # times what is predicted of the angle before that must be predicted of the angle after to be a cause
 PAST_ANGLE = 0.2  # seconds of the angle's past that predict it by themselves
 PAST_NOISE = 0.15  # seconds of the residual torque that may add to it
+# Shares of the unpredicted movement: that what was applied predicts of the angle at least, and the angle of it at most.
+LEADS, FOLLOWS = 0.2, 0.02
+A_TORQUE, BESIDE = (
+    0.96,
+    6,
+)  # share that the torque explains of a sensor of it (of a command 0.95), so many samples beside
 SLOWEST, STEP = 0.3, 0.03  # longest lag of a slow answer and step between lags, in s
 SHORT = "realizations and their context are too short"
 
@@ -78,6 +84,24 @@ def loop_bias(data: FittedEnsemble, reference: str) -> Seen:
         f"esm:stiffness=fit,reference={reference})"
     )
     return Seen(-100 * float(missing.sum()) / closed, what, p_value_of(missing) < SIGNIFICANT)
+
+
+def applied(data: FittedEnsemble, channel: str) -> Seen:
+    """What ``channel`` mends as a reference, if it is what was applied: it moves the angle, the angle does not move it.
+
+    EMG and further sensors of the angle follow it, or hardly lead it; those of the torque are the torque; and EMG that
+    makes the torque's noise gives a stiffness that is lower still, which is the load's.
+    """
+    data.require(LEAST_REALIZATIONS)
+    values = data.ensemble.signal(channel) - data.ensemble.signal(channel).mean(axis=0)
+    torques = sliding_window_view(data.torque, values.shape[1] - 2 * BESIDE, axis=1).transpose(1, 0, 2)
+    if not gained(values[:, BESIDE:-BESIDE], torques)[0] < A_TORQUE:
+        raise NotJudged(f"{channel!r} is the torque")
+    leads = _predicted(data.angle, values, 0, data.rate).mean()
+    if not leads > LEADS or _predicted(values, data.angle, 0, data.rate).mean() > FOLLOWS:
+        raise NotJudged(f"{channel!r} does not move before the angle")
+    seen = loop_bias(data, channel)
+    return seen if seen.value < 0 else seen._replace(significant=False)
 
 
 def _predicted(angle: Array, residual: Array, first: int, rate: float) -> Array:

@@ -92,7 +92,7 @@ def why_leading(found: Comparison) -> str:
             f"{label} is the method to go by: it has no settings that could be chosen wrongly, and its band counts how "
             "unsure it is of how fast stiffness changes, and of when it switches."
         )
-    if len(found.models) > 1 and found.recommendation.leading({label: found.methods[label]}):
+    if len(found.models) > 1 and found.recommendation.leading({label: found.methods[label]}, found.evidence):
         return f"{label} is the method to go by: {found.recommendation.why}."
     missing = {"skipped": found.skipped, "failed": found.failed}
     reasons = [f"adaptive is {how}: {each['adaptive']}. " for how, each in missing.items() if "adaptive" in each]

@@ -64,7 +64,7 @@ def test_adaptive_by_its_own_posterior_and_units_of_all_that_is_measured():
     assert found.measured["harmonics"] == (1.0, "of the period")
     assert found.measured["angle RMS"][1] == "rad"
     assert {"switches", "stiffness changes by", "slow noise", "information"} <= set(found.measured)
-    assert list(found.table.columns) == ["property", "value", "unit"]
+    assert "<td style='text-align:left'>angle RMS</td>" in found._repr_html_()
 
 
 def test_a_loop_by_its_reference(closed_loop):

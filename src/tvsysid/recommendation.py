@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Container, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -21,11 +21,9 @@ from tvsysid.methods.apply import Identifies
 from tvsysid.methods.base import reason_to_skip
 from tvsysid.models import Model
 from tvsysid.quality import Diagnosis, diagnose, find_reference
+from tvsysid.quality.resampling import lowered
 from tvsysid.showing import summary_html
 from tvsysid.signals import Array, Ensemble
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 SLOW, WIDE = (0.0, 5.0), (8.0, 25.0)  # Hz: bands whose power density of the noise is compared
 MEASURES = ("angle RMS", "bandwidth of the angle", "signal-to-noise ratio", "mean stiffness")  # of the diagnosis
@@ -51,11 +49,8 @@ class Rule(NamedTuple):
     why: str
     scenario: str
 
-    def holds(self, measured: Measured) -> bool:
-        """Whether the conditions hold."""
-        return all(_holds(condition, measured) for condition in self.conditions)
 
-
+LOOP = "noise in the torque moves the angle (a closed loop)"
 RULES = (
     Rule(
         ("scheduling variable > 0",),
@@ -66,28 +61,25 @@ RULES = (
     Rule(
         ("information < 2",),
         (),
-        "the torque that answers the angle is too weak for a stiffness over time: perturb more strongly, or record "
-        "more realizations",
+        "the torque that answers the angle is too weak for a stiffness over time: perturb more, or record more",
         "weak excitation",
     ),
     Rule(
         ("loop bias > 5", IS_SLOW),
         (f"kbr:{REFERENCE},weighting=residual,tuned=true", f"kbr:{REFERENCE},weighting=residual", f"birf:{REFERENCE}"),
-        "noise in the torque moves the angle (a closed loop), of which {reference!r} is free; the noise is slow, and "
-        "frequencies count by how little of it they hold",
+        f"{LOOP}, of which {{reference!r}} is free; it is slow, and frequencies count by how little of it they hold",
         "loop with a reference",
     ),
     Rule(
         ("loop bias > 5",),
         (f"birf:{REFERENCE},tuned=true", f"birf:{REFERENCE}", f"kbr:{REFERENCE}"),
-        "noise in the torque moves the angle (a closed loop), of which {reference!r} is free",
+        f"{LOOP}, of which {{reference!r}} is free",
         "loop with a reference",
     ),
     Rule(
         ("feedback > 10",),
         (),
-        "noise in the torque moves the angle (a closed loop), which biases all methods, and no reference is named: "
-        "record the disturbance that was applied, or the actuator's command",
+        f"{LOOP}, which biases them all, and no reference is named: record the disturbance or the actuator's command",
         "loop without a reference",
     ),
     Rule(
@@ -111,8 +103,8 @@ RULES = (
     Rule(
         ("harmonics > 0", "harmonics < 4", "switches < 1"),
         ("birf:tuned=true", "adaptive"),
-        "stiffness changes as a few harmonics of the period, which a tuned basis describes with the least random error "
-        "(that of adaptive is up to 1.5 times as large)",
+        "stiffness changes as a few harmonics of the period, of which its random error is the least (by adaptive up to "
+        "1.5 times that)",
         "slow change",
     ),
     Rule(
@@ -166,13 +158,6 @@ class Recommendation(Frozen):
                 if _alike(wanted, method):
                     return label
         return None
-
-    @property
-    def table(self) -> pd.DataFrame:
-        """A row for each measured property: name, value, unit."""
-        import pandas as pd  # noqa: PLC0415  # heavy
-
-        return pd.DataFrame(self._rows, columns=["property", "value", "unit"])
 
     @property
     def sentence(self) -> str:
@@ -261,7 +246,7 @@ def moving(ensemble: Ensemble, channels: Iterable[str]) -> Iterator[str]:
 
 def rule_of(measured: Measured) -> Rule:
     """First rule that holds."""
-    return next(each for each in RULES if each.holds(measured))
+    return next(rule for rule in RULES if all(_holds(condition, measured) for condition in rule.conditions))
 
 
 def _measured(
@@ -273,10 +258,8 @@ def _measured(
     if diagnosis is None:
         return measured
     measured |= {name: diagnosis.measures[name] for name in MEASURES}
-    measured["information"] = (
-        len(ensemble) * 10 ** (measured["signal-to-noise ratio"][0] / 10),
-        "realizations at 0 dB",
-    )
+    information = len(ensemble) * 10 ** (measured["signal-to-noise ratio"][0] / 10)
+    measured["information"] = (information, "realizations at 0 dB")
     seen = {check.name: abs(check.value) for check in diagnosis.checks if check.found}
     seen |= {check.name: abs(check.value) for check in diagnosis.uncertain if check.name == "loop-bias"}
     for name in ("reflex", "feedback", "loop-bias", "scattered-realizations"):
@@ -301,7 +284,7 @@ def _speed(ensemble: Ensemble, model: Model | None) -> dict[str, tuple[float, st
         if reason_to_skip(adaptive, ensemble):
             return {}
         try:
-            model = adaptive.identify(ensemble)
+            model = adaptive.identify(lowered(ensemble))
         except InputError:
             return {}
     assert isinstance(model, AdaptiveModel)

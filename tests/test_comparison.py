@@ -264,5 +264,8 @@ def test_held_out_vaf_says_where_a_method_cannot_do_without_a_fold():
     assert np.isfinite(held_out["kbr"]).all()
     with pytest.raises(tv.InputError, match="folds must be a whole number from 2 on, got 1"):
         found.held_out_vaf(1)
-    alone = dataclasses.replace(found, ensemble=ensemble.select([0]))
+    alone, two = (dataclasses.replace(found, ensemble=ensemble.select(range(count))) for count in (1, 2))
     assert np.isnan(alone.held_out_vaf()["kbr"]).all()
+    with pytest.warns(tv.DataQualityWarning) as said:
+        assert np.isnan(two.held_out_vaf()["kbr"]).all()
+    assert [str(each.message).partition(":")[0] for each in said] == ["no held-out VAF"]

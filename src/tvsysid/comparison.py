@@ -157,7 +157,8 @@ class Comparison(Shown, Frozen):
         Returns
         -------
         dict
-            NaN where a method cannot identify without the fold, which is warned of, and for a single realization.
+            NaN where a method cannot identify without the fold, which is warned of, and for a single realization, or
+            two whose mean was subtracted.
 
         Raises
         ------
@@ -192,7 +193,11 @@ class Comparison(Shown, Frozen):
         parts = np.array_split(np.concatenate(ensemble.runs), min(folds, len(ensemble)))
         found = {label: np.full(len(ensemble), np.nan) for label in self.models}
         failed: dict[str, str] = {}
-        jobs = [(label, part) for part in parts for label in found if len(parts) > 1]
+        least = 3 if ensemble.mean_subtracted else 2  # of one realization kept, nothing is left beside its mean
+        if len(ensemble) == 2 < least:
+            text = "no held-out VAF: with the mean over realizations subtracted, it takes three realizations, got 2"
+            warnings.warn(text, DataQualityWarning, stacklevel=2)
+        jobs = [(label, part) for part in parts for label in found if len(ensemble) >= least]
         with threadpool_limits(1), reported(progress, "identifying without a part") as advance:
             for number, (label, part) in enumerate(jobs):
                 advance(number, len(jobs))
@@ -200,8 +205,9 @@ class Comparison(Shown, Frozen):
                     found[label][part] = _vaf_of(self.methods[label], ensemble, part, label, limit)
                 except Exception as error:  # a method of one's own may raise anything
                     failed.setdefault(label, str(error) if isinstance(error, InputError) else describe_error(error))
-        for label, reason in failed.items():
-            text = f"{label}: no held-out VAF where it cannot identify without a fold of the realizations: {reason}"
+        for reason in dict.fromkeys(failed.values()):
+            labels = ", ".join(label for label, own in failed.items() if own == reason)
+            text = f"{labels}: no held-out VAF where a fold of the realizations cannot be left out: {reason}"
             warnings.warn(text, DataQualityWarning, stacklevel=2)
         return found
 

@@ -39,6 +39,13 @@ def test_inspect_diagnoses(tvsysid, tmp_path, request):
 
 
 @pytest.mark.slow
+def test_a_reference_that_is_not_read_is_said_at_once(tvsysid, tmp_path):
+    (tmp_path / "joint.csv").write_text("angle,torque,cmd\n" + "0,1,2\n1,0,1\n" * 9)
+    code, out, err = tvsysid("inspect", "joint.csv", "--diagnose", *IDENTIFY, "--reference", "command")
+    assert (code, out) == (2, "")
+    assert "add --channel command=CHANNEL, one of angle, torque, cmd" in err
+
+
 def test_inspect_of_a_file_with_many_channels_and_none(tvsysid):
     np.savez("many.npz", note=np.array("[red]hello"), **{f"c{number}": np.ones((3, 2)) for number in range(14)})
     code, out, err = tvsysid("inspect", "many.npz")

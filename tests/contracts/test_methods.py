@@ -355,6 +355,10 @@ def test_realizations_too_short_for_derivatives_are_refused(method, random):
         (lambda: tv.HaarWavelets(0), "at least 1"),
         (lambda: tv.methods.create("arx"), "unknown method 'arx'; the methods are eirf, sds, birf, esm, kbr"),
         (lambda: tv.methods.create("sds", windw=1), "unknown setting 'windw'; its settings are max_lag, window"),
+        (
+            lambda: tv.methods.parse("adaptive:reference=command"),
+            "unknown setting 'reference'; it has none; methods with that setting are sds, birf, esm, kbr",
+        ),
         (lambda: tv.methods.parse("sds:window=wide"), "window must be a number, got 'wide'"),
         (lambda: tv.methods.parse("sds:window"), "expected setting=value"),
         (lambda: tv.methods.parse("nothing"), "unknown method 'nothing'"),

@@ -96,6 +96,11 @@ def test_subtracting_the_mean_leaves_none(realizations, samples, offset):
     np.testing.assert_allclose(again.angle, centred.angle, atol=1e-10)
 
 
+def test_a_record_that_leaves_one_realization_says_what_became_of_the_others():
+    with pytest.raises(tv.InputError, match=r"got one \(3 fit in, 2 left out for want of 0.5 s of context"):
+        tv.preprocess.subtract_mean(tv.preprocess.segment(recording_of(600), 2.0))
+
+
 def test_realizations_that_are_all_alike_are_refused(random):
     row = random.normal(size=20) * 0.1
     ensemble = tv.Ensemble(np.tile(row, (7, 1)), random.normal(size=(7, 20)), 100.0)

@@ -1,6 +1,7 @@
 """The page of one identification."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,8 @@ from tests.report.elements import Elements, section, table
 import tvsysid as tv
 from tvsysid.methods import METHODS
 from tvsysid.methods.references import REFERENCES
+from tvsysid.report.answer import answer
+from tvsysid.report.page import typeset
 from tvsysid.report.paragraph import methods_bibliography, methods_paragraph
 
 
@@ -86,6 +89,28 @@ def test_every_method_says_how_its_stiffness_differs_and_cites_what_there_is():
         assert method.differs.endswith("."), key
         assert set(method.cites) <= set(REFERENCES), key
     assert {key for method in METHODS.values() for key in method.cites} | {"tvsysid"} == set(REFERENCES)
+
+
+def test_options_stay_as_they_are_typed_and_numbers_have_one_minus_sign():
+    assert typeset("by -1.5 ± 2, -20 % or p = 1e-5, 3-4: --torque-sign -1, torque_sign=-1, sub-9") == (
+        "by −1.5 ±\u00a02, −20\u00a0% or p = 1e-5, 3-4: --torque-sign -1, torque_sign=-1, sub-9"
+    )
+
+
+@pytest.mark.filterwarnings("ignore::tvsysid.errors.DataQualityWarning")
+def test_what_follows_a_variable_comes_first_and_an_impossible_sign_is_said(tmp_path):
+    simulation = tv.simulate.ScheduledJoint().simulate(20, perturbation=tv.simulate.PRBS(), snr_db=10, seed=1)
+    (variable,) = simulation.recording.channels
+    recording = replace(simulation.recording, torque=-simulation.recording.torque)
+    whole = tv.preprocess.segment(tv.preprocess.decimate(recording, 100, sharp=True), None)
+    whole = replace(whole, channels={"scheduling": whole.channels[variable]})
+    account = tv.report.Account(tv.compare(whole, ["lpvkbi"]))
+    over, along, sign = answer(account.found)
+    assert over.startswith("stiffness by lpvkbi over scheduling: -")
+    assert along.startswith("over time: -")
+    assert "the torque's sign is probably reversed" in sign
+    assert 80 < account.held_out_mean("lpvkbi") < 100  # of fifths of the record, which the method left out itself
+    assert "in fifths of the record that it was not identified from, and" in methods_paragraph(account)
 
 
 def test_a_single_realization_has_a_page_too(tmp_path):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-import shlex
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,24 +11,23 @@ import typer
 
 from tvsysid.cli import options
 from tvsysid.cli.console import progress, remark, say, say_written, show_table, shown_warnings
+from tvsysid.cli.identified import write_account, write_results, write_tuning
 from tvsysid.cli.references import warn_of_references
-from tvsysid.cli.running import check_folder, command_line
+from tvsysid.cli.running import check_folder
 from tvsysid.errors import InputError
 from tvsysid.limits import TIME_LIMIT
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from matplotlib.figure import Figure
+    from collections.abc import Iterable
 
     from tvsysid.comparison import Comparison
     from tvsysid.report import Account
-    from tvsysid.signals import Recording
+    from tvsysid.signals import Ensemble, Recording
 
 DEFAULT_METHODS = ["adaptive", "eirf", "sds", "birf", "esm", "kbr"]  # of tvsysid.methods, which takes long to import
 SCHEDULED_METHODS = ["lpv", "lpvkbi"]  # with a scheduling variable
 SHOWN = 7  # values of a variable at which estimates are printed
-PIECES = 2.0  # seconds of the realizations in which a delay is looked for where there is no period
+PIECES = 2.0  # seconds of the pieces that are diagnosed, and searched for a delay, where there is no period
 SLOW_RATE = 250.0  # Hz from which on identifying without decimation takes minutes
 
 
@@ -180,50 +179,18 @@ def identify(
         known,
         lambda names: options.read(file, angle, torque, *as_read, names, header, torque_unit),
     )
-    written = _write_results(found, out, _title(file, found))  # first, as holding out takes longest
-    account = _account(found, time_limit, source)
-    written = [*_write_account(account, out, sheet), *written]
+    written = write_results(found, out, file.name)  # first, as holding out takes longest
+    account = _account(found, time_limit, source, _judged(found, recording, context, deviating))
+    written = [*write_account(account, out, sheet), *written]
     _show_impedance(account)
     _show_further(found)
     _show_reflex(found)
     _show_diagnosis(account)
     if found.leading not in found.recommendation.suited[:1]:
         say(f"method for these data: {found.recommendation.sentence}")
-    say_written(out, [*written, *_write_tuning(found, out)])
+    say_written(out, [*written, *write_tuning(found, out)])
     if found.failed:
         raise typer.Exit(1)
-
-
-def _write_results(found: Comparison, out: Path, title: str) -> list[str]:
-    """Write models and estimates, and draw these; returns the files' names but ``models.nc``, not final yet."""
-    from tvsysid.figures import identified_impedance
-    from tvsysid.recordings import whole_file
-
-    with whole_file(out / "stiffness.csv") as table:
-        found.over_time().to_csv(table, index=False, float_format="%.6g")
-    _write_models(found, out, {})
-    _save(identified_impedance(found.models, found.vaf_over_time(), title), out / "stiffness")
-    return ["stiffness.csv", "stiffness.png", "stiffness.pdf", *_write_scheduled(found, out, title)]
-
-
-def _write_models(found: Comparison, out: Path, about: Mapping[str, str | float]) -> None:
-    """Write the models, and what is said about them."""
-    from tvsysid.recordings import write_models
-
-    models = {label.replace("/", "_"): each for label, each in found.models.items()}
-    write_models(out / "models.nc", models, found.ensemble, about)
-
-
-def _write_account(account: Account, out: Path, sheet: bool) -> list[str]:
-    """Write models with what is known of them, the page, and a sheet if it was asked for; returns the files' names."""
-    from tvsysid.report import write_identification, write_sheet
-    from tvsysid.report.sheet import facts
-
-    _write_models(account.found, out, facts(account))
-    write_identification(out / "report.html", account, command_line())
-    if sheet:
-        write_sheet(out / "sheet.html", [out])
-    return ["report.html", *["sheet.html"] * sheet, "models.nc"]
 
 
 def _aligned(recording: Recording, period: float, context: float) -> Recording:
@@ -240,25 +207,14 @@ def _aligned(recording: Recording, period: float, context: float) -> Recording:
     return align_channels(recording, delay.value / 1000)
 
 
-def _title(file: Path, found: Comparison) -> str:
-    """What the figure shows: of which data, whether with bands, and what was done about a delay."""
-    from tvsysid.figures.words import count
-    from tvsysid.report.answer import taken
-
-    title = f"{file.name}: {count(len(found.ensemble), 'realization')} of {found.ensemble.duration:g} s"
-    title += ", with 95 % bands" if found.has_bands else ""
-    return f"{title}; {taken(found.ensemble.delay_removed)}" if found.ensemble.delay_removed else title
-
-
 def _show_impedance(account: Account) -> None:
     """Print the answer of the method to go by, and a row for each method."""
     from tvsysid.figures.words import count
-    from tvsysid.methods.adaptive.model import AdaptiveModel
     from tvsysid.report.answer import answer
 
     found = account.found
-    if isinstance(found.models[found.leading], AdaptiveModel):
-        say("\n  ".join(answer(found)))
+    if len(lines := answer(found)) > 1:  # more than the table says
+        say("\n  ".join(lines))
     headings = ["method", "mean", "95 %\nband", "lowest, at", "highest, at", "inertia", "VAF", "VAF\nheld\nout"]
     rows = [
         (
@@ -331,8 +287,18 @@ def _with_band(value: float, lower: float, upper: float) -> str:
     return f"{value:.3g}" + _number((upper - lower) / 2, " ± {:.2g}").removesuffix("-")
 
 
-def _account(found: Comparison, time_limit: float, source: dict[str, str]) -> Account:
-    """What was found, with held-out VAF and a diagnosis of the same ensemble."""
+def _judged(found: Comparison, recording: Recording, context: float, deviating: Iterable[str]) -> Ensemble:
+    """What to diagnose: the ensemble, or pieces of a record that does not repeat."""
+    from tvsysid.preprocess import segment, subtract_mean
+
+    with suppress(InputError):  # it is too short for two of them
+        if not found.ensemble.mean_subtracted:
+            return subtract_mean(segment(recording, PIECES, context), deviating)
+    return found.ensemble
+
+
+def _account(found: Comparison, time_limit: float, source: dict[str, str], judged: Ensemble) -> Account:
+    """What was found, with held-out VAF and a diagnosis."""
     from threadpoolctl import threadpool_limits
 
     from tvsysid.quality import diagnose
@@ -342,7 +308,8 @@ def _account(found: Comparison, time_limit: float, source: dict[str, str]) -> Ac
         held_out = found.held_out_vaf(progress=advance, time_limit=time_limit)
     try:
         with threadpool_limits(1):
-            diagnosis = found.recommendation.diagnosis or diagnose(found.ensemble)
+            repeats = judged is found.ensemble
+            diagnosis = (found.recommendation.diagnosis if repeats else None) or diagnose(judged, repeats=repeats)
             return Account(found, held_out, diagnosis, source=source)
     except InputError as error:
         return Account(found, held_out, undiagnosed=str(error), source=source)
@@ -366,53 +333,6 @@ def _show_reflex(found: Comparison) -> None:
         remark(
             "warning", f"a reflex is taken for stiffness by {', '.join(one_path)}: {reflex.what}; {reflex.fault.remedy}"
         )
-
-
-def _write_scheduled(found: Comparison, out: Path, title: str) -> list[str]:
-    """Write what was estimated over variables, and draw it over the first of them; returns the names of the files."""
-    from tvsysid.figures import scheduled_estimates
-    from tvsysid.recordings import whole_file
-
-    table = found.over_variables()
-    if table.empty:
-        return []
-    with whole_file(out / "scheduled.csv") as file:
-        table.to_csv(file, index=False, float_format="%.6g")
-    variable = str(table.variable[0])
-    if variable not in found.ensemble.channels:
-        return ["scheduled.csv"]
-    _save(scheduled_estimates(found.models, found.ensemble, variable, title), out / "scheduled")
-    return ["scheduled.csv", "scheduled.png", "scheduled.pdf"]
-
-
-def _write_tuning(found: Comparison, out: Path) -> list[str]:
-    """Print which settings were chosen, and write all that were tried; returns the names of the files."""
-    import pandas as pd
-
-    from tvsysid.figures import tuning_curves
-    from tvsysid.methods import Method, typed
-    from tvsysid.recordings import whole_file
-
-    if not found.evidence:
-        return []
-    tuned = [each for label, each in found.methods.items() if label in found.evidence and isinstance(each, Method)]
-    for label, item in found.evidence.items():
-        say(f"{label}: {item}")
-    say(f"the same settings again: {' '.join(f'--method {shlex.quote(typed(each))}' for each in tuned)}")
-    tables = [item.to_pandas().assign(method=label) for label, item in found.evidence.items()]
-    table = pd.concat(tables, ignore_index=True)
-    with whole_file(out / "tuning.csv") as file:
-        table[["method", *table.columns.drop("method")]].to_csv(file, index=False, float_format="%.6g")
-    _save(tuning_curves(found.evidence), out / "tuning")
-    return ["tuning.csv", "tuning.png", "tuning.pdf"]
-
-
-def _save(figure: Figure, stem: Path) -> None:
-    """Write a figure in both of its forms."""
-    from tvsysid.figures import save
-
-    for ending in ("png", "pdf"):
-        save(figure, stem.with_name(f"{stem.name}.{ending}"))
 
 
 def _number(value: float, text: str = "{:.1f}") -> str:

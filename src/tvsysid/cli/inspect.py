@@ -106,6 +106,11 @@ def inspect(
     if not diagnose and used:
         raise InputError(f"{used[0]}: is used with --diagnose only; add --diagnose")
     channels = describe_file(file, header)
+    if reference is not None and reference not in {text.partition("=")[0] for text in channel}:
+        raise InputError(
+            f"--reference {reference}: no --channel is read under this name; add --channel {reference}=CHANNEL, one of "
+            f"{', '.join(channels)}"
+        )
     _show_channels(file.name, channels)
     drawn = _outlines(channels)
     if drawn:

@@ -158,6 +158,9 @@ def _limit(axes: Axes, found: Mapping[str, Found], wide: set[str]) -> None:
     extents = [next(iter(found.values())).extent]
     extents += [_extent(each.values) for label, each in found.items() if label not in wide]
     low, high = min(low for low, _ in extents), max(high for _, high in extents)
+    whole = [each.extent for label, each in found.items() if label not in wide]  # bands of others, up to as much again
+    span = high - low
+    low, high = max(min(low for low, _ in whole), low - span), min(max(high for _, high in whole), high + span)
     # What hardly changes shall not look as if it did.
     room = max(0.15 * (high - low), (0.15 * max(abs(low), abs(high)) - (high - low)) / 2) or 1.0
     axes.set_ylim(low - room, high + room)

@@ -36,6 +36,7 @@ Style = Literal["-", "--", ":", "-."]
 STYLES: tuple[Style, ...] = ("-", "--", ":", "-.")
 MARKERS = "osD^vPX<>hp*8dH"
 MARKED = 8  # markers on a curve
+LONG = 2000  # samples beyond which a curve is pixels in vector files, which would be of many megabytes
 EDGES = 0.0  # opacity of a band of which the edges alone are drawn
 
 
@@ -170,12 +171,20 @@ def curve_with_band(
     if not np.isfinite(values).any():
         remark(axes, "no estimate")
         return
+    look = {"rasterized": len(time) > LONG} | look
     if band is not None:
         lower, upper = band
         if opacity == EDGES:
-            axes.plot(time, np.stack([lower, upper], axis=1), color=hue, alpha=0.5, linewidth=0.5, zorder=1.1)
+            edge: dict[str, Any] = {
+                "color": hue,
+                "alpha": 0.5,
+                "linewidth": 0.5,
+                "zorder": 1.1,
+                "rasterized": len(time) > LONG,
+            }
+            axes.plot(time, np.stack([lower, upper], axis=1), **edge)
         else:
-            axes.fill_between(time, lower, upper, color=hue, alpha=opacity, linewidth=0)
+            axes.fill_between(time, lower, upper, color=hue, alpha=opacity, linewidth=0, rasterized=len(time) > LONG)
     usual: dict[str, Any] = {"color": hue, "linewidth": 1.4}
     axes.plot(time, values, **(usual | look))
 

@@ -313,8 +313,10 @@ def _made(key: str, target: Any, settings: Mapping[str, Any], what: str) -> Any:
     known = [*fields_of, *further_settings(target)]
     unknown = [name for name in settings if name not in known and not takes_any]
     if unknown:
-        has = f"its settings are {', '.join(known)}" if known else "it has no settings"
-        raise InputError(f"{label}: unknown setting {unknown[0]!r}; {has}")
+        has = f"its settings are {', '.join(known)}" if fields_of else "it has none"
+        others = [name for name, method in METHODS.items() if what == "method" and unknown[0] in settings_of(method)[0]]
+        with_it = f"; methods with that setting are {', '.join(others)}" if others else ""
+        raise InputError(f"{label}: unknown setting {unknown[0]!r}; {has}{with_it}")
     missing = [name for name, item in fields_of.items() if item.default is item.empty and name not in settings]
     if missing:
         raise InputError(

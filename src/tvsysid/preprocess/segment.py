@@ -314,9 +314,12 @@ def subtract_mean(ensemble: Ensemble, channels: Iterable[str] = ()) -> Ensemble:
         of 1/period hold most of the angle's movement above 5 Hz, and the rest does not answer as a joint does.
     """
     if len(ensemble) < 2:
+        out, context = ensemble.left_out, ensemble.context / ensemble.sampling_rate
+        lost = f" ({1 + out} fit in, {out} left out for want of {context:g} s of context on both sides)" if out else ""
+        less = ", or with less context (--context 0 leaves out none)" if out else ""
         raise InputError(
-            "subtract_mean: expected at least two realizations, got one; its mean is the signal itself; cut the "
-            "recording with a shorter period (--period)"
+            f"subtract_mean: expected at least two realizations, got one{lost}; its mean is the signal itself; record "
+            f"more, or cut the recording with a shorter period (--period){less}"
         )
     channels, deviations = tuple(channels), {}
     for name in dict.fromkeys(("angle", "torque", *channels)):

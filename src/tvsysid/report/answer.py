@@ -40,8 +40,16 @@ class Account:
     source: Mapping[str, str] = field(default_factory=dict)
 
     def held_out_mean(self, label: str) -> float:
-        """Held-out VAF of a method in per cent, the mean over realizations; NaN where it is not known."""
-        return mean_of(self.held_out.get(label, np.array([])))
+        """Held-out VAF of a method in per cent, mean over realizations or by the method itself; NaN if not known."""
+        values = self.held_out.get(label, np.array([]))
+        if np.isfinite(values).any() or label not in self.found.models:
+            return mean_of(values)
+        return self.found.models[label].diagnostics.details.get("vaf_folds", float("nan"))
+
+    @property
+    def where_held_out(self) -> str:
+        """Of what the held-out VAF is."""
+        return "realizations" if len(self.found.ensemble) > 1 else "fifths of the record"
 
 
 class Further(NamedTuple):
@@ -62,26 +70,55 @@ def mean_of(values: Array) -> float:
 
 
 def answer(found: Comparison) -> list[str]:
-    """Stiffness by the method to go by, its switches, and how it changes between them."""
+    """Stiffness by the method to go by: over a variable, over time; an impossible sign; how it changes."""
     label = found.leading
     model = found.models[label]
+    lines = _over_variable(found, label)
     known = model.stiffness[np.isfinite(model.stiffness)]
     if not known.size:
-        return [f"{label} estimates no stiffness over time"]
+        return lines or [f"{label} estimates no stiffness over time"]
     lower, upper = found.bands[label]["stiffness"]
     band = mean_of(upper - lower) / 2
     role = ", the one to go by" if isinstance(model, AdaptiveModel) else ""
-    lines = [
-        f"stiffness by {label}{role}: {known.min():.1f} to {known.max():.1f} N·m/rad, {known.mean():.1f} on average, "
-        + (f"95 % band ± {band:.1f}" if np.isfinite(band) else "without a band")
-    ]
+    single = len(found.ensemble) > 1 and "realization" in model.estimates["stiffness"].axes
+    without = "a mean over realizations, of which each has a band of its own" if single else "without a band"
+    lines.append(
+        f"{'over time' if lines else f'stiffness by {label}{role}'}: {known.min():.1f} to {known.max():.1f} N·m/rad, "
+        f"{known.mean():.1f} on average, {f'95 % band ± {band:.1f}' if np.isfinite(band) else without}"
+    )
+    if known.mean() < 0:
+        lines.append(
+            "no joint has a negative stiffness: the torque's sign is probably reversed; read it with --torque-sign -1 "
+            "(torque_sign=-1), or without that"
+        )
     return lines + (changes(model) if isinstance(model, AdaptiveModel) else [])
+
+
+def _over_variable(found: Comparison, label: str) -> list[str]:
+    """Stiffness at both ends and in the middle of a variable that it was estimated over; empty if there is none."""
+    table = found.over_variables()
+    if table.empty or (own := table[(table.method == label) & (table.quantity == "scheduled_stiffness")]).empty:
+        return []
+    at = own.iloc[[0, len(own) // 2, -1]]
+    rows = at[["value", "estimate", "lower", "upper"]].to_numpy(dtype=float)
+    values = [f"{each:.1f} ± {(upper - lower) / 2:.1f} at {value:.3g}" for value, each, lower, upper in rows]
+    return [f"stiffness by {label} over {own.variable.iloc[0]}: {', '.join(values)} (N·m/rad, ± 95 % band)"]
 
 
 def switches(model: Model, quantity: str = "stiffness") -> list[Switch]:
     """Sudden changes that were found; none by a method that does not look for them."""
     found = getattr(model, "switches", ())
     return [each for each in found if each.quantity == quantity and each.probability >= FAINT]
+
+
+def others(found: Comparison) -> str:
+    """What the other methods give for the mean stiffness; empty where there are none."""
+    means = {label: mean_of(model.stiffness) for label, model in found.models.items() if label != found.leading}
+    known = sorted((value, label) for label, value in means.items() if np.isfinite(value))
+    if not known:
+        return ""
+    (low, first), (high, last) = known[0], known[-1]
+    return f"{low:.1f} N·m/rad ({first})" if len(known) == 1 else f"{low:.1f} ({first}) to {high:.1f} N·m/rad ({last})"
 
 
 def why_leading(found: Comparison) -> str:

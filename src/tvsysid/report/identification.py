@@ -19,6 +19,7 @@ from tvsysid.report.answer import (
     further,
     mean_of,
     one_pathway,
+    others,
     reflex_shape,
     switches,
     taken,
@@ -97,7 +98,7 @@ def _illustrations(account: Account) -> dict[str, Illustration]:
     shown = {"answer": [label]} | ({"methods": list(found.models)} if len(found.models) > 1 else {})
     titles = {"answer": f"Impedance over time by {label}", "methods": "Impedance over time by all methods"}
     texts = {
-        "answer": f"{_sentence('; '.join(answer(found)))} With 95 % bands, and the time-varying VAF below.",
+        "answer": "Stiffness, viscosity and inertia by the method to go by, with 95 % bands, and its time-varying VAF.",
         "methods": "Each method’s stiffness, viscosity and inertia, with 95 % bands, and its time-varying VAF.",
     }
     vaf = found.vaf_over_time()
@@ -123,13 +124,26 @@ def _outcome(account: Account, figures: list[page.Block]) -> page.Section:
     found, label = account.found, account.found.leading
     first, *rest = answer(found)
     lines = [_sentence(first), *([_sentence("; ".join(rest))] if rest else [])]
-    lines += [why_leading(found), _trust(account)]
     reflex = _reflex_found(account)
     if reflex and label in one_pathway(found):
         lines.append(f"Part of this stiffness is a reflex: {reflex}.")
+    lines += [why_leading(found), *_differing(account), _trust(account)]
     band = ADAPTIVE_BAND if isinstance(found.models[label], AdaptiveModel) else BAND
     blocks: list[page.Block] = [page.Box(lines), band, *figures, *_quantities(account), *_switches(account)]
     return page.Section("outcome", "The stiffness to report", blocks, contents="Stiffness")
+
+
+def _differing(account: Account) -> list[str]:
+    """What the other methods find on average, and where it says why."""
+    from markupsafe import Markup  # noqa: PLC0415  # only a page needs it
+
+    if not (means := others(account.found)):
+        return []
+    taken_for = ", which take the reflex for stiffness" if _reflex_found(account) else ""
+    blamed = set(one_pathway(account.found)) - {account.found.leading}
+    told = f" ({', '.join(sorted(blamed))}{taken_for})" if blamed and taken_for else ""
+    text = 'By the other methods it is {} on average{}; <a href="#methods">why they differ</a>.'
+    return [Markup(text).format(means, told)]
 
 
 def _trust(account: Account) -> str:
@@ -137,7 +151,8 @@ def _trust(account: Account) -> str:
     held_out, inside = account.held_out_mean(account.found.leading), mean_of(account.found.vaf[account.found.leading])
     sentences = []
     if math.isfinite(held_out):
-        sentences.append(f"It predicts {held_out:.1f} % of the torque’s variance in realizations that were held out.")
+        where = account.where_held_out
+        sentences.append(f"It predicts {held_out:.1f} % of the torque’s variance in {where} that were held out.")
     elif math.isfinite(inside):
         sentences.append(f"It predicts {inside:.1f} % of the variance of the torque that it was identified from.")
     if account.diagnosis is None:
@@ -178,25 +193,30 @@ def _quantities(account: Account) -> list[page.Block]:
 
 
 def _switches(account: Account) -> list[page.Block]:
-    """Sudden changes that the method to go by found."""
+    """Sudden changes that the method to go by found, and those that more likely are none."""
     model = account.found.models[account.found.leading]
-    rows = [
-        page.Row(
-            (
+    rows: dict[bool, list[page.Row]] = {True: [], False: []}
+    for name in IMPEDANCE_UNITS:
+        for each in switches(model, name):
+            cells = (
                 name,
                 page.number(each.time, decimals=3),
                 f"{each.earliest:.3f} to {each.latest:.3f}",
                 page.number(each.size, 1.96 * each.size_error, 1 if name == "stiffness" else 3),
                 page.number(100 * each.probability, decimals=0),
             )
-        )
-        for name in IMPEDANCE_UNITS
-        for each in switches(model, name)
-    ]
-    caption = "Sudden changes: when, most probably between which times (95 %), and by how much (± its 95 % band)."
+            rows[each.probability > 0.5].append(page.Row(cells))
+    told = "when, most probably between which times (95 %), and by how much (± its 95 % band)."
+    captions = {
+        True: f"Sudden changes: {told}",
+        False: f"More likely no sudden change than one, but if there is: {told}",
+    }
     columns = [page.Column("quantity"), page.Column("at", "s", "number"), page.Column("between", "s", "number")]
     columns += [page.Column("change", kind="number"), page.Column("probability", "%", "number")]
-    return [page.Table("Switches", caption, columns, rows, narrow=True)] if rows else []
+    labels = {True: "Switches", False: "Switches that are unlikely"}
+    return [
+        page.Table(labels[there], captions[there], columns, rows[there], narrow=True) for there in rows if rows[there]
+    ]
 
 
 def _made(account: Account) -> page.Section:
@@ -241,9 +261,10 @@ def _diagnosed(account: Account) -> page.Section:
     blocks: list[page.Block] = [_sentence(diagnosis.verdict)]
     blocks += findings_table(diagnosis, account.source.get("file", "the ensemble"))
     blocks += [_sentence(line) for line in diagnosis.notes]
+    what = "the ensemble as it was identified" if len(account.found.ensemble) > 1 else "the record in pieces"
     blocks.append(
-        "This is the ensemble as it was identified. tvsysid inspect FILE --diagnose, with the same options, looks at "
-        "the recorded rate, where clipped and lost signals show better, and draws what it sees."
+        f"This is {what}. tvsysid inspect FILE --diagnose, with the same options, looks at the recorded rate, where "
+        "clipped and lost signals show better, and draws what it sees."
     )
     return page.Section("diagnosis", title, blocks, contents="Diagnosis")
 
@@ -369,5 +390,5 @@ def _again(command: str) -> page.Section:
 
 
 def _sentence(text: str) -> str:
-    """Text as a sentence, whose numbers are not parted from their signs and units."""
-    return f"{text[:1].upper()}{text[1:]}.".replace("± ", "±\u00a0").replace(" %", "\u00a0%")
+    """Text as a sentence."""
+    return f"{text[:1].upper()}{text[1:]}."

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -186,7 +187,15 @@ def _template(name: str) -> Template:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters["typeset"] = typeset
     return environment.get_template(name)
+
+
+def typeset(text: str) -> str:
+    """Text whose numbers have the minus sign of tables, and stay with their signs and units; options stay as typed."""
+    kind = type(text)  # markup stays markup
+    text = re.sub(r"(--[\w-]+ -\d)|(?<![\w=-])-(?=\d)", lambda found: found[1] or "−", text)
+    return kind(text.replace("± ", "±\u00a0").replace(" %", "\u00a0%"))
 
 
 def number(value: float, error: float = math.nan, decimals: int | None = None) -> Cell:

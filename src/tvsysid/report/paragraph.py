@@ -125,10 +125,11 @@ def _results(account: Account, label: str) -> list[str]:
     ]
     held_out, inside = account.held_out_mean(label), mean_of(found.vaf[label])
     if np.isfinite(held_out):
-        folds = min(FOLDS, len(found.ensemble))
+        count_of = min(FOLDS, len(found.ensemble))
+        folds = f" ({count_of} folds of consecutive realizations)" if count_of > 1 else ""
         sentences.append(
-            f"It accounted for {held_out:.1f} % of the variance of the torque in realizations that it was not "
-            f"identified from ({folds} folds of consecutive realizations), and for {inside:.1f} % in those that it was."
+            f"It accounted for {held_out:.1f} % of the variance of the torque in {account.where_held_out} that it was "
+            f"not identified from{folds}, and for {inside:.1f} % in what it was."
         )
     elif np.isfinite(inside):
         sentences.append(f"It accounted for {inside:.1f} % of the variance of the torque that it was identified from.")

@@ -24,7 +24,7 @@ from tvsysid.methods.base import SkippedError, inputs_of
 from tvsysid.methods.travel import pickled
 from tvsysid.metrics import time_varying_vaf, vaf
 from tvsysid.models import Model
-from tvsysid.numerics.bands import mean_known
+from tvsysid.numerics.bands import mean_known, mean_of
 from tvsysid.recommendation import Recommendation, recommend
 from tvsysid.showing import Progress, Shown, reported, summary_html
 from tvsysid.signals import Array, Ensemble
@@ -112,15 +112,15 @@ class Comparison(Shown, Frozen):
             rows.append(
                 {
                     "method": label,
-                    "stiffness (N·m/rad)": _mean(stiffness),
-                    "half_band (N·m/rad)": _mean((upper - lower) / 2),
+                    "stiffness (N·m/rad)": mean_of(stiffness),
+                    "half_band (N·m/rad)": mean_of((upper - lower) / 2),
                     "lowest (N·m/rad)": stiffness[lowest],
                     "lowest at (s)": model.time[lowest],
                     "highest (N·m/rad)": stiffness[highest],
                     "highest at (s)": model.time[highest],
-                    "viscosity (N·m·s/rad)": _mean(model.viscosity),
-                    "inertia (kg·m²)": _mean(model.inertia),
-                    "VAF (%)": _mean(self.vaf[label]),
+                    "viscosity (N·m·s/rad)": mean_of(model.viscosity),
+                    "inertia (kg·m²)": mean_of(model.inertia),
+                    "VAF (%)": mean_of(self.vaf[label]),
                 }
             )
         return pd.DataFrame(rows)
@@ -204,7 +204,7 @@ class Comparison(Shown, Frozen):
                 try:
                     found[label][part] = _vaf_of(self.methods[label], ensemble, part, label, limit)
                 except Exception as error:  # a method of one's own may raise anything
-                    failed.setdefault(label, str(error) if isinstance(error, InputError) else describe_error(error))
+                    failed.setdefault(label, _reason(error))
         for reason in dict.fromkeys(failed.values()):
             labels = ", ".join(label for label, own in failed.items() if own == reason)
             text = f"{labels}: no held-out VAF where a fold of the realizations cannot be left out: {reason}"
@@ -313,7 +313,7 @@ def compare(
             except SkippedError as error:
                 skipped[label] = str(error)
             except Exception as error:
-                failed[label] = str(error) if isinstance(error, InputError) else describe_error(error)
+                failed[label] = _reason(error)
         models = {label: each.model for label, each in found.items()}
         bands = {label: _bands_of(label, model) for label, model in models.items()}
     if not models:
@@ -385,6 +385,5 @@ def _bands_of(label: str, model: Model) -> dict[str, tuple[Array, Array]]:
     return bands
 
 
-def _mean(values: Array) -> float:
-    known = values[np.isfinite(values)]
-    return float(known.mean()) if known.size else float("nan")
+def _reason(error: Exception) -> str:
+    return str(error) if isinstance(error, InputError) else describe_error(error)

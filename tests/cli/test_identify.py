@@ -92,7 +92,7 @@ def test_simulate_then_identify(tvsysid, tmp_path, name):
         assert "several visits of one person take --sheet" in err
 
 
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("undrawn", "not_held_out")
 def test_by_default_the_answer_comes_first(tvsysid, tmp_path):
     tvsysid("simulate", "joint.mat", "--duration", 40)
     code, out, _ = tvsysid("identify", "joint.mat", *IDENTIFY)
@@ -111,7 +111,7 @@ def test_by_default_the_answer_comes_first(tvsysid, tmp_path):
     assert list(dict.fromkeys(frame.method)) == list(DEFAULT_METHODS)
 
 
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("undrawn", "not_held_out")
 def test_reversed_torque_warns_in_one_line(tvsysid):
     tvsysid("simulate", "joint.mat", "--duration", 60)
     code, _, err = tvsysid("identify", "joint.mat", *IDENTIFY, "--torque-sign", -1, "--method", "sds")
@@ -120,7 +120,7 @@ def test_reversed_torque_warns_in_one_line(tvsysid):
     assert "warning: sds: stiffness is negative at" in err
 
 
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("undrawn", "not_held_out")
 def test_trials_and_degrees(tvsysid, tmp_path):
     tvsysid("simulate", "joint.mat", "--duration", 60, "--snr", 30)
     from scipy.io import loadmat, savemat
@@ -141,7 +141,7 @@ def test_trials_and_degrees(tvsysid, tmp_path):
     assert table.stiffness.mean() == pytest.approx(100, abs=3)
 
 
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("undrawn", "not_held_out")
 def test_identify_takes_other_formats(tvsysid, tmp_path):
     tvsysid("simulate", "joint.mat", "--duration", 60)
     from scipy.io import loadmat
@@ -156,7 +156,7 @@ def test_identify_takes_other_formats(tvsysid, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("undrawn", "not_held_out")
 def test_a_delay_is_corrected_and_said_with_its_effect(tvsysid, tmp_path):
     tvsysid("simulate", "joint.mat", "--duration", 40, "--perturbation", "prbs", "--snr", 20)
     signals = loadmat(tmp_path / "joint.mat")
@@ -178,6 +178,7 @@ def test_a_delay_is_corrected_and_said_with_its_effect(tvsysid, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("not_held_out")
 def test_identify_with_settings_from_the_data(tvsysid, tmp_path, request):
     tvsysid("simulate", "joint.mat", "--duration", 40)
     methods = ("--method", "birf", "--method", "kbr")
@@ -214,7 +215,7 @@ def test_a_method_of_ones_own_cannot_be_tuned(tvsysid, tmp_path):
     assert "leave out tune (--tune), and write key:tuned=true" in err
 
 
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("undrawn", "not_held_out")
 @pytest.mark.slow
 def test_a_reflex_that_methods_take_for_stiffness_is_warned_of(tvsysid):
     tvsysid("simulate", "reflex.mat", "--system", "reflex", "--stiffness", "constant", "--duration", 40)

@@ -9,6 +9,7 @@ import numpy as np
 
 from tvsysid.figures import style
 from tvsysid.numerics import Array
+from tvsysid.numerics.bands import mean_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,13 +30,12 @@ class Visit(NamedTuple):
     @property
     def mean(self) -> float:
         """Mean over time."""
-        return float(np.nanmean(self.stiffness))
+        return mean_of(self.stiffness)
 
     @property
     def half_band(self) -> float:
         """Half width of the band, its mean over time; NaN without one."""
-        known = np.isfinite(self.upper - self.lower)
-        return float(np.mean((self.upper - self.lower)[known]) / 2) if known.any() else float("nan")
+        return mean_of(self.upper - self.lower) / 2
 
 
 @style.styled

@@ -68,6 +68,12 @@ def _check(level: float) -> None:
         raise InputError(f"level: expected a probability between 0 and 1, such as 0.95, got {level!r}")
 
 
+def mean_of(values: Array) -> float:
+    """Mean of what is known; NaN of nothing."""
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if known.size else float("nan")
+
+
 def mean_known(values: Array) -> Array:
     """Mean over the first axis, NaN left out; NaN of nothing."""
     return mean_and_spread(values)[0]

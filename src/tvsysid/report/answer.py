@@ -15,6 +15,7 @@ from tvsysid.figures.words import unit_name
 from tvsysid.methods.adaptive.model import AdaptiveModel, Switch
 from tvsysid.methods.adaptive.words import FAINT, changes
 from tvsysid.models import Model
+from tvsysid.numerics.bands import mean_of
 from tvsysid.quality import Diagnosis
 from tvsysid.signals import Array
 
@@ -61,12 +62,6 @@ class Further(NamedTuple):
     over: str
     values: Array
     half_band: float
-
-
-def mean_of(values: Array) -> float:
-    """Mean of what is known; NaN where nothing is."""
-    known = values[np.isfinite(values)]
-    return float(known.mean()) if known.size else float("nan")
 
 
 def answer(found: Comparison) -> list[str]:

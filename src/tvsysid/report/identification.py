@@ -11,13 +11,13 @@ import numpy as np
 from tvsysid.figures import Illustration, draw_all, identified_impedance, scheduled_estimates
 from tvsysid.figures.words import count, unit_name
 from tvsysid.methods.adaptive.model import AdaptiveModel
+from tvsysid.numerics.bands import mean_of
 from tvsysid.report import page
 from tvsysid.report.answer import (
     IMPEDANCE_UNITS,
     Account,
     answer,
     further,
-    mean_of,
     one_pathway,
     others,
     reflex_shape,
@@ -139,9 +139,9 @@ def _differing(account: Account) -> list[str]:
 
     if not (means := others(account.found)):
         return []
-    taken_for = ", which take the reflex for stiffness" if _reflex_found(account) else ""
-    blamed = set(one_pathway(account.found)) - {account.found.leading}
-    told = f" ({', '.join(sorted(blamed))}{taken_for})" if blamed and taken_for else ""
+    blamed = [label for label in one_pathway(account.found) if label != account.found.leading]
+    who = "all" if len(blamed) == len(account.found.models) - 1 else ", ".join(blamed)
+    told = f" ({who} take the reflex for stiffness)" if blamed and _reflex_found(account) else ""
     text = 'By the other methods it is {} on average{}; <a href="#methods">why they differ</a>.'
     return [Markup(text).format(means, told)]
 

@@ -13,7 +13,8 @@ from tvsysid.figures.words import count
 from tvsysid.methods.apply import Identifies
 from tvsysid.methods.references import bibliography, cited
 from tvsysid.methods.tuning.evidence import Tuned
-from tvsysid.report.answer import Account, mean_of
+from tvsysid.numerics.bands import mean_of
+from tvsysid.report.answer import Account
 from tvsysid.signals import Ensemble
 
 

@@ -37,6 +37,7 @@ ends = 1
 """
 
 
+@pytest.mark.usefixtures("sketched")
 def test_virtual_participants(tvsysid, tmp_path, request):
     words = ("experiment", "--virtual", 1, "--perturbation", "prbs", "--method", "birf", "--realizations", 20)
     words = (*words, "--bootstraps", 3, "--workers", 1)

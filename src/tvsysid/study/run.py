@@ -111,7 +111,7 @@ def run(
         with open_store(path, source.layout) as opened:
             source.begin(opened)
             with reported(progress, "studying") as advance:
-                carry_out_missing(opened, source.task_at, workers, executor, advance, time_limit)
+                carry_out_missing(opened, source, workers, executor, advance, time_limit)
             results = source.completed(opened.results())
         return results.load() if store is None else results
 

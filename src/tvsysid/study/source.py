@@ -34,6 +34,10 @@ class Source(ABC):
     def task_at(self, place: Place) -> Task:
         """The task for a place of the store."""
 
+    def rank(self, place: Place) -> tuple[int, int]:
+        """The higher, the longer its task is expected to take: in a study, that of the last scenario."""
+        return place
+
     def begin(self, store: Store) -> None:  # noqa: B027  # most have nothing to do
         """See to what is in the store before anything is run."""
 
@@ -109,6 +113,10 @@ class Recordings(Source):
             methods={f"{analysis.name} on {item.recorded.label}": self._methods[analysis.name]},
             reason=item.failure,
         )
+
+    def rank(self, place: Place) -> tuple[int, int]:
+        """The last methods, and most realizations, take longest, whatever the recording."""
+        return place[1], place[0]
 
     def begin(self, store: Store) -> None:
         """Forget what was identified from other data, and write what became of the recordings."""

@@ -18,6 +18,7 @@ from typing import Any
 
 from tvsysid.errors import InputError, describe_error
 from tvsysid.limits import TIME_LIMIT
+from tvsysid.study.source import Source
 from tvsysid.study.store import Place, Store
 from tvsysid.study.task import Outcome, Task, carry_out, given_up
 
@@ -34,20 +35,21 @@ def cores() -> int:
 
 def carry_out_missing(
     store: Store,
-    task_at: Callable[[Place], Task],
+    source: Source,
     workers: int | None = None,
     executor: Executor | None = None,
     progress: Callable[[int, int], object] | None = None,
     time_limit: float = TIME_LIMIT,
 ) -> None:
     """Carry out the tasks of a study that its store lacks, and write what comes back; arguments are those of `run`."""
-    # The last ones first: in an experiment those of a recording that take longest, which must not begin last.
-    places, total, run = store.missing()[::-1], len(store.places), uuid.uuid4().hex
+    # Those that take longest must not begin last.
+    places = sorted(store.missing(), key=source.rank, reverse=True)
+    total, run = len(store.places), uuid.uuid4().hex
     done = total - len(places)
     left_out: dict[str, str] = {}
 
     def limited(place: Place) -> Task:
-        return replace(task_at(place), left_out=dict(left_out), time_limit=time_limit, run=run)
+        return replace(source.task_at(place), left_out=dict(left_out), time_limit=time_limit, run=run)
 
     if progress is not None:
         progress(done, total)

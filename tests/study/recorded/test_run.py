@@ -3,6 +3,7 @@
 import multiprocessing
 import shutil
 import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -198,6 +199,21 @@ def test_a_doubt_is_told_once_with_how_often_it_was_met(small):
     text = str(results.warnings.values[0, 0])
     assert text.count("20 realizations are fewer than the 31 lags") == 1
     assert "(4 of 4 draws)" in text
+
+
+def test_the_longest_tasks_begin_first(small):
+    begun = []
+
+    class Executor(ThreadPoolExecutor):
+        def submit(self, function, task):
+            begun.append(task.label)
+            return super().submit(function, task)
+
+    experiment = Experiment(**SMALL | {"methods": ["esm", "birf"], "bootstraps": 2})
+    with Executor(1) as executor:
+        run(experiment, prepared=small.prepared, executor=executor)
+    analyses = [label.partition(" of ")[0] for label in begun]  # each of two recordings
+    assert analyses[::2] == analyses[1::2] == ["birf-20", "birf-10", "esm-20", "esm-10"]
 
 
 def run_small(prepared, path, workers, start):

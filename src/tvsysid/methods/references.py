@@ -59,6 +59,7 @@ REFERENCES: dict[str, Reference] = {
         TBME,
         "39",
         "1213-1225",
+        "10.1109/10.184697",
     ),
     "ludvig2012": _article(
         "Ludvig and Perreault, 2012",
@@ -85,7 +86,8 @@ REFERENCES: dict[str, Reference] = {
         "Unbiased estimation of human joint intrinsic mechanical properties during movement",
         TNSRE,
         "26",
-        doi="10.1109/TNSRE.2018.2870330",
+        "1975-1984",
+        "10.1109/TNSRE.2018.2870330",
     ),
     "lataire2017": _article(
         "Lataire et al., 2017",
@@ -93,6 +95,8 @@ REFERENCES: dict[str, Reference] = {
         "Continuous-time linear time-varying system identification with a frequency-domain kernel-based estimator",
         "IET Control Theory \\& Applications",
         "11",
+        "457-465",
+        "10.1049/iet-cta.2016.0385",
     ),
     "cavallo2020": Reference(
         "Cavallo et al., 2020",
@@ -101,8 +105,10 @@ REFERENCES: dict[str, Reference] = {
             "author": "Cavallo, Gaia and Schouten, Alfred C. and Lataire, John",
             "title": "Locally periodic kernel-based regression to identify time-varying ankle impedance during "
             "locomotion: a simulation study",
-            "booktitle": "IEEE RAS/EMBS International Conference for Biomedical Robotics and Biomechatronics (BioRob)",
+            "booktitle": "Annual International Conference of the IEEE Engineering in Medicine and Biology Society",
             "year": "2020",
+            "pages": "4835--4838",
+            "doi": "10.1109/EMBC44109.2020.9175835",
         },
     ),
     "kearney1997": _article(
@@ -112,6 +118,7 @@ REFERENCES: dict[str, Reference] = {
         TBME,
         "44",
         "493-504",
+        "10.1109/10.581944",
     ),
     "ludvig2011": _article(
         "Ludvig et al., 2011",
@@ -128,6 +135,8 @@ REFERENCES: dict[str, Reference] = {
         "A subspace approach to the structural decomposition and identification of ankle joint dynamic stiffness",
         TBME,
         "64",
+        "1357-1368",
+        "10.1109/TBME.2016.2604293",
     ),
     "jalaleddini2017segments": _article(
         "Jalaleddini, Golkar and Kearney, 2017",
@@ -135,6 +144,8 @@ REFERENCES: dict[str, Reference] = {
         "Measurement of dynamic joint stiffness from multiple short data segments",
         TNSRE,
         "25",
+        "925-934",
+        "10.1109/TNSRE.2017.2659749",
     ),
     "sobhani2013": Reference(
         "Sobhani Tehrani et al., 2013",
@@ -146,6 +157,7 @@ REFERENCES: dict[str, Reference] = {
             "booktitle": "35th Annual International Conference of the IEEE Engineering in Medicine and Biology Society",
             "year": "2013",
             "pages": "4923--4927",
+            "doi": "10.1109/EMBC.2013.6610652",
         },
     ),
     "sobhani2015": _article(
@@ -162,6 +174,8 @@ REFERENCES: dict[str, Reference] = {
         "Non-parametric estimate of the system function of a time-varying system",
         "Automatica",
         "48",
+        "666-672",
+        "10.1016/j.automatica.2012.01.013",
     ),
     "piovesan2012": _article(
         "Piovesan et al., 2012",
@@ -170,6 +184,8 @@ REFERENCES: dict[str, Reference] = {
         "approach",
         "PLoS ONE",
         "7",
+        "e33086",
+        "10.1371/journal.pone.0033086",
     ),
 }
 """By key of BibTeX. Pages and DOI are there where they were checked."""

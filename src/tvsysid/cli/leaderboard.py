@@ -71,20 +71,18 @@ def leaderboard(
     with waiting("scoring and drawing"):
         table = write_leaderboard(study, results.load(), out)
     _show(table)
-    complete = print_met(results, problems(results), "trials", "trials")
+    failed = [each for each in problems(results) if each["kind"] == "failed"]  # the page has all else
+    complete = print_met(results, failed, "trials", "trials")
     say_written(out, [*FILES, STORE])
     if not complete:
         raise typer.Exit(1)
 
 
 def _show(table: pd.DataFrame) -> None:
-    rows = [
-        (
-            f"{each['rank']}",
-            each["entry"],
-            f"{each['score']:.2f} ± {each['score_error']:.2f}",
-            f"{each['coverage']:.1f}",
-        )
-        for each in table.to_dict("records")
+    numbers = table[["score", "score_error", "coverage"]].to_numpy()
+    texts = [
+        [f"{each:.{places}f}".replace("nan", "-") for each, places in zip(row, (2, 2, 1), strict=True)]
+        for row in numbers
     ]
-    show_table("leaderboard", ["rank", "entry", "score (%)", "in 95 % band (%)"], rows, "rlrr")
+    rows = [(str(rank), entry, *row) for rank, entry, row in zip(table["rank"], table.entry, texts, strict=True)]
+    show_table("leaderboard", ["rank", "entry", "score\n(%)", "±\n(%)", "in 95 % band\n(%)"], rows, "rl")

@@ -165,7 +165,11 @@ class Pilot:
         frequencies, noise = _density(left, rate, left.shape[1])
         at, movement = _density(ensemble.angle, rate, ensemble.angle.shape[1])
         movement = np.interp(frequencies, at, movement) * scale
-        notes = ("a reflex is found, which the plan leaves out",) if "reflex_gain" in model.estimates else ()
+        notes = (
+            ("a reflex is found, which the plan leaves out; methods of one pathway scatter more than it says",)
+            if "reflex_gain" in model.estimates
+            else ()
+        )
         return cls(
             _filled(model.stiffness, times),
             _filled(model.viscosity, times),

@@ -126,10 +126,8 @@ class Comparison(Shown, Frozen):
         return pd.DataFrame(rows)
 
     def vaf_over_time(self) -> dict[str, Array]:
-        """``time_varying_vaf`` for pictures: NaN of a single realization, over which there is no variance."""
-        if len(self.ensemble) > 1:
-            return dict(self.time_varying_vaf)
-        return {label: np.full(self.ensemble.samples, np.nan) for label in self.models}
+        """``time_varying_vaf`` for pictures: none of a single realization, over which there is no variance."""
+        return dict(self.time_varying_vaf) if len(self.ensemble) > 1 else {}
 
     def held_out_vaf(
         self, folds: int = FOLDS, *, progress: Progress | None = None, time_limit: float = TIME_LIMIT

@@ -68,8 +68,6 @@ def _varying_vaf(axes: Axes, models: Mapping[str, Model], vaf: Mapping[str, Arra
     for label, model in reversed(list(models.items())):
         curve = looks[label].curve(len(model.time), list(models).index(label), len(models))
         axes.plot(model.time, vaf[label], linewidth=_width(label, models), **curve)
-    if not any(np.isfinite(vaf[label]).any() for label in models):
-        style.remark(axes, "takes several realizations")
     axes.set_ylabel("time-varying VAF (%)")
     axes.set_ylim(0, 102)
     axes.set_xlabel(style.REALIZATION_TIME)

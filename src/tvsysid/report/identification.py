@@ -97,11 +97,12 @@ def _illustrations(account: Account) -> dict[str, Illustration]:
     found, label = account.found, account.found.leading
     shown = {"answer": [label]} | ({"methods": list(found.models)} if len(found.models) > 1 else {})
     titles = {"answer": f"Impedance over time by {label}", "methods": "Impedance over time by all methods"}
-    texts = {
-        "answer": "Stiffness, viscosity and inertia by the method to go by, with 95 % bands, and its time-varying VAF.",
-        "methods": "Each method’s stiffness, viscosity and inertia, with 95 % bands, and its time-varying VAF.",
-    }
     vaf = found.vaf_over_time()
+    below = ", and the time-varying VAF" if vaf else ""
+    texts = {
+        "answer": f"Stiffness, viscosity and inertia by the method to go by, with 95 % bands{below}.",
+        "methods": f"Each method’s stiffness, viscosity and inertia, with 95 % bands{below}.",
+    }
     drawn = {
         stem: Illustration(
             partial(identified_impedance, {each: found.models[each] for each in labels}, vaf), titles[stem], texts[stem]

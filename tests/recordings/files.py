@@ -1,5 +1,6 @@
 """The same two signals in files of every format, as laboratories' programs write them."""
 
+import json
 import warnings
 
 import h5py
@@ -84,6 +85,42 @@ def write_c3d(file, angle, torque):
     content.write(str(file))
 
 
+def write_series(root, path, values, unit, rate=200.0, timestamps=None, **attributes):
+    """One time series as NWB has it."""
+    group = root.create_group(path)
+    group.create_dataset("data", data=values).attrs.update(
+        {"unit": unit, "conversion": 1.0, "offset": 0.0} | attributes
+    )
+    if timestamps is None:
+        group.create_dataset("starting_time", data=0.0).attrs.update({"rate": rate, "unit": "seconds"})
+    else:
+        group["timestamps"] = timestamps
+
+
+def write_nwb(file, angle, torque):
+    with h5py.File(file, "w") as root:
+        write_series(root, "pos", angle, "rad")
+        write_series(root, "tq", torque, "N m", timestamps=3 + np.arange(len(torque)) / 200)
+
+
+def write_motion(file, angle, torque):
+    """Motion-BIDS, and what describes it beside it."""
+    stem = file.name.removesuffix("motion.tsv")
+    rows = ["name\ttype\tunits", "pos\tJNTANG\trad", "tq\tMISC\tN m"]
+    np.savetxt(file, np.stack([angle, torque], axis=1), fmt="%.17g", delimiter="\t")
+    (file.parent / f"{stem}channels.tsv").write_text("\n".join(rows))
+    (file.parent / f"{stem}motion.json").write_text(json.dumps({"SamplingFrequency": 200}))
+
+
+def write_edf(file, angle, torque):
+    edfio = pytest.importorskip("edfio", reason="edfio is not installed")
+    bdf = file.suffix == ".bdf"
+    signal, recording = (edfio.BdfSignal, edfio.Bdf) if bdf else (edfio.EdfSignal, edfio.Edf)
+    kinds = (("pos", "rad", angle), ("tq", "Nm", torque))
+    signals = [signal(each, 200.0, label=name, physical_dimension=unit) for name, unit, each in kinds]
+    recording(signals, data_record_duration=0.1).write(file)
+
+
 def cells(*texts):
     array = np.empty((1, len(texts)), dtype=object)
     array[0] = [np.array([text]) for text in texts]
@@ -116,6 +153,52 @@ def write_object(file, values, age):
         matio.save_to_mat(str(file), {"io": MatlabOpaque(values, "nldat")}, version="v7" if age == "v7" else "v7.3")
 
 
+def write_gait(file, angle, torque):
+    """As models of the body are stored: in points, in degrees and N·mm."""
+    ezc3d = pytest.importorskip("ezc3d", reason="ezc3d is not installed")
+    content = ezc3d.c3d()
+    about = content["parameters"]["POINT"]
+    about["RATE"]["value"], about["UNITS"]["value"] = [200.0], ["mm"]
+    about["LABELS"]["value"] = ["LANK", "LAnkleAngles", "LAnkleMoment"]
+    for name, value in {
+        "ANGLES": "LAnkleAngles",
+        "ANGLE_UNITS": "deg",
+        "MOMENTS": "LAnkleMoment",
+        "MOMENT_UNITS": "Nmm",
+    }.items():
+        content.add_parameter("POINT", name, [value])
+    points = np.ones((4, 3, len(angle)))
+    points[0, 1], points[2, 2] = np.degrees(angle), 1000 * torque
+    content["data"]["points"] = points
+    content.write(str(file))
+
+
+def parameters(**values):
+    """Objects of the toolbox's class `param`, in cells, as matio cannot write an array of them within an object."""
+    from matio.utils import MatlabOpaque
+
+    items = np.empty((1, len(values)), dtype=object)
+    for number, (name, value) in enumerate(values.items()):
+        box = np.empty((1, 1), dtype=object)
+        box[0, 0] = np.array([[np.nan]]) if value is None else np.atleast_2d(value).astype(float)
+        about = {"paramName": np.array([name]), "paramValue": box, "paramDefault": np.array([[1.0]])}
+        items[0, number] = MatlabOpaque(about, "param")
+    return items
+
+
+def write_segdat(file, signals, kind, onsets, lengths):
+    if kind == "struct":
+        savemat(file, {"io": nldat(signals, onsetPointer=np.array(onsets), segLength=np.array(lengths))})
+        return
+    import matio
+    from matio.utils import MatlabOpaque
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of pandas, about options that the library sets
+        values = nldat(signals, parameterSet=parameters(onsetPointer=onsets, segLength=lengths))
+        matio.save_to_mat(str(file), {"io": MatlabOpaque(values, "segdat")}, version=kind)
+
+
 WRITERS = {
     "v5.mat": write_mat,
     "v73.mat": write_mat_73,
@@ -128,4 +211,8 @@ WRITERS = {
     "classic.nc": write_netcdf_3,
     "ankle.parquet": write_parquet,
     "ankle.c3d": write_c3d,
+    "ankle.nwb": write_nwb,
+    "sub-1_motion.tsv": write_motion,
+    "ankle.edf": write_edf,
+    "ankle.bdf": write_edf,
 }

@@ -16,6 +16,7 @@ import time
 from collections import Counter
 from contextlib import contextmanager
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
@@ -93,6 +94,24 @@ def write_own(file, angle, torque):
         undated(file)
 
 
+def write_nwb(file, angle, torque):
+    """Every way to say what numbers and times mean."""
+    times = np.arange(len(angle)) / 200
+    with h5py.File(file, "w", track_order=True) as root:
+        files.write_series(root, "acquisition/pos", (1000 * angle).astype("i2"), "rad", conversion=1e-3, offset=0.5)
+        files.write_series(root, "processing/motor/tq", np.stack([torque, angle], axis=1), "N m", timestamps=times)
+        root["processing/motor/tq/channel_conversion"] = [1.0, 2.0]
+        linked = h5py.SoftLink("/processing/motor/tq/timestamps")
+        files.write_series(root, "stimulus/presentation/command", angle, "rad", timestamps=linked)
+        root.create_dataset("acquisition/emg/data", data=angle, compression="gzip")
+        root["acquisition/emg/timestamps"] = times
+
+
+def write_segdat(file, angle, torque):
+    files.write_segdat(file, [angle, torque], "struct", [1, 31], [20, 30])
+    undated(file)
+
+
 OWN = ("recording.nc", "ensemble.nc", "recording.mat", "ensemble.mat")
 SEEDS = {
     "version4.mat": write_mat_4,
@@ -104,8 +123,14 @@ SEEDS = {
     "every.h5": write_hdf5,
     "every.nc": write_hdf5,
     "every.parquet": write_parquet,
+    "every.nwb": write_nwb,
+    "gait.c3d": files.write_gait,
+    "segments.mat": write_segdat,
 } | {name: files.WRITERS[name] for name in files.WRITERS if name not in ("v5.mat", "ankle.hdf5")}
 SEEDS |= dict.fromkeys(OWN, write_own)
+if find_spec("edfio") is None:
+    SEEDS = {name: write for name, write in SEEDS.items() if not name.endswith((".edf", ".bdf"))}
+MOTION, DESCRIPTIONS = "sub-1_motion.tsv", ("sub-1_channels.tsv", "sub-1_motion.json")  # which are damaged as well
 INSIDE = {
     "version7.mat": mutations.inside_mat,
     "recording.mat": mutations.inside_mat,
@@ -114,6 +139,8 @@ INSIDE = {
     "ankle.npz": mutations.inside_zip,
     "ankle.h5": mutations.inside_chunk,
     "every.h5": mutations.inside_chunk,
+    "every.nwb": mutations.inside_chunk,
+    "segments.mat": mutations.inside_mat,
 }
 
 
@@ -123,7 +150,7 @@ def sound_files(folder):
     signals = random.normal(scale=0.1, size=60), random.normal(size=60)
     for name, write in SEEDS.items():
         write(folder / name, *signals)
-    return {name: (folder / name).read_bytes() for name in SEEDS}
+    return {name: (folder / name).read_bytes() for name in (*SEEDS, *DESCRIPTIONS)}
 
 
 def mutant(sound, seed, number):
@@ -209,7 +236,7 @@ class Reader:
 def reader_of(folder):
     """Sound files, and a process that has read them."""
     sound = sound_files(folder)
-    reader = Reader(folder, [str(folder / name) for name in sound])
+    reader = Reader(folder, [str(folder / name) for name in SEEDS])
     try:
         yield sound, reader
     finally:
@@ -220,9 +247,13 @@ def attack(folder, sound, reader, seed, numbers):
     """Outcome of each mutant."""
     for number in numbers:
         name, content = mutant(sound, seed, number)
+        for other in (MOTION, *DESCRIPTIONS):  # the others are sound
+            (folder / f"mutant-{other}").write_bytes(sound[other])
         file = folder / f"mutant-{name}"
         file.write_bytes(content)
-        yield Outcome(name, number, content, **reader.read(file))
+        yield Outcome(
+            name, number, content, **reader.read(file.with_name(f"mutant-{MOTION}") if name in DESCRIPTIONS else file)
+        )
 
 
 def main():

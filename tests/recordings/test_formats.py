@@ -1,4 +1,5 @@
 import pickle
+import sys
 import tracemalloc
 
 import h5py
@@ -7,7 +8,17 @@ import pytest
 import xarray as xr
 from scipy.io import savemat
 from scipy.io.matlab import MatlabObject
-from tests.recordings.files import WRITERS, cells, nldat, write_hdf5, write_mat_73, write_object
+from tests.recordings.files import (
+    WRITERS,
+    cells,
+    nldat,
+    write_gait,
+    write_hdf5,
+    write_mat_73,
+    write_object,
+    write_segdat,
+    write_series,
+)
 
 import tvsysid as tv
 from tvsysid.recordings import describe_file, limits
@@ -34,7 +45,8 @@ def read(file, sampling_rate=200.0, **settings):
 
 def test_every_format_gives_the_same_recording(file, signals):
     recording = read(file)
-    exact = {"rtol": 1e-6, "atol": 1e-8} if file.suffix == ".c3d" else {"rtol": 0 if file.suffix != ".csv" else 1e-15}
+    exact = {".c3d": {"rtol": 1e-6, "atol": 1e-8}, ".csv": {"rtol": 1e-15}, ".edf": {"rtol": 0, "atol": 1e-4}}
+    exact = exact.get(file.suffix, {"rtol": 0, "atol": 1e-6 if file.suffix == ".bdf" else 0})  # of 16 and 24 bits
     np.testing.assert_allclose(recording.angle, signals[0], **exact)
     np.testing.assert_allclose(recording.torque, signals[1], **exact)
 
@@ -43,7 +55,7 @@ def test_what_is_stated_is_described_and_contradictions_warn(file):
     described = describe_file(file)
     assert set(np.ravel(described["pos"].shape)) <= {600, 1}
     assert described["tq"].dtype == "float64"
-    if file.suffix in (".csv", ".tsv"):
+    if file.name in ("ankle.csv", "ankle.tsv"):
         assert (described["pos"].unit, described["pos"].sampling_rate) == ("", None)
         read(file, 500.0)
         return
@@ -72,7 +84,7 @@ def test_a_truncated_file_is_refused_wherever_it_is_cut(file):
 
 
 def test_damage_never_ends_in_another_error(file, random):
-    if file.suffix in (".h5", ".hdf5", ".c3d"):
+    if file.suffix in (".h5", ".hdf5", ".nwb", ".c3d"):
         pytest.skip("some of these take the five seconds that a file may take; the fuzzer tries them")
     content = file.read_bytes()
     for _ in range(25):
@@ -93,9 +105,10 @@ def test_a_renamed_file_is_told_what_it_is(file, other):
     renamed = file.rename(file.with_suffix(other))
     kinds = {"ankle.hdf5": "an HDF5", "ankle.h5": "an HDF5", "ankle.nc": "an HDF5", "classic.nc": "a NetCDF"}
     kinds |= {"v5.mat": "a MAT file of version 5", "v73.mat": "a MAT file of version 7.3", "ankle.c3d": "a C3D"}
+    kinds |= {"ankle.nwb": "an HDF5", "sub-1_motion.tsv": "text", "ankle.edf": "an EDF", "ankle.bdf": "a BDF"}
     kinds |= {"ankle.npz": "a ZIP", "ankle.parquet": "a Parquet", "ankle.csv": "text", "ankle.tsv": "text"}
     kind = kinds[file.name]
-    own = {"an HDF5": (".h5", ".hdf5", ".nc"), "text": (".csv", ".tsv")}.get(kind, (file.suffix,))
+    own = {"an HDF5": (".h5", ".hdf5", ".nc", ".nwb"), "text": (".csv", ".tsv")}.get(kind, (file.suffix,))
     if other in own:
         return
     with pytest.raises(tv.InputError, match=rf"{renamed.name}: not a .* that can be read: by its content it is {kind}"):
@@ -333,3 +346,178 @@ def test_more_columns_than_anyone_has_are_refused(tmp_path, columns):
     (tmp_path / "wide.csv").write_text(",".join(f"c{number}" for number in range(columns)) + "\n" + "1," * columns)
     with pytest.raises(tv.InputError, match=r"the first line has \d+ columns or more; expected 10000 at most"):
         describe_file(tmp_path / "wide.csv")
+
+
+def test_text_without_names_is_refused_until_it_is_said(tmp_path, signals):
+    np.savetxt(tmp_path / "bare.csv", np.stack(signals, axis=1), fmt="%.17g", delimiter=",")
+    with pytest.raises(tv.InputError, match=r"bare.csv: the first line is all numbers, .* say --no-header"):
+        read(tmp_path / "bare.csv", angle="1", torque="2")
+    recording = read(tmp_path / "bare.csv", angle="1", torque="2", header=False)
+    np.testing.assert_array_equal(recording.angle, signals[0])
+    np.testing.assert_array_equal(recording.torque, signals[1])
+    WRITERS["ankle.csv"](tmp_path / "ankle.csv", *signals)
+    with pytest.raises(tv.InputError, match=r"the first line has names, such as \['pos'\]; read it without"):
+        read(tmp_path / "ankle.csv", header=False)
+    WRITERS["ankle.npz"](tmp_path / "ankle.npz", *signals)
+    with pytest.raises(tv.InputError, match=r"--no-header \(header=False\) is for text tables; leave it out for a NPZ"):
+        read(tmp_path / "ankle.npz", header=False)
+
+
+@pytest.mark.parametrize("text", ["1,2\n3,4,5\n", "1,2\n3,x\n", "1,,2\n3,4\n"])
+def test_text_without_names_that_is_ragged_is_no_signal(tmp_path, text):
+    (tmp_path / "bare.csv").write_text(text)
+    with pytest.raises(tv.InputError, match=r"bare\.csv"):
+        read(tmp_path / "bare.csv", angle="1", torque="2", header=False)
+
+
+def test_time_series_of_nwb(tmp_path, signals):
+    file = tmp_path / "ankle.nwb"
+    counts, both = np.round(signals[0] / 1e-4).astype("i2"), np.stack(signals, axis=1)
+    uneven = np.cumsum(np.r_[np.full(300, 0.005), 0.01, np.full(299, 0.005)])
+    with h5py.File(file, "w") as root:
+        write_series(root, "acquisition/pos", counts, "rad", conversion=1e-4, offset=0.5)
+        write_series(root, "processing/behavior/tq", both, "N m", conversion=2.0)
+        root["processing/behavior/tq/channel_conversion"] = [1.0, 3.0]
+        write_series(root, "acquisition/lost", signals[0], "rad", timestamps=uneven)
+        write_series(root, "acquisition/short", signals[0], "rad", timestamps=uneven[1:])
+        write_series(
+            root, "acquisition/shared", signals[0], "rad", timestamps=h5py.SoftLink("/acquisition/lost/timestamps")
+        )
+        write_series(root, "acquisition/away", signals[0], "rad")
+        del root["acquisition/away/data"]
+        root["acquisition/away/data"] = h5py.ExternalLink("other.h5", "pos")
+        root["session_description"] = "no signal"
+    names = {"angle": "acquisition/pos", "torque": "processing/behavior/tq.2"}
+    recording = read(file, **names)
+    np.testing.assert_allclose(recording.angle, 1e-4 * counts + 0.5, rtol=1e-15)
+    np.testing.assert_allclose(recording.torque, 6 * signals[1], rtol=1e-15)
+    for name, what in {
+        "lost": "values at times that are not evenly spaced",
+        "shared": "values at times that are not evenly spaced",
+        "short": "values whose timestamps are missing, elsewhere, or not one for each sample",
+        "away": "a link to another file, other.h5, which is not followed",
+    }.items():
+        with pytest.raises(tv.InputError, match=f"expected real numbers, got {what}"):
+            read(file, **names | {"angle": f"acquisition/{name}"})
+    assert [*describe_file(file)][-2:] == ["processing/behavior/tq.1", "processing/behavior/tq.2"]
+
+
+def test_motion_bids_is_described_in_folders_above_too(tmp_path, signals):
+    file = tmp_path / "sub-1" / "motion" / "sub-1_task-a_run-2_motion.tsv"
+    file.parent.mkdir(parents=True)
+    WRITERS["sub-1_motion.tsv"](file, *signals)
+    described = file.with_name("sub-1_task-a_run-2_channels.tsv").rename(tmp_path / "task-a_channels.tsv")
+    rate = file.with_name("sub-1_task-a_run-2_motion.json").rename(tmp_path / "sub-1_motion.json")
+    file.with_name("sub-1_task-b_motion.json").write_text('{"SamplingFrequency": 7}')  # of another task
+    np.testing.assert_array_equal(read(file).torque, signals[1])
+    assert describe_file(file)["tq"].sampling_rate == 200
+    rate.write_text("{}")
+    assert describe_file(file)["tq"].sampling_rate is None
+    rows = described.read_text()
+    described.write_text(rows.replace("MISC", "LATENCY"))  # whose times are not evenly spaced
+    with pytest.raises(tv.InputError, match="pos: expected real numbers, got values at times that are not evenly"):
+        read(file)
+    described.write_text(rows + "\nemg\tEMG\tV")
+    with pytest.raises(tv.InputError, match=r"it has 2 columns, and its _channels\.tsv describes 3"):
+        read(file)
+    described.write_text("name\n")
+    with pytest.raises(tv.InputError, match=r"task-a_channels\.tsv lacks rows with name and type"):
+        read(file)
+    described.unlink()
+    with pytest.raises(tv.InputError, match=r"no sub-1_task-a_run-2_channels\.tsv beside it, which names its columns"):
+        read(file)
+
+
+def test_motion_bids_has_no_names_in_it(tmp_path, signals):
+    file = tmp_path / "sub-1_motion.tsv"
+    WRITERS[file.name](file, *signals)
+    file.write_text("pos\ttq\n" + file.read_text())
+    with pytest.raises(tv.InputError, match=r"expected numbers in the first line, .* got \['pos', 'tq'\]"):
+        read(file)
+
+
+def test_angles_and_moments_that_c3d_stores_as_points(tmp_path, signals):
+    file = tmp_path / "gait.c3d"
+    write_gait(file, *signals)
+    names = {"angle": "LAnkleAngles.x", "torque": "LAnkleMoment.z"}
+    recording = read(file, **names, angle_unit="deg", torque_unit="Nmm")
+    np.testing.assert_allclose(recording.angle, signals[0], rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(recording.torque, signals[1], rtol=1e-6, atol=1e-9)
+    described = describe_file(file)
+    assert [*described] == [f"{label}.{axis}" for label in ("LAnkleAngles", "LAnkleMoment", "LANK") for axis in "xyz"]
+    assert [described[name].unit for name in (*names.values(), "LANK.y")] == ["deg", "Nmm", "mm"]
+    with pytest.warns(
+        tv.DataQualityWarning, match=r"unit 'Nmm' for LAnkleMoment\.z, and is read in Nm|has an RMS|'deg'"
+    ):
+        read(file, **names)
+
+
+def test_edf_that_was_interrupted_is_refused(tmp_path, signals):
+    edfio = pytest.importorskip("edfio", reason="edfio is not installed")
+    file = tmp_path / "ankle.edf"
+    same = [edfio.EdfSignal(each, 200.0, label="V", physical_dimension="mV") for each in signals]
+    edfio.Edf(same, annotations=[edfio.EdfAnnotation(0, None, "start")]).write(file)
+    assert {name: item.unit for name, item in describe_file(file).items()} == {"V (1)": "mV", "V (2)": "mV"}
+    content = file.read_bytes()
+    assert content.count(b"EDF+C") == 1
+    assert content.count(b"+1\x14\x14") == 1
+    file.write_bytes(content.replace(b"EDF+C", b"EDF+D"))  # which says that there may be gaps, and there is none
+    assert len(describe_file(file)) == 2
+    file.write_bytes(content.replace(b"EDF+C", b"EDF+D").replace(b"+1\x14\x14", b"+7\x14\x14"))
+    with pytest.raises(tv.InputError, match=r"the recording was interrupted \(EDF\+D\)"):
+        describe_file(file)
+
+
+def test_a_library_that_is_missing_is_named(tmp_path, monkeypatch):
+    (tmp_path / "a.edf").write_bytes(b"0       ")
+    monkeypatch.setitem(sys.modules, "edfio", None)
+    with pytest.raises(tv.InputError, match=r"EDF and BDF files need edfio: pip install 'tvsysid\[edf\]'"):
+        channels_of(tmp_path / "a.edf")
+
+
+ONSETS, LENGTHS = [1, 301, 401], [200, 100, 150]
+
+
+@pytest.mark.filterwarnings("ignore:.*future.infer_string")
+@pytest.mark.parametrize(
+    ("kind", "turn"), [("struct", np.ravel), ("struct", np.transpose), ("v7", np.ravel), ("v7.3", np.ravel)]
+)
+def test_segments_of_a_segdat_are_trials(tmp_path, signals, kind, turn):
+    file = tmp_path / "ankle.mat"
+    tables = [turn(np.stack([each, each])) if turn is np.transpose else np.array(each) for each in (ONSETS, LENGTHS)]
+    write_segdat(file, signals, kind, *tables)
+    names = {"angle": "io.pos", "torque": "io.tq", "angle_unit": "deg", "columns": "trials"}
+    recording = read(file, **names)
+    parts = [slice(first - 1, first - 1 + length) for first, length in zip(ONSETS, LENGTHS, strict=True)]
+    np.testing.assert_array_equal(recording.torque, np.concatenate([signals[1][part] for part in parts]))
+    assert recording.trial_starts == (0, 200, 300)
+    usable = tv.recordings.read_usable_trials({"P1": file}, 0.6, **names, sampling_rate=200.0)
+    assert usable.names == ("P1, trial 1", "P1, trial 3")
+    np.testing.assert_array_equal(usable.recording.torque[200:], signals[1][parts[2]])
+    with pytest.raises(tv.InputError, match=r"3 segments with gaps between them; read each as a trial \(--columns tri"):
+        read(file, **names | {"columns": "contiguous"})
+
+
+@pytest.mark.parametrize(("onsets", "lengths", "count"), [([1, 301], [100, 100], 2), ([1, 1], [600, 600], 1)])
+def test_as_many_segments_as_channels_are_told_from_columns_of_channels(tmp_path, signals, onsets, lengths, count):
+    write_segdat(tmp_path / "ankle.mat", signals, "struct", onsets, lengths)
+    recording = read(tmp_path / "ankle.mat", angle="io.pos", torque="io.tq", angle_unit="deg", columns="trials")
+    assert (len(recording.trial_starts), len(recording)) == (count, 200 if count == 2 else 600)
+
+
+@pytest.mark.filterwarnings("ignore:.*future.infer_string")
+@pytest.mark.parametrize(
+    ("kind", "onsets", "lengths", "message"),
+    [
+        ("struct", [1, 501], [100, 101], "a segdat with segments that its samples do not have"),
+        ("struct", [0, 301], [100, 100], "a segdat with segments that its samples do not have"),
+        ("struct", [1, 301], [100], "a segdat whose segments cannot be read; in MATLAB: s = struct"),
+        ("struct", [1, np.nan], [100, 1], "a segdat whose segments cannot be read; in MATLAB: s = struct"),
+        ("struct", [[1, 1], [301, 301]], [100, 100], "a segdat whose segments cannot be read; in MATLAB: s = struct"),
+        ("v7", None, [600, 1], "a segdat whose segments cannot be read; in MATLAB: s = struct"),
+    ],
+)
+def test_segments_that_cannot_be_are_refused(tmp_path, signals, kind, onsets, lengths, message):
+    write_segdat(tmp_path / "ankle.mat", signals, kind, onsets, lengths)
+    with pytest.raises(tv.InputError, match=f"io.pos: expected real numbers, got {message}"):
+        read(tmp_path / "ankle.mat", angle="io.pos", torque="io.tq")

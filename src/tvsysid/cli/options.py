@@ -39,6 +39,13 @@ MethodOption = Annotated[
     ),
 ]
 
+FileArgument = Annotated[
+    Path,
+    typer.Argument(
+        metavar="FILE", help="MAT, CSV, TSV, NPZ, HDF5, NetCDF, NWB, Motion-BIDS, Parquet, C3D or EDF file."
+    ),
+]
+
 # How a recording is read and cut: `identify` and `inspect --diagnose`.
 ANGLE = option("NAME", "Name of the variable or column with the angle.")
 TORQUE = option("NAME", "Name of the variable or column with the torque.")

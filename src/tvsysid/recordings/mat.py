@@ -145,9 +145,9 @@ def _nldat(name: str, properties: Mapping[str, Any], cut: bool = False) -> Itera
 def _cut(values: NDArray[Any], number: int, properties: Mapping[str, Any], unit: str, rate: float | None) -> Channel:
     """A channel of a ``segdat``: the samples of its segments, each of which may have a gap before it."""
     try:
-        starts, lengths = (_of_channel(_parameter(properties, name), number, values.shape[1]) for name in SEGMENTS)
+        starts, lengths = _segments(properties, number, values.shape[1])
         spans = [slice(first - 1, first - 1 + length) for first, length in zip(starts, lengths, strict=True)]
-    except (ValueError, TypeError, KeyError, AttributeError, OverflowError):
+    except (ValueError, TypeError, LookupError, AttributeError, OverflowError):
         return Channel(values.shape[:1], f"a segdat whose segments cannot be read; {EXPORT}", unit)
     inside = all(0 <= span.start < span.stop <= len(values) for span in spans)
     if values.ndim != 2 or not spans or not inside:
@@ -156,14 +156,15 @@ def _cut(values: NDArray[Any], number: int, properties: Mapping[str, Any], unit:
     return replace(channel, trial_starts=(0, *np.cumsum(lengths)[:-1].tolist()) if len(spans) > 1 else ())
 
 
-def _of_channel(numbers: NDArray[Any], number: int, channels: int) -> list[int]:
-    """Of the onsets or lengths of segments, those of one channel: some versions keep a column for each."""
-    table = np.atleast_2d(np.asarray(numbers, dtype=float))
-    if np.isnan(table).any() or (table != np.round(table)).any():
+def _segments(properties: Mapping[str, Any], number: int, channels: int) -> list[list[int]]:
+    """Onsets and lengths of the segments of one channel: some versions of the toolbox keep a column for each."""
+    tables = [np.atleast_2d(np.asarray(_parameter(properties, name), dtype=float)) for name in SEGMENTS]
+    if any((table != np.round(table)).any() for table in tables):  # NaN among them
         raise ValueError
-    if table.shape[1] == channels and (1 not in table.shape or (table == table[:, :1]).all()):
-        return [int(item) for item in table[:, number]]
-    return [int(item) for item in table.ravel()]
+    onsets = tables[0]
+    # A row of as many segments as channels is none of channels: segments begin at different samples.
+    by_channel = onsets.shape[1] == channels and (len(onsets) > 1 or bool((onsets == onsets[0, 0]).all()))
+    return [[int(item) for item in (table[:, number] if by_channel else table.ravel())] for table in tables]
 
 
 def _parameter(properties: Mapping[str, Any], name: str) -> Any:

@@ -1,7 +1,10 @@
 import dataclasses
+import json
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 from hypothesis import given
@@ -14,8 +17,10 @@ from tvsysid.recordings import (
     load_ensemble,
     load_recording,
     whole_file,
+    write_bids,
     write_ensemble,
     write_models,
+    write_nwb,
     write_recording,
     write_simulation,
 )
@@ -209,3 +214,57 @@ def test_what_is_missing_or_damaged_is_told_with_the_name_of_the_file(tmp_path):
         savemat(tmp_path / "damaged.mat", changed)
         with pytest.raises(tv.InputError, match=r"damaged\.mat: (not as write_recording wrote it|angle: 60 of 60)"):
             load_recording(tmp_path / "damaged.mat")
+
+
+START = datetime(2026, 5, 4, 9, 30, tzinfo=UTC)
+
+
+def test_a_recording_in_nwb_is_read_back(tmp_path, random):
+    signals = random.normal(scale=0.01, size=(3, 200))
+    recording = tv.Recording(*signals[:2], 100.0, start=-1.0, channels={"emg": signals[2]})
+    write_nwb(tmp_path / "ankle.nwb", recording, START, units={"emg": "V"})
+    names = {"angle": "acquisition/angle", "torque": "acquisition/torque", "channels": {"emg": "acquisition/emg"}}
+    back = tv.read_recording(tmp_path / "ankle.nwb", **names, sampling_rate=100.0, start=-1.0)
+    for name in ("angle", "torque", "emg"):
+        np.testing.assert_array_equal(back.signal(name), recording.signal(name))
+    described = tv.recordings.describe_file(tmp_path / "ankle.nwb")
+    assert {name: (item.unit, item.sampling_rate) for name, item in described.items()} == {
+        "acquisition/angle": ("rad", 100.0),
+        "acquisition/torque": ("N m", 100.0),
+        "acquisition/emg": ("V", 100.0),
+    }
+
+
+@pytest.mark.parametrize(
+    ("change", "name", "start", "message"),
+    [
+        ({}, "ankle.h5", START, "unknown ending '.h5'; give .nwb"),
+        ({}, "ankle.nwb", START.replace(tzinfo=None), "session_start: 2026-05-04 09:30:00 has no time zone"),
+        ({"trial_starts": (0, 100)}, "ankle.nwb", START, "NWB has one axis of time; write each trial to a file of its"),
+        ({"channels": {"a/b": np.ones(200)}}, "ankle.nwb", START, "a time series cannot be called 'a/b'"),
+    ],
+)
+def test_what_nwb_cannot_hold_is_refused(tmp_path, random, change, name, start, message):
+    recording = tv.Recording(random.normal(size=200), random.normal(size=200), 100.0, **change)
+    with pytest.raises(tv.InputError, match=message):
+        write_nwb(tmp_path / name, recording, start)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_bids_derivative_describes_its_columns(tmp_path):
+    table = pd.DataFrame({"time_s": [0.0], "method": "sds", "stiffness": 80.0, "stiffness_lower": np.nan, "own": 1.0})
+    file = write_bids(tmp_path, "raw/sub-01_ses-2_task-a_tracksys-r_motion.tsv", table)
+    assert file == tmp_path / "sub-01/ses-2/motion/sub-01_ses-2_task-a_tracksys-r_desc-stiffness_timeseries.tsv"
+    pd.testing.assert_frame_equal(pd.read_csv(file, sep="\t"), table, check_dtype=False)
+    described = json.loads(file.with_suffix(".json").read_text(encoding="utf-8"))
+    assert described["Sources"] == ["sub-01_ses-2_task-a_tracksys-r_motion.tsv"]
+    assert described["stiffness"] == {"Description": "Stiffness", "Units": "N m/rad"}
+    assert described["stiffness_lower"]["Description"] == "Lower limit of the 95 % band of stiffness"
+    assert set(described) == {"Sources", *table.columns}
+    about = tmp_path / "dataset_description.json"
+    assert json.loads(about.read_text())["DatasetType"] == "derivative"
+    about.write_text("{}")  # the user's own
+    write_bids(tmp_path, "sub-02_task-a_motion.tsv", table)
+    assert about.read_text() == "{}"
+    with pytest.raises(tv.InputError, match=r"ankle\.csv: not the name of a BIDS file"):
+        write_bids(tmp_path, "ankle.csv", table)

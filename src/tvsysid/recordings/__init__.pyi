@@ -1,6 +1,8 @@
 # What the package offers; read by type checkers, and by lazy_loader when a name is first used.
 from .channel import Channel as Channel
 from .channel import outline as outline
+from .export import write_bids as write_bids
+from .export import write_nwb as write_nwb
 from .process import describe_file as describe_file
 from .read import UsableTrials as UsableTrials
 from .read import join_trials as join_trials

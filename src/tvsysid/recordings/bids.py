@@ -36,11 +36,11 @@ def read_motion(file: Path) -> Iterator[tuple[str, Channel]]:
     if latencies:
         rate = even_rate(latencies[0])
     for row, values in zip(rows, table, strict=True):
-        unit = stated_unit(row.get("units") or "")
+        unit = stated_unit(row.get("units") or "").removeprefix("n/a")
         if latencies and rate is None:
             yield row["name"], Channel(values.shape, UNEVEN, unit)
         else:
-            yield row["name"], in_memory(values, "" if unit == "n/a" else unit, rate)
+            yield row["name"], in_memory(values, unit, rate)
 
 
 def _rows(file: Path) -> list[dict[str, Any]]:

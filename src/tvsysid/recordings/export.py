@@ -1,0 +1,182 @@
+"""Recordings and results as others archive them: NWB, and tables of BIDS derivatives."""
+
+from __future__ import annotations
+
+import json
+import re
+import uuid
+from collections.abc import Mapping
+from datetime import datetime
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+from numpy.typing import NDArray
+
+from tvsysid import __version__
+from tvsysid.errors import InputError
+from tvsysid.estimates import UNITS
+from tvsysid.recordings.write import whole_file
+from tvsysid.signals import Recording
+
+if TYPE_CHECKING:
+    import h5py
+    import pandas as pd
+
+NWB_VERSION, BIDS_VERSION = "2.7.0", "1.10.0"
+GROUPS = ("acquisition", "analysis", "general", "processing", "stimulus/presentation", "stimulus/templates")
+MEANINGS = {"_lower": "Lower limit of the 95 % band of ", "_upper": "Upper limit of the 95 % band of ", "": ""}
+COLUMNS = {
+    "time_s": {"Description": "Time within a realization", "Units": "s"},
+    "method": {"Description": "Method of tvsysid, with its settings"},
+    "time_varying_vaf": {"Description": "Variance of the torque that is accounted for", "Units": "%"},
+}
+
+
+def write_nwb(
+    path: str | Path,
+    recording: Recording,
+    session_start: datetime,
+    description: str = "Joint perturbation experiment",
+    units: Mapping[str, str] = MappingProxyType({}),
+) -> None:
+    """Write a recording as Neurodata Without Borders; :func:`tvsysid.read_recording` and other programs read it.
+
+    Parameters
+    ----------
+    path
+        File to write, ``.nwb``.
+    recording
+        Angle (rad), torque (N·m) and channels become the time series ``acquisition/angle`` and so on.
+    session_start
+        When the recording began, with a time zone, as NWB demands.
+    description
+        Of the session, in words.
+    units
+        Of further channels, by their names.
+
+    Raises
+    ------
+    InputError
+        For another ending, a time without a zone, a channel whose name has a slash, or more than one trial: NWB has
+        one axis of time, so write each trial to a file of its own, which :func:`tvsysid.read_trials` joins.
+
+    Examples
+    --------
+    >>> import numpy as np, tempfile, tvsysid as tv
+    >>> from datetime import datetime, timezone
+    >>> angle = 0.02 * np.sin(np.arange(2000) / 50)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = f"{folder}/ankle.nwb"
+    ...     write_nwb(file, tv.Recording(angle, 80 * angle, 100), datetime(2026, 5, 4, 9, 30, tzinfo=timezone.utc))
+    ...     tv.read_recording(file, angle="acquisition/angle", torque="acquisition/torque", sampling_rate=100)
+    Recording(20 s at 100 Hz; angle RMS 0.0142 rad, torque RMS 1.14 N·m)
+    """
+    import h5py  # noqa: PLC0415  # heavy
+
+    file = Path(path)
+    if file.suffix.lower() != ".nwb":
+        raise InputError(f"{file}: unknown ending {file.suffix!r}; give .nwb")
+    if session_start.tzinfo is None:
+        raise InputError(f"session_start: {session_start} has no time zone; give tzinfo, such as datetime.timezone.utc")
+    if len(recording.trial_starts) > 1:
+        raise InputError(f"{file}: NWB has one axis of time; write each trial to a file of its own")
+    signals = {"angle": recording.angle, "torque": recording.torque, **recording.channels}
+    if bad := [name for name in signals if not name or "/" in name or name == "."]:
+        raise InputError(f"{file}: a time series cannot be called {bad[0]!r}; rename the channel")
+    began, text = session_start.isoformat(), h5py.string_dtype()
+    about = {"identifier": file.stem, "session_description": description}
+    about |= dict.fromkeys(("session_start_time", "timestamps_reference_time"), began)
+    with whole_file(file) as temporary, h5py.File(temporary, "w") as root:
+        for group in GROUPS:
+            root.create_group(group)
+        for name, told in about.items():
+            root.create_dataset(name, data=told, dtype=text)
+        root.create_dataset("file_create_date", data=[began], dtype=text, maxshape=(None,))
+        _typed(root, "NWBFile", f"{file.stem} {began}", nwb_version=NWB_VERSION)
+        for name, values in signals.items():
+            unit = {"angle": "rad", "torque": "N m", **units}.get(name, "unknown")
+            _write_series(root.create_group(f"acquisition/{name}"), f"{file.stem} {began}", values, unit, recording)
+
+
+def _write_series(group: h5py.Group, origin: str, values: NDArray[Any], unit: str, recording: Recording) -> None:
+    """One time series."""
+    _typed(group, "TimeSeries", f"{origin} {group.name}", description="no description", comments="no comments")
+    data = group.create_dataset("data", data=values, compression="gzip", shuffle=True)
+    data.attrs.update({"unit": unit, "conversion": 1.0, "offset": 0.0, "resolution": -1.0})
+    start = group.create_dataset("starting_time", data=float(recording.start))
+    start.attrs.update({"rate": float(recording.sampling_rate), "unit": "seconds"})
+
+
+def _typed(group: h5py.Group, kind: str, identity: str, **attributes: str) -> None:
+    """Say what a group is; its identifier follows from the recording, so that the same one gives the same file."""
+    identifier = str(uuid.uuid5(uuid.NAMESPACE_OID, identity))
+    group.attrs.update({"namespace": "core", "neurodata_type": kind, "object_id": identifier, **attributes})
+
+
+def write_bids(folder: str | Path, source: str | Path, table: pd.DataFrame) -> Path:
+    """Write estimates over time as a table of a BIDS derivative, with a description beside it; returns the table.
+
+    The derivative's ``dataset_description.json`` is written if there is none.
+
+    Parameters
+    ----------
+    folder
+        The derivative, such as ``derivatives/tvsysid``.
+    source
+        File that was identified, with a BIDS name: ``sub-01_task-ankle_…_motion.tsv`` becomes
+        ``sub-01/motion/sub-01_task-ankle_…_desc-stiffness_timeseries.tsv``.
+    table
+        Estimates over time, as ``tv.compare(...).over_time()`` returns them.
+
+    Raises
+    ------
+    InputError
+        If the source's name has no participant (``sub-…``).
+
+    Examples
+    --------
+    >>> import pandas as pd, tempfile
+    >>> table = pd.DataFrame({"time_s": [0.0, 0.01], "method": "sds", "stiffness": [80.0, None]})
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = write_bids(folder, "sub-01_task-ankle_tracksys-robot_motion.tsv", table)
+    ...     print(file.relative_to(folder).as_posix())
+    ...     print(file.read_text())
+    sub-01/motion/sub-01_task-ankle_tracksys-robot_desc-stiffness_timeseries.tsv
+    time_s method  stiffness
+    0      sds     80
+    0.01   sds     n/a
+    <BLANKLINE>
+    """
+    name = Path(source).name
+    words = name.split("_")
+    if not re.fullmatch(r"sub-[A-Za-z0-9]+", words[0]) or len(words) < 2:
+        raise InputError(f"{name}: not the name of a BIDS file; expected one such as sub-01_task-ankle_motion.tsv")
+    above = [word for word in words[:2] if word.startswith(("sub-", "ses-"))]
+    file = Path(folder).joinpath(*above, "motion", "_".join([*words[:-1], "desc-stiffness_timeseries.tsv"]))
+    _write_json(
+        file.with_suffix(".json"), {"Sources": [name], **{column: _meaning(column) for column in table.columns}}
+    )
+    with whole_file(file) as temporary:
+        table.to_csv(temporary, sep="\t", index=False, float_format="%.6g", na_rep="n/a")
+    described = Path(folder) / "dataset_description.json"
+    if not described.exists():
+        by = [{"Name": "tvsysid", "Version": __version__}]
+        about = {"Name": "Joint impedance identified by tvsysid", "BIDSVersion": BIDS_VERSION}
+        _write_json(described, about | {"DatasetType": "derivative", "GeneratedBy": by})
+    return file
+
+
+def _meaning(column: str) -> dict[str, str]:
+    """What a column holds, and its unit."""
+    if column in COLUMNS:
+        return COLUMNS[column]
+    ending = next(ending for ending in MEANINGS if column.endswith(ending))
+    quantity = column.removesuffix(ending)
+    unit = {"Units": UNITS[quantity]} if quantity in UNITS else {}
+    return {"Description": (MEANINGS[ending] + quantity.replace("_", " ")).capitalize()} | unit
+
+
+def _write_json(file: Path, content: Mapping[str, Any]) -> None:
+    with whole_file(file) as temporary:
+        temporary.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")

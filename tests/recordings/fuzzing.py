@@ -16,7 +16,6 @@ import time
 from collections import Counter
 from contextlib import contextmanager
 from functools import partial
-from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
@@ -128,8 +127,6 @@ SEEDS = {
     "segments.mat": write_segdat,
 } | {name: files.WRITERS[name] for name in files.WRITERS if name not in ("v5.mat", "ankle.hdf5")}
 SEEDS |= dict.fromkeys(OWN, write_own)
-if find_spec("edfio") is None:
-    SEEDS = {name: write for name, write in SEEDS.items() if not name.endswith((".edf", ".bdf"))}
 MOTION, DESCRIPTIONS = "sub-1_motion.tsv", ("sub-1_channels.tsv", "sub-1_motion.json")  # which are damaged as well
 INSIDE = {
     "version7.mat": mutations.inside_mat,

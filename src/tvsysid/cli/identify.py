@@ -32,12 +32,7 @@ SLOW_RATE = 250.0  # Hz from which on identifying without decimation takes minut
 
 
 def identify(
-    file: Annotated[
-        Path,
-        typer.Argument(
-            metavar="FILE", help="MAT, CSV, TSV, NPZ, HDF5, NetCDF, NWB, Motion-BIDS, Parquet, C3D or EDF file."
-        ),
-    ],
+    file: options.FileArgument,
     angle: Annotated[str, options.ANGLE],
     torque: Annotated[str, options.TORQUE],
     rate: Annotated[float, options.RATE],
@@ -168,7 +163,7 @@ def identify(
         remark("warning", f"{label} is skipped: {reason}")
     for label, reason in found.failed.items():
         remark("error", f"{label} failed: {reason}")
-    turned = (", in N·mm" if torque_unit == "Nmm" else "") + (", with its sign reversed" if torque_sign == -1 else "")
+    turned = f", in {torque_unit}" + (", with its sign reversed" if torque_sign == -1 else "")
     source = {"file": file.name, "angle": f"channel {angle}, in {angle_unit}", "torque": f"channel {torque}{turned}"}
     known = [angle, torque, *(text.partition("=")[2] for text in channel)]
     as_read = (rate, columns, torque_sign, angle_unit, start)

@@ -170,6 +170,7 @@ def test_tonic_stiffness_without_its_reflex_needs_no_settings(recordings_folder,
     assert model.diagnostics.details["reflex_shown"] == 1
 
 
+@pytest.mark.slow
 def test_walking_stiffness_is_smooth_and_falls_fast_without_settings(walking):
     doubts = [f"adaptive. {what}" for what in ("the intrinsic response is not", "viscosity is negative over 8 %")]
     with pytest.warns(tv.DataQualityWarning, match=doubts[0]), pytest.warns(tv.DataQualityWarning, match=doubts[1]):

@@ -58,6 +58,7 @@ def test_a_study_from_a_file_with_options_in_its_place(tvsysid, tmp_path):
     assert (set(table.perturbation), set(table.duration_s), set(table.trials)) == ({"prbs"}, {40.0}, {2})
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_an_own_method_that_fails_is_told_and_the_others_are_kept(tvsysid, tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)

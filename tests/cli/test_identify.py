@@ -92,6 +92,7 @@ def test_simulate_then_identify(tvsysid, tmp_path, name):
         assert "several visits of one person take --sheet" in err
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "not_held_out")
 def test_by_default_the_answer_comes_first(tvsysid, tmp_path):
     tvsysid("simulate", "joint.mat", "--duration", 40)

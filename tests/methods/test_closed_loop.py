@@ -277,6 +277,7 @@ def test_the_result_keeps_the_strength_over_time():
     assert model.method.endswith("reference='disturbance', weighting='residual')")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", [KBR, tv.BasisIRF(reference=D)])
 def test_every_check_is_passed(method):
     assert [check for check in tv.check_method(method) if not check.passed] == []

@@ -59,5 +59,6 @@ def test_what_it_does_not_serve_is_said_in_words(perturbation, changes, message)
     assert "no impulses" in MODAL.skip(imposed)
 
 
+@pytest.mark.slow
 def test_it_passes_every_check():
     assert [f"{each.name}: {each.message}" for each in tv.check_method(MODAL) if not each.passed] == []

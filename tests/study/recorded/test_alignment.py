@@ -29,6 +29,7 @@ def test_what_is_reported_is_what_is_lost():
         assert 1 < effect.standard_error < 6
 
 
+@pytest.mark.slow
 def test_it_is_kept_with_the_results_and_read_again(small):
     table = alignments(small.results)
     assert list(table.recording) == ["P1-noise", "P1-prbs"]

@@ -157,7 +157,7 @@ def error_of(typed: str, ensemble: tv.Ensemble, truth: Array) -> float | None:
     """Root mean square error of stiffness where it is known, which must be nearly everywhere; None without one."""
     try:
         values = tv.methods.parse(typed).identify(ensemble).estimates["stiffness"].values
-    except tv.InputError:
+    except ValueError:  # one that cannot serve these data, or fails on them
         return None
     off = np.broadcast_to(values, truth.shape) - truth
     return float(np.sqrt(np.nanmean(off**2))) if np.isfinite(off).mean() > 0.9 else None
@@ -223,13 +223,14 @@ def main() -> None:
     known = {(each["kind"], each["seed"]): each for each in map(json.loads, lines)}
     results = []
     with threadpool_limits(1), chosen.out.open("a") as file:
-        for kind in chosen.kinds:
-            for seed in range(chosen.first, chosen.first + 4):
+        for seed in range(chosen.first, chosen.first + 4):
+            for kind in chosen.kinds:
                 if (kind, seed) not in known:
                     known[kind, seed] = result(kind, seed)
                     print(json.dumps(known[kind, seed]), file=file, flush=True)
                 results.append(known[kind, seed])
     console = Console(width=None if sys.stdout.isatty() else 150)
+    results.sort(key=lambda each: chosen.kinds.index(each["kind"]))
     console.print(by_ensemble(results))
     console.print(by_kind(results))
 

@@ -279,9 +279,7 @@ def _suited(account: Account) -> page.Section:
     lines = [f"Not {key}: {reason}" for key, reason in suited.against.items()]
     lines += [_sentence(caveat) for caveat in suited.caveats]
     table = page.Table("Properties", caption, columns, rows, narrow=True)
-    return page.Section(
-        "suited", "Which method suits these data", [_sentence(suited.sentence), table, page.Bullets(lines)]
-    )
+    return page.Section("suited", "Which method suits these data", [f"{suited.sentence}.", table, page.Bullets(lines)])
 
 
 def _methods(account: Account, figures: list[page.Block]) -> page.Section:

@@ -106,7 +106,7 @@ class Plan(Shown, Frozen):
         return summary_html("Plan", str(self), list(map(str, table.columns)), table.itertuples(index=False))
 
     def table(self) -> pd.DataFrame:
-        """A row for each setup and method, units in the names; see :class:`Answer`."""
+        """A row for each setup and method, with units in the names: the fields of its ``answers``."""
         import pandas as pd  # noqa: PLC0415  # heavy
 
         rows = [

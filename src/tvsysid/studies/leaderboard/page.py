@@ -102,6 +102,8 @@ def _told(table: pd.DataFrame, kinds: Iterable[str]) -> list[str]:
     shared = "; ".join(f"{rank}: {', '.join(entries)}" for rank, entries in ranks.items() if len(entries) > 1)
     first = f"First: {', '.join(ranks[1])}. The score is the error of the stiffness in per cent: less is better."
     words = f"Shared, because they differ by no more than {SURE:g} standard errors, are the ranks {shared}."
+    if table.score_error.isna().all():
+        words = "One trial has no standard error: nothing can be told apart, and all share a rank."
     best = "; ".join(
         f"{kind}: {table.sort_values(kind, kind='stable').entry.iloc[0]} ({table[kind].min():.1f} %)" for kind in kinds
     )

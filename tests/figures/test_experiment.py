@@ -55,7 +55,7 @@ def test_descriptions_hold_the_main_figures(experiment, shown):
     text = shown["variance-and-spread"].description
     assert f"esm {means['vaf', 75]:.3g} and {means['vaf', 150]:.3g}" in text
     assert "mean and two standard deviations over bootstraps" in shown["participant"].description
-    assert "eirf, sds, birf, esm from 75 x 2 s of data; kbr from 20 x 2 s of data" in shown["participants"].description
+    assert "eirf, sds, birf, esm from 75 × 2 s of data; kbr from 20 × 2 s of data" in shown["participants"].description
     assert f"esm {means['mean_bias', 75]:.3g}".replace("-", "−") in shown["error-against-truth"].description
     counts = prepared(1, "prbs").account.counts
     assert (
@@ -76,7 +76,7 @@ def test_a_single_record_of_walking():
         draw(each.draw())
         assert "truth" not in each.description
         assert "true stiffness" not in each.description
-    assert "30 x 1.5 s of data" in shown["stiffness"].description
+    assert "30 × 1.5 s of data" in shown["stiffness"].description
     assert "grey line" not in shown["stiffness"].description  # there is none
 
 

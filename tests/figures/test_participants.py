@@ -48,7 +48,7 @@ def test_every_participant_has_a_column_and_every_perturbation_a_row(results):
     assert len({axes.get_ylim() for axes in torque}) == 1
     assert figure.get_suptitle() == "All"
     assert legend(figure) == [
-        "eirf, 75 x 2 s", "sds, 75 x 2 s", "birf, 75 x 2 s", "esm, 75 x 2 s", "kbr, 20 x 2 s",
+        "eirf, 75 × 2 s", "sds, 75 × 2 s", "birf, 75 × 2 s", "esm, 75 × 2 s", "kbr, 20 × 2 s",
         "truth", "torque to be followed", "mean torque, filtered noise", "mean torque, PRBS",
     ]  # fmt: skip
 
@@ -124,7 +124,7 @@ def test_a_period_of_walking_and_other_amounts():
     draw(figure)
     assert figure.axes[0].get_xlim() == (0, 1.5)
     assert figure.axes[0].get_ylabel().startswith("steps\n")
-    assert legend(figure)[:2] == ["birf, 30 x 1.5 s", "own:Method, 30 x 1.5 s"]
+    assert legend(figure)[:2] == ["birf, 30 × 1.5 s", "own:Method, 30 × 1.5 s"]
 
 
 def test_spikes_do_not_hide_the_rest(results):
@@ -137,7 +137,7 @@ def test_spikes_do_not_hide_the_rest(results):
 def test_details_of_a_participant(results, detail):
     grid = np.array(detail.axes[:20]).reshape(4, 5)
     assert [axes.get_title() for axes in grid[0]] == [
-        "eirf, 75 x 2 s", "sds, 75 x 2 s", "birf, 75 x 2 s", "esm, 75 x 2 s", "kbr, 20 x 2 s",
+        "eirf, 75 × 2 s", "sds, 75 × 2 s", "birf, 75 × 2 s", "esm, 75 × 2 s", "kbr, 20 × 2 s",
     ]  # fmt: skip
     assert [axes.get_ylabel() for axes in grid[:, 0]] == [
         "filtered noise\nstiffness\n(N·m/rad)", "PRBS\nstiffness\n(N·m/rad)",

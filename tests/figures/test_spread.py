@@ -34,7 +34,7 @@ def values(summary, perturbation, metric, method, amount):
 
 def test_rows_are_perturbations_and_columns_metrics_with_units(figure):
     grid = np.array(figure.axes).reshape(2, 3)
-    assert [axes.get_ylabel() for axes in grid[0]] == ["VAF (%)", "VAF, 1-10 Hz (%)", "random error (N·m/rad)"]
+    assert [axes.get_ylabel() for axes in grid[0]] == ["VAF (%)", "VAF, 1–10 Hz (%)", "random error (N·m/rad)"]
     assert [axes.get_title(loc="left") for axes in grid[:, 0]] == ["filtered noise", "PRBS"]
     assert [axes.get_xlabel() for axes in grid[1]] == ["method, realizations drawn"] * 3
     labels = [label.get_text() for label in grid[1, 0].get_xticklabels()]

@@ -79,7 +79,7 @@ def test_outcome_tells_what_was_kept_and_found(experiment, elements):
 
 def test_metrics_are_means_and_deviations_over_participants(experiment, elements):
     text = table(elements, "Metrics of each method, mean ± standard deviation over participants")
-    for heading in ("mean stiffness (N·m/rad)", "VAF 1-10 Hz (%)", "mean bias (N·m/rad)", "realizations drawn"):
+    for heading in ("mean stiffness (N·m/rad)", "VAF 1–10 Hz (%)", "mean bias (N·m/rad)", "realizations drawn"):
         assert heading in re.sub("[↕ ]+", " ", text)
     rows = experiment.summary[
         (experiment.summary.metric == "vaf")

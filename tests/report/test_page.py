@@ -79,7 +79,7 @@ def test_ranking_has_every_method_in_every_scenario(elements, study):
     for heading in (
         "bias error (N·m/rad)",
         "rise time (s)",
-        "VAF 1-10 Hz (%)",
+        "VAF 1–10 Hz (%)",
         "in 95 % band (%)",
         "time (ms)",
     ):

@@ -34,7 +34,7 @@ TITLES = {
     "task component": "component at the task's frequency",
     "residual": "residual, low-passed",
 }
-COLOURS = {"alignment": PALETTE[1], "task component": PALETTE[0], "residual": PALETTE[2]}
+COLOURS = {"alignment": PALETTE[1], "task component": PALETTE[0], "residual": PALETTE[3]}
 """Colour of the realizations that each step excluded."""
 FEW = 0.05  # share of the realizations that hides nothing when it is drawn over the others
 REASONS = {"alignment": "shifted too far", "task component": "unlike in the task", "residual": "unlike otherwise"}
@@ -68,7 +68,6 @@ def preparation_steps(preparation: Preparation, title: str = "") -> Figure:
         axes.set_xlabel(REALIZATION_TIME)
         axes.set_xlim(0, recorded.duration)
         axes.locator_params(axis="x", nbins=5)
-    for axes in figure.axes[:3]:
         axes.set_ylabel("torque (N·m)")
     legend_below(figure, _legend(list(steps)))
     return figure

@@ -62,7 +62,7 @@ def least_data(results: xr.Dataset) -> dict[str, str]:
 
 def seconds_of_data(results: xr.Dataset, analysis: str) -> str:
     """How much data was drawn for an analysis, as text: realizations times their duration."""
-    return f"{int(results.realizations.sel(analysis=analysis))} x {_period(results):.4g} s"
+    return f"{int(results.realizations.sel(analysis=analysis))} × {_period(results):.4g} s"
 
 
 def _period(results: xr.Dataset) -> float:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
-SPREAD = {"vaf": "VAF (%)", "bandpassed_vaf": "VAF, 1-10 Hz (%)", "random_error": "random error (N·m/rad)"}
+SPREAD = {"vaf": "VAF (%)", "bandpassed_vaf": "VAF, 1–10 Hz (%)", "random_error": "random error (N·m/rad)"}
 POSSIBLE = {"vaf": (0.0, 100.0), "bandpassed_vaf": (0.0, 100.0), "mean_bias": (-np.inf, np.inf)}
 """Lowest and highest value that a metric can have; from 0 upwards where nothing is said."""
 AGAINST_TRUTH = {"bias_error": "bias error (N·m/rad)", "mean_bias": "mean bias (N·m/rad)"}

@@ -27,7 +27,7 @@ METRICS = {
     "mean_stiffness": ("mean stiffness", "N·m/rad", 1),
     "random_error": ("random error", "N·m/rad", 2),
     "vaf": ("VAF", "%", 1),
-    "bandpassed_vaf": ("VAF 1-10 Hz", "%", 1),
+    "bandpassed_vaf": ("VAF 1–10 Hz", "%", 1),
     "lowest_time_varying_vaf": ("lowest VAF over time", "%", 1),
     "bias_error": ("bias error", "N·m/rad", 2),
     "mean_bias": ("mean bias", "N·m/rad", 2),

@@ -43,7 +43,7 @@ RANKED = {
     "total_error": ("total error", "N·m/rad", 2),
     "rise_time": ("rise time", "s", 3),
     "vaf": ("VAF", "%", 2),
-    "bandpassed_vaf": ("VAF 1-10 Hz", "%", 2),
+    "bandpassed_vaf": ("VAF 1–10 Hz", "%", 2),
     "coverage": ("in 95 % band", "%", 1),
     "reflex_gain total_error": ("error of reflex gain", "N·m·s/rad", 2),
     "intrinsic pathway_vaf": ("VAF intrinsic", "%", 1),

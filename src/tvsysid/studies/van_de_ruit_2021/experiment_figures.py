@@ -26,7 +26,7 @@ PAPER = "van de Ruit et al. 2021"
 METRICS = {
     "mean_stiffness": "mean stiffness",
     "vaf": "VAF",
-    "bandpassed_vaf": "VAF 1-10 Hz",
+    "bandpassed_vaf": "VAF 1–10 Hz",
     "random_error": "random error",
     "bias_error": "bias error",
     "mean_bias": "mean bias",

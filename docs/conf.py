@@ -65,6 +65,7 @@ sphinx_gallery_conf = {
 html_theme = "pydata_sphinx_theme"
 html_title = "tvsysid"
 html_static_path = ["static"]
+html_context = {"default_mode": "auto"}  # else the theme complains in the console
 html_css_files = ["site.css"]
 html_show_sourcelink = False
 html_copy_source = False

@@ -76,6 +76,13 @@ def test_one_line_of_html_for_each(ensemble, comparison):
         assert text.startswith(f"<p><b>{type(each).__name__}</b>: ")
         assert "realizations of 2 s" in text or "stiffness" in text
     assert comparison._repr_html_().count("<tr>") == 3
+    joint = tv.simulate.Joint(stiffness=tv.simulate.SineWave())
+    simulation = joint.simulate(2, perturbation=tv.simulate.PRBS(), snr_db=10, seed=1)
+    assert simulation._repr_html_().startswith("<p><b>Simulation</b>: Recording(4 s at 1000 Hz")
+    assert labels(simulation.plot()) == ["angle", "torque"]
+    choice = tv.methods.Choice(tv.ShortDataSegments(window=0.2), "better <by> 3")
+    assert "ShortDataSegments(" in choice._repr_html_()
+    assert choice._repr_html_().endswith("better &lt;by&gt; 3</p>")
 
 
 def test_what_others_wrote_is_escaped_and_long_tables_are_folded():

@@ -271,3 +271,6 @@ def test_what_was_found_is_drawn_above_how_often_there_was_data(noisy, found):
         drawn["scheduled stiffness (N·m/rad)"].lines[0].get_ydata(), found.estimates["scheduled_stiffness"].values
     )
     assert sum(bar.get_height() for bar in drawn["time spent there (s)"].patches) == pytest.approx(noisy.duration)
+    assert tv.figures.variable_of({"lpv": found}, noisy) == "scheduling"
+    beside = tv.figures.identified_impedance({"lpv": found}, {}, but_over="scheduling")
+    assert not any(axes.get_ylabel().startswith("scheduled") for axes in beside.axes)

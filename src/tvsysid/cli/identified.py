@@ -21,13 +21,14 @@ if TYPE_CHECKING:
 def write_results(found: Comparison, out: Path, name: str) -> list[str]:
     """Write models and estimates, and draw these; returns the files' names but ``models.nc``, not final yet."""
     title = _title(name, found)
-    from tvsysid.figures import identified_impedance
+    from tvsysid.figures import identified_impedance, variable_of
     from tvsysid.recordings import whole_file
 
     with whole_file(out / "stiffness.csv") as table:
         found.over_time().to_csv(table, index=False, float_format="%.6g")
     _write_models(found, out, {})
-    _save(identified_impedance(found.models, found.vaf_over_time(), title), out / "stiffness")
+    over = variable_of(found.models, found.ensemble)
+    _save(identified_impedance(found.models, found.vaf_over_time(), title, over), out / "stiffness")
     return ["stiffness.csv", "stiffness.png", "stiffness.pdf", *_write_scheduled(found, out, title)]
 
 
@@ -53,7 +54,7 @@ def write_account(account: Account, out: Path, sheet: bool) -> list[str]:
 
 def _write_scheduled(found: Comparison, out: Path, title: str) -> list[str]:
     """Write what was estimated over variables, and draw it over the first of them; returns the names of the files."""
-    from tvsysid.figures import scheduled_estimates
+    from tvsysid.figures import scheduled_estimates, variable_of
     from tvsysid.recordings import whole_file
 
     table = found.over_variables()
@@ -61,8 +62,7 @@ def _write_scheduled(found: Comparison, out: Path, title: str) -> list[str]:
         return []
     with whole_file(out / "scheduled.csv") as file:
         table.to_csv(file, index=False, float_format="%.6g")
-    variable = str(table.variable[0])
-    if variable not in found.ensemble.channels:
+    if not (variable := variable_of(found.models, found.ensemble)):
         return ["scheduled.csv"]
     _save(scheduled_estimates(found.models, found.ensemble, variable, title), out / "scheduled")
     return ["scheduled.csv", "scheduled.png", "scheduled.pdf"]

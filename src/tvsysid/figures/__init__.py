@@ -14,7 +14,7 @@ from tvsysid.figures.planning import planned_recording
 from tvsysid.figures.preparation import preparation_steps
 from tvsysid.figures.recorded import ensemble_signals, recorded_channels, recorded_signals
 from tvsysid.figures.saving import Illustration, Picture, draw_all, drawn, helpers, save, share_out
-from tvsysid.figures.scheduling import scheduled_estimates
+from tvsysid.figures.scheduling import scheduled_estimates, variable_of
 from tvsysid.figures.simulations import coverage_over_time, error_against, error_against_amount, impulse_responses
 from tvsysid.figures.spread import error_against_truth, variance_and_spread
 from tvsysid.figures.style import lines
@@ -57,4 +57,11 @@ __all__ += [
     "share_out",
     "stiffness_of_participants",
 ]
-__all__ += ["Visit", "stiffness_of_visits", "stiffness_with_bands", "tuning_curves", "variance_and_spread"]
+__all__ += [
+    "Visit",
+    "stiffness_of_visits",
+    "stiffness_with_bands",
+    "tuning_curves",
+    "variable_of",
+    "variance_and_spread",
+]

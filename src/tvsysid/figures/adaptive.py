@@ -52,7 +52,8 @@ def _over_time(axes: Axes, model: AdaptiveModel, name: str) -> None:
         axes.axvline(switch.time, color=style.INK, linestyle="--", linewidth=0.8, alpha=switch.probability)
         late = 0.13 - late if switch.time - last < WIDE * model.time[-1] else 0.0
         last = switch.time
-        text = f" {switch.size:+.3g} at {switch.time:.3f} s, {100 * switch.probability:.0f} % "
+        size = f"{switch.size:+.3g}".replace("-", "−")
+        text = f" {size} at {switch.time:.3f} s, {100 * switch.probability:.0f} % "
         side = "right" if switch.time > (1 - WIDE) * model.time[-1] else "left"
         axes.annotate(text, (last, 0.98 - late), xycoords=("data", "axes fraction"), fontsize=7, va="top", ha=side)
 

@@ -156,13 +156,14 @@ def _lags(axes: Axes, curves: Curves) -> None:
     """Two combs side by side; a joint of second order that is moved from outside leaves both within the limits."""
     step = 1000 * float(curves.lag[1] - curves.lag[0])
     limit = float(curves.chance)
-    axes.axhspan(-limit, limit, color=INK, alpha=0.15, linewidth=0)
+    axes.axhspan(-limit, limit, color=INK, alpha=0.15, linewidth=0, label="chance")
     axes.axvline(0, color=INK, linewidth=0.6)
     for values, colour, side, label in zip(
-        curves.correlation, PALETTE, (-0.15, 0.25), ("with the angle", "with the speed"), strict=False
+        curves.correlation, PALETTE, (-0.15, 0.25), ("with angle", "with speed"), strict=False
     ):
         axes.vlines(1000 * curves.lag + side * step, 0, values, color=colour, linewidth=1.2, label=label)
     highest = max(float(np.abs(curves.correlation).max()), 3 * limit)
     axes.set_ylim(-1.1 * highest, 1.5 * highest)
-    _name(axes, "correlation of the torque left over", "lag of the torque (ms)", loc="upper right", ncols=2)
+    look: dict[str, Any] = {"loc": "upper right", "ncols": 3, "columnspacing": 1, "handlelength": 1.2}
+    _name(axes, "correlation of the torque left over", "lag of the torque (ms)", **look)
     axes.margins(x=0.01)

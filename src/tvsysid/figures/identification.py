@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
+from textwrap import fill
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -21,11 +22,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 OVER_TIME = (("time",), ("realization", "time"))
+LETTERS = 44  # of a title above axes of 3.6 inches
 WIDE = 1.6  # multiple of the upper quartile of the methods' reaches beyond which one is drawn by thin lines
 
 
 @style.styled
-def identified_impedance(models: Mapping[str, Model], vaf: Mapping[str, Array], title: str = "") -> Figure:
+def identified_impedance(
+    models: Mapping[str, Model], vaf: Mapping[str, Array], title: str = "", but_over: str = ""
+) -> Figure:
     """Every quantity that the models estimate, with 95 % bands: stiffness above the time-varying VAF, others beside it.
 
     The first of the models is in front, with a thicker line.
@@ -37,8 +41,11 @@ def identified_impedance(models: Mapping[str, Model], vaf: Mapping[str, Array], 
     ----------
     models, vaf
         By label: the models, and their time-varying VAF in per cent, shape (time,); no axes for it if it is empty.
+    but_over
+        Variable over which nothing is drawn, because :func:`scheduled_estimates` does.
     """
-    further = [name for model in models.values() for name in model.estimates if name not in IMPEDANCE]
+    every = [each for model in models.values() for each in model.estimates.items()]
+    further = [name for name, estimate in every if name not in IMPEDANCE and estimate.axes != (but_over,)]
     beside = [*IMPEDANCE[1:], *dict.fromkeys(further)]
     figure = style.blank(11.0, max(6.0, 2.2 * len(beside) + 0.8), title)
     grid = figure.add_gridspec(3 * len(beside), 2, width_ratios=[1.6, 1])
@@ -180,7 +187,7 @@ def tuning_curves(evidence: Mapping[str, Evidence], title: str = "") -> Figure:
     figure, grid = style.panels(rows, columns, 0.6 + 3.6 * columns, 0.4 + 4.2 * rows, title)
     for axes, (label, item) in zip(grid.flat, evidence.items(), strict=False):
         _tried(axes, item)
-        axes.set_title(label)
+        axes.set_title(fill(label, LETTERS))
     for axes in grid.flat[len(evidence) :]:
         axes.remove()
     return figure

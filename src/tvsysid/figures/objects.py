@@ -22,6 +22,7 @@ from tvsysid.planning import Plan
 from tvsysid.preprocess import Preparation
 from tvsysid.quality import Diagnosis
 from tvsysid.signals import Ensemble, Recording
+from tvsysid.simulate import Simulation
 from tvsysid.study.prepared import excerpt
 
 if TYPE_CHECKING:
@@ -98,6 +99,7 @@ def _label(model: Model) -> str:
 
 
 plot.register(Recording, _recording)
+plot.register(Simulation, lambda simulation, title="": _recording(simulation.recording, title))
 plot.register(Ensemble, ensemble_signals)
 plot.register(Preparation, preparation_steps)
 plot.register(Diagnosis, diagnosis_panels)

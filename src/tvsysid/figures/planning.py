@@ -39,6 +39,8 @@ def planned_recording(plan: Plan, title: str = "") -> Figure:
 
 
 def _against_minutes(axes: Axes, plan: Plan, setup: str, looks: dict[str, style.Look]) -> None:
+    from matplotlib.ticker import LogLocator  # noqa: PLC0415  # heavy
+
     minutes = plan.setups[setup].period / 60
     for answer in (each for each in plan.answers if each.setup == setup):
         curve, look = plan.curves[setup, answer.method], looks[answer.method]
@@ -55,6 +57,7 @@ def _against_minutes(axes: Axes, plan: Plan, setup: str, looks: dict[str, style.
     axes.set_ylabel("stiffness: ± at 95 %, bias included (N·m/rad)")
     axes.set_title(setup)
     for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axis.set_major_formatter("{x:g}")
         axis.set_minor_formatter("")
 

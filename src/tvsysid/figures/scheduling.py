@@ -18,6 +18,12 @@ if TYPE_CHECKING:
 BINS = 40
 
 
+def variable_of(models: Mapping[str, Model], ensemble: Ensemble) -> str:
+    """Name the first channel that a model estimates something over; nothing if there is none."""
+    axes = [estimate.axes for model in models.values() for estimate in model.estimates.values()]
+    return next((over[0] for over in axes if len(over) == 1 and over[0] in ensemble.channels), "")
+
+
 @style.styled
 def scheduled_estimates(models: Mapping[str, Model], ensemble: Ensemble, variable: str, title: str = "") -> Figure:
     """Each quantity that the models estimate over a variable, with 95 % bands, above a histogram of the variable.

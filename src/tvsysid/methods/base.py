@@ -19,6 +19,7 @@ from tvsysid.numerics.spectra import power_shares, strongest_line
 from tvsysid.quality.catalogue import FAULTS
 from tvsysid.quality.reflexes import changes
 from tvsysid.quality.statistics import LEAST_POWER, MOSTLY_NEGATIVE, mean_left, still_samples
+from tvsysid.showing import summary_html
 from tvsysid.signals import Ensemble
 
 if TYPE_CHECKING:
@@ -55,6 +56,9 @@ class Choice(NamedTuple, Generic[Chosen]):
 
     method: Chosen
     evidence: Evidence
+
+    def _repr_html_(self) -> str:
+        return summary_html("Choice", f"{self.method!r}: {self.evidence}")
 
 
 @dataclass(frozen=True)

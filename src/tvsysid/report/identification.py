@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tvsysid.figures import Illustration, draw_all, identified_impedance, scheduled_estimates
+from tvsysid.figures import Illustration, draw_all, identified_impedance, scheduled_estimates, variable_of
 from tvsysid.figures.words import count, unit_name
 from tvsysid.methods.adaptive.model import AdaptiveModel
 from tvsysid.numerics.bands import mean_of
@@ -97,7 +97,7 @@ def _illustrations(account: Account) -> dict[str, Illustration]:
     found, label = account.found, account.found.leading
     shown = {"answer": [label]} | ({"methods": list(found.models)} if len(found.models) > 1 else {})
     titles = {"answer": f"Impedance over time by {label}", "methods": "Impedance over time by all methods"}
-    vaf = found.vaf_over_time()
+    vaf, variable = found.vaf_over_time(), variable_of(found.models, found.ensemble)
     below = ", and the time-varying VAF" if vaf else ""
     texts = {
         "answer": f"Stiffness, viscosity and inertia by the method to go by, with 95 % bands{below}.",
@@ -105,12 +105,13 @@ def _illustrations(account: Account) -> dict[str, Illustration]:
     }
     drawn = {
         stem: Illustration(
-            partial(identified_impedance, {each: found.models[each] for each in labels}, vaf), titles[stem], texts[stem]
+            partial(identified_impedance, {each: found.models[each] for each in labels}, vaf, but_over=variable),
+            titles[stem],
+            texts[stem],
         )
         for stem, labels in shown.items()
     }
-    over = found.over_variables()
-    if over.empty or (variable := str(over.variable[0])) not in found.ensemble.channels:
+    if not variable:
         return drawn
     text = f"Quantities that follow {variable}, with 95 % bands, above how long {variable} was near each of its values."
     picture = partial(scheduled_estimates, found.models, found.ensemble, variable)

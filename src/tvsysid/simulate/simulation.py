@@ -12,6 +12,7 @@ import numpy as np
 
 from tvsysid.checked import Frozen, checked_array
 from tvsysid.errors import InputError
+from tvsysid.showing import Shown
 from tvsysid.signals import Array, Ensemble, Recording
 from tvsysid.simulate.perturbations import Perturbation
 
@@ -29,7 +30,7 @@ class System(Protocol):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Simulation(Frozen):
+class Simulation(Shown, Frozen):
     """A simulated recording and the truth about it, sample by sample.
 
     The recording has the angle, the noisy torque and the channels of the system; ``truth`` holds quantities by name,

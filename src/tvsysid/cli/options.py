@@ -76,6 +76,7 @@ HeaderOption = Annotated[
     bool,
     typer.Option(
         "--header/--no-header",
+        metavar="",
         help="Whether the first line of a text table (CSV, TSV) has names; if not, columns are called 1, 2, ...",
     ),
 ]

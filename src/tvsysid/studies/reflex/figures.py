@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from tvsysid.figures import BARS_OF_PATHWAYS, Illustration, error_against, method_comparison
 from tvsysid.figures.results import OVER_TIME, unique
-from tvsysid.figures.words import TRAITS, count, profile_name
+from tvsysid.figures.words import TRAITS, count, perturbation_name, profile_name
 from tvsysid.study.scores import asked
 
 if TYPE_CHECKING:
@@ -37,7 +37,8 @@ def reflex_figures(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illu
     for (kind, profile), rows in compared.groupby(["kind", "profile"], sort=False):
         widest = rows[rows.methods == rows.methods.max()]
         own = widest.system.iloc[0] if widest.system.nunique() == 1 else kind
-        shown[f"pathways-{kind}-{profile}"] = _pathways(results, summary, widest, f"{own}, {profile_name(profile)}")
+        what = ", ".join([own, profile_name(profile), *map(perturbation_name, unique(widest.perturbation))])
+        shown[f"pathways-{kind}-{profile}"] = _pathways(results, summary, widest, what)
         gains = results.truth.sel(scenario=list(rows.index), quantity="reflex_gain").mean("time").to_series()
         if gains.nunique() > 2:
             shown[f"bias-{kind}-{profile}"] = _bias(summary, gains, f"{kind}, {profile_name(profile)}")

@@ -339,3 +339,9 @@ def test_a_lag_remembers_what_came_before_in_the_run(ensemble_of):
 def test_orders_and_lags_that_are_none_are_refused(settings, message):
     with pytest.raises(tv.InputError, match=message):
         tv.KernelRegression(**settings)
+
+
+def test_two_realizations_leave_no_noise_to_find_settings_by(ensemble_of):
+    two = tv.preprocess.subtract_mean(ensemble_of(40.0, "sine", "noise").select([0, 1]))
+    with pytest.raises(tv.InputError, match=r"explained without any noise; give more realizations"):
+        tv.KernelRegression().tuned(two)

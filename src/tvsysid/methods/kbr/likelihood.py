@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from tvsysid.errors import InputError
 from tvsysid.methods.kbr.kernel import ENDLESS, Kernel, log_harmonic_variances
 from tvsysid.methods.kbr.record import Record
 from tvsysid.numerics import Array
@@ -16,6 +17,7 @@ from tvsysid.numerics.gaussian import Statistics, log_evidence, of_columns, of_s
 
 LENGTHS = np.geomspace(0.002, 30.0, 12)  # periodic lengths of which a tuned one is the best
 NOISES = 20  # steps of the noise variance at most, for settings that are given
+FAR = 12.0  # from the log noise variance at the start: so much less is no noise, but data too few to show any
 FAINT = 1e-7  # share of the noise below which a feature's part of the torque does not count in the likelihood
 
 
@@ -126,14 +128,15 @@ class Likelihood(NamedTuple):
             step = slope[4] / (0.5 * self.statistics.number)
             if abs(step) < 1e-4:
                 break
-            place[4] += step
+            place[4] = np.clip(place[4] + step, theta[4] - FAR, theta[4] + FAR)
         return float(place[4]), value
 
     def climb(self, theta: Array, line: str, length: float | None = None, leeway: float = math.inf) -> Tried:
         """Highest likelihood near a start; at one l1, if that is given, and with gammas no larger than by a leeway."""
         lengths = np.log([LENGTHS[0], LENGTHS[-1]] if length is None else [length, length])
         start = np.concatenate([[np.clip(theta[0], *lengths)], theta[1:]])
-        bounds = [tuple(lengths), *((gamma - 50, gamma + min(leeway, 15)) for gamma in theta[1:4]), (None, None)]
+        bounds = [tuple(lengths), *((gamma - 50, gamma + min(leeway, 15)) for gamma in theta[1:4])]
+        bounds.append((theta[4] - FAR, theta[4] + FAR))
 
         # That of about white noise, so that where the search stops does not depend on the unit of the torque.
         usual = -0.5 * self.statistics.number * math.log(self.noise)
@@ -143,6 +146,11 @@ class Likelihood(NamedTuple):
             return usual - value, -slope
 
         found = minimize(descent, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": 1e-9})
+        if found.x[4] <= theta[4] - FAR:
+            raise InputError(
+                "the settings of kbr cannot be found from the data: so few realizations are explained without any "
+                "noise; give more realizations, or the settings"
+            )
         return self.tried(found.x, usual - float(found.fun), line)
 
     def tried(self, theta: Array, value: float, line: str) -> Tried:

@@ -133,8 +133,9 @@ def identify(
 
     if period is None and scheduling is None:
         raise InputError(
-            "--period is missing: the duration of one repetition of the behaviour; without repetitions, give the "
-            "channel with a variable that the joint follows (--scheduling)"
+            "--period is missing: the duration of one repetition of the behaviour (s); for a joint that is held still, "
+            "any will do (--period 2); where nothing repeats, give the channel with a variable that the joint follows "
+            "(--scheduling)"
         )
     if scheduling is not None:
         channel = [*channel, f"scheduling={scheduling}"]

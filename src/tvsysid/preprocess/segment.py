@@ -239,6 +239,8 @@ def segment(recording: Recording, period: float | None, context: float = 0.5) ->
     if not any(firsts):
         longest = max(trial.stop - trial.start for trial in recording.trials) / rate
         less = "give less context (--context 0 keeps every realization)"
+        if len(recording.trials) > 1:
+            less += ", or, if the trials follow each other in time, read them as one (--columns contiguous)"
         raise InputError(
             f"segment: no realization of {period:g} s with {context:g} s of context on both sides fits into "
             f"{longest:g} s of record from {recording.start:g} s on; "

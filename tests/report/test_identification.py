@@ -123,3 +123,19 @@ def test_a_single_realization_has_a_page_too(tmp_path):
     assert "Not diagnosed: one realization." in section(told, "diagnosis")
     assert np.isnan(account.held_out_mean("kbr"))
     assert found.vaf_over_time() == {}  # and no axes for it
+
+
+@pytest.mark.filterwarnings("ignore::tvsysid.errors.DataQualityWarning")
+def test_the_paragraph_says_whose_stiffness_includes_the_reflex():
+    simulation = tv.simulate.ReflexJoint(reflex_gain=8.0).simulate(
+        40, perturbation=tv.simulate.PRBS(), snr_db=20, seed=1
+    )
+    ensemble = tv.preprocess.subtract_mean(
+        tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 2.0)
+    )
+    diagnosis = tv.diagnose(ensemble)
+    told = methods_paragraph(tv.report.Account(tv.compare(ensemble, ["cascade", "sds"]), diagnosis=diagnosis))
+    assert "This stiffness is the intrinsic one: a stretch reflex was estimated beside it. That of sds includes" in told
+    assert "A diagnosis of the data found: " in told
+    told = methods_paragraph(tv.report.Account(tv.compare(ensemble, ["sds"]), diagnosis=diagnosis))
+    assert "This stiffness includes a stretch reflex, which the data show." in told

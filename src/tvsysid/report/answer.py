@@ -174,3 +174,9 @@ def one_pathway(found: Comparison) -> list[str]:
         for label, model in found.models.items()
         if "reflex" not in getattr(found.methods[label], "pathway_names", ()) and "reflex_gain" not in model.estimates
     ]
+
+
+def reflex_found(account: Account) -> str:
+    """What the diagnosis says of a reflex; empty if it found none."""
+    checks = () if account.diagnosis is None else account.diagnosis.findings
+    return next((f"{each.what}; {each.fault.remedy}" for each in checks if each.name == "reflex"), "")

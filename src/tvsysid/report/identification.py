@@ -20,6 +20,7 @@ from tvsysid.report.answer import (
     further,
     one_pathway,
     others,
+    reflex_found,
     reflex_shape,
     switches,
     taken,
@@ -126,7 +127,7 @@ def _outcome(account: Account, figures: list[page.Block]) -> page.Section:
     found, label = account.found, account.found.leading
     first, *rest = answer(found)
     lines = [_sentence(first), *([_sentence("; ".join(rest))] if rest else [])]
-    reflex = _reflex_found(account)
+    reflex = reflex_found(account)
     if reflex and label in one_pathway(found):
         lines.append(f"Part of this stiffness is a reflex: {reflex}.")
     lines += [why_leading(found), *_differing(account), _trust(account)]
@@ -143,7 +144,7 @@ def _differing(account: Account) -> list[str]:
         return []
     blamed = [label for label in one_pathway(account.found) if label != account.found.leading]
     who = "all" if len(blamed) == len(account.found.models) - 1 else ", ".join(blamed)
-    told = f" ({who} take the reflex for stiffness)" if blamed and _reflex_found(account) else ""
+    told = f" ({who} take the reflex for stiffness)" if blamed and reflex_found(account) else ""
     text = 'By the other methods it is {} on average{}; <a href="#methods">why they differ</a>.'
     return [Markup(text).format(means, told)]
 
@@ -163,12 +164,6 @@ def _trust(account: Account) -> str:
         titles = ", ".join(each.fault.title.lower() for each in account.diagnosis.findings)
         sentences.append(f"Diagnosis of the data: {account.diagnosis.verdict}{': ' if titles else ''}{titles}.")
     return " ".join(sentences)
-
-
-def _reflex_found(account: Account) -> str:
-    """What the diagnosis says of a reflex; empty if it found none."""
-    checks = () if account.diagnosis is None else account.diagnosis.findings
-    return next((f"{each.what}; {each.fault.remedy}" for each in checks if each.name == "reflex"), "")
 
 
 def _quantities(account: Account) -> list[page.Block]:

@@ -14,7 +14,7 @@ from tvsysid.methods.apply import Identifies
 from tvsysid.methods.references import bibliography, cited
 from tvsysid.methods.tuning.evidence import Tuned
 from tvsysid.numerics.bands import mean_of
-from tvsysid.report.answer import Account
+from tvsysid.report.answer import Account, one_pathway, reflex_found
 from tvsysid.signals import Ensemble
 
 
@@ -31,6 +31,8 @@ def methods_paragraph(account: Account) -> str:
         f"Stiffness, viscosity and inertia were estimated by {_named(account, first)}{beside}.",
         *_chosen(account),
         *_results(account, first),
+        *_pathways(account, first),
+        *_faults(account),
     ]
     return " ".join(sentences)
 
@@ -109,6 +111,24 @@ def _chosen(account: Account) -> list[str]:
         return []
     criteria = "; ".join(f"{label} by {item.criterion}" for label, item in evidence.items())
     return [f"Settings were chosen from the data ({criteria})."]
+
+
+def _pathways(account: Account, label: str) -> list[str]:
+    """What became of a reflex: it is no part of the stiffness, or it is, and of which methods'."""
+    blamed = one_pathway(account.found)
+    if label not in blamed:
+        intrinsic = ["This stiffness is the intrinsic one: a stretch reflex was estimated beside it."]
+        taken = [f"That of {', '.join(blamed)} includes the reflex."] if blamed else []
+        return intrinsic + taken
+    return ["This stiffness includes a stretch reflex, which the data show."] if reflex_found(account) else []
+
+
+def _faults(account: Account) -> list[str]:
+    """What the diagnosis found."""
+    if account.diagnosis is None or not account.diagnosis.findings:
+        return []
+    titles = "; ".join(each.fault.title.lower() for each in account.diagnosis.findings)
+    return [f"A diagnosis of the data found: {titles}."]
 
 
 def _results(account: Account, label: str) -> list[str]:

@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 
 def write_results(found: Comparison, out: Path, name: str) -> list[str]:
     """Write models and estimates, and draw these; returns the files' names but ``models.nc``, not final yet."""
-    title = _title(name, found)
     from tvsysid.figures import identified_impedance, variable_of
     from tvsysid.recordings import whole_file
 
+    title = _title(name, found)
     with whole_file(out / "stiffness.csv") as table:
         found.over_time().to_csv(table, index=False, float_format="%.6g")
     _write_models(found, out, {})

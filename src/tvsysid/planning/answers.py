@@ -14,9 +14,8 @@ from tvsysid.errors import InputError
 from tvsysid.methods import label_of, parse
 from tvsysid.methods.apply import Identifies
 from tvsysid.methods.travel import pickled
-from tvsysid.metrics import random_error
 from tvsysid.numerics.bands import critical_value
-from tvsysid.planning.curves import RECORDS, Curve, curves_of, identified, rises, sizes
+from tvsysid.planning.curves import RECORDS, Curve, answered, curves_of, identified, rises, scatter, sizes
 from tvsysid.planning.setups import Pilot, Setup, positive
 from tvsysid.showing import Progress, Shown, reported, summary_html
 from tvsysid.signals import Ensemble
@@ -148,10 +147,11 @@ class Plan(Shown, Frozen):
                     part = self.setups[each.setup].simulated(each.realizations, seed + trial)
                     values.append(identified({each.method: every[each.method]}, [part], {}, int)[each.method][0])
                     done += 1
-                known = np.array(values)[np.isfinite(values).any(axis=1)]
-                reached = random_error(known) * math.sqrt(len(known) / (len(known) - 1)) if len(known) > 1 else math.nan
+                known = answered(np.array(values))
                 predicted = self.curves[each.setup, each.method].at(each.realizations).random
-                found.append(Verified(each.setup, each.method, each.realizations, predicted, reached, len(known)))
+                found.append(
+                    Verified(each.setup, each.method, each.realizations, predicted, scatter(known), len(known))
+                )
         return found
 
 

@@ -105,15 +105,11 @@ def curves_of(
     records = [setup.simulated(most, seed + number) for number in range(RECORDS)]
     for count in sizes(most):
         parts = list(_cut(records, count, draws))
-        found, truth = (
-            identified(methods, parts, why, advance),
-            np.mean([part.stiffness for part in parts], axis=(0, 1)),
-        )
-        for label, estimates in found.items():
-            known = estimates[np.isfinite(estimates).any(axis=1)]
+        truth = np.mean([part.stiffness for part in parts], axis=(0, 1))
+        for label, estimates in identified(methods, parts, why, advance).items():
+            known = answered(estimates)
             if len(known) > 1 and np.isfinite(known).all(axis=0).any():
-                errors = random_error(known) * math.sqrt(len(known) / (len(known) - 1))
-                rows[label].append((count, errors, debiased_bias_error(known, truth), len(known)))
+                rows[label].append((count, scatter(known), debiased_bias_error(known, truth), len(known)))
     return {label: _curve(each, why.get(label, "")) for label, each in rows.items()}
 
 
@@ -142,7 +138,7 @@ def rises(
         both = np.concatenate([values, low + high - np.roll(values, values.shape[1] // 2, axis=1)])
         levels = low + 0.1 * (high - low), high - 0.1 * (high - low)
         within = min(WITHIN, 0.2 * setup.period)
-        known = both[np.isfinite(both).any(axis=1)]
+        known = answered(both)
         time = parts[0].ensemble.time
         risen = float(rise_time(time, known, *levels, setup.period / 4, within)) if len(known) else math.nan
         found[label] = float(np.maximum(risen, time[1]))  # no sooner than a sample
@@ -166,6 +162,17 @@ def identified(
                 found[label].append(values)
                 advance()
     return {label: np.array(values) for label, values in found.items()}
+
+
+def answered(estimates: Array) -> Array:
+    """Those (estimate, time) that are known at some time."""
+    return estimates[np.isfinite(estimates).any(axis=1)]
+
+
+def scatter(estimates: Array) -> float:
+    """Random error of which these few estimates (estimate, time) are a sample; NaN for one."""
+    count = len(estimates)
+    return random_error(estimates) * math.sqrt(count / (count - 1)) if count > 1 else math.nan
 
 
 def _cut(records: Sequence[Simulated], count: int, draws: int) -> Iterator[Simulated]:

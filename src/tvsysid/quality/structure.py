@@ -20,10 +20,8 @@ PAST_ANGLE = 0.2  # seconds of the angle's past that predict it by themselves
 PAST_NOISE = 0.15  # seconds of the residual torque that may add to it
 # Shares of the unpredicted movement: that what was applied predicts of the angle at least, and the angle of it at most.
 LEADS, FOLLOWS = 0.2, 0.02
-A_TORQUE, BESIDE = (
-    0.96,
-    6,
-)  # share that the torque explains of a sensor of it (of a command 0.95), so many samples beside
+A_TORQUE = 0.96  # share of a sensor of the torque that the torque explains; of a command 0.95
+BESIDE = 6  # samples of the torque to either side from which it is explained
 SLOWEST, STEP = 0.3, 0.03  # longest lag of a slow answer and step between lags, in s
 SHORT = "realizations and their context are too short"
 
@@ -93,7 +91,8 @@ def applied(data: FittedEnsemble, channel: str) -> Seen:
     makes the torque's noise gives a stiffness that is lower still, which is the load's.
     """
     data.require(LEAST_REALIZATIONS)
-    values = data.ensemble.signal(channel) - data.ensemble.signal(channel).mean(axis=0)
+    values = data.ensemble.signal(channel)
+    values = values - values.mean(axis=0)
     torques = sliding_window_view(data.torque, values.shape[1] - 2 * BESIDE, axis=1).transpose(1, 0, 2)
     if not gained(values[:, BESIDE:-BESIDE], torques)[0] < A_TORQUE:
         raise NotJudged(f"{channel!r} is the torque")

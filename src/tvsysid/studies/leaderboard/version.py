@@ -80,5 +80,5 @@ def digest(study: Study) -> str:
 
 
 def commitment(seed: int) -> str:
-    """Hash that fixes a seed without telling it: once it is told, anybody can work out the same."""
+    """SHA-256 that is published before its seed; whoever is later given the seed can check that it is the same one."""
     return hashlib.sha256(f"tvsysid leaderboard {VERSION} seed {seed}".encode()).hexdigest()

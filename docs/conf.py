@@ -50,6 +50,7 @@ sphinx_gallery_conf = {
     "gallery_dirs": "learn",
     "filename_pattern": r"\.py$",
     "image_scrapers": (pictures.scrape,),
+    "reset_modules": ("matplotlib", "seaborn", pictures.use_palette),
     "capture_repr": (),
     "show_signature": False,
     "abort_on_example_error": True,

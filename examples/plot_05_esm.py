@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import tvsysid as tv
+from tvsysid.figures.style import PALETTE, TRUTH
 
 joint = tv.simulate.Joint(stiffness=tv.simulate.SineWave())
 simulation = joint.simulate(100, perturbation=tv.simulate.PRBS(), snr_db=15, seed=5)
@@ -22,17 +23,17 @@ ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2
 model = tv.EnsembleSpectral(stiffness="fit").identify(ensemble)
 
 # %%
-# The response where the joint is softest and where it is stiffest, with that of the true joint (dashed).
+# The response where the joint is softest (dashed) and where it is stiffest, with that of the true joint (wide and grey).
 
 figure = Figure(figsize=(8, 3.4), layout="constrained")
 axes = figure.subplots()
 truth = simulation.truth_of(ensemble)["stiffness"][0]
-for time, colour in ((truth.argmin(), "C0"), (truth.argmax(), "C1")):
+for time, line, colour in ((truth.argmin(), "o--", PALETTE[0]), (truth.argmax(), "s-", PALETTE[1])):
     shown = model.frequencies <= 20
     omega = 2 * np.pi * model.frequencies[shown]
     exact = truth[time] + 2.2j * omega - 0.02 * omega**2
     label = f"{ensemble.time[time]:.2f} s, {truth[time]:.0f} N·m/rad"
-    axes.plot(model.frequencies[shown], abs(model.frequency_response[time, shown]), "o-", color=colour, label=label)
-    axes.plot(model.frequencies[shown], abs(exact), "--", color=colour)
+    axes.plot(model.frequencies[shown], abs(exact), line[1:], color=TRUTH, linewidth=2.6)
+    axes.plot(model.frequencies[shown], abs(model.frequency_response[time, shown]), line, color=colour, label=label)
 axes.set(xlabel="frequency (Hz)", ylabel="gain (N·m/rad)", ylim=(0, None))
 axes.legend(loc="upper left")

@@ -8,6 +8,7 @@ Where noise of the torque moves the angle too, stiffness comes out too low. The 
 from matplotlib.figure import Figure
 
 import tvsysid as tv
+from tvsysid.figures.style import PALETTE, TRUE_LINE
 
 joint = tv.simulate.CompliantActuator(tv.simulate.SineWave(), noise_bandwidth=5.0, disturbance="torque")
 simulation = joint.simulate(60, perturbation=tv.simulate.FilteredNoise(20.0), snr_db=5, seed=8)
@@ -23,11 +24,11 @@ methods = {
 }
 figure = Figure(figsize=(8, 3.4), layout="constrained")
 axes = figure.subplots()
-axes.plot(ensemble.time, simulation.truth_of(ensemble)["stiffness"][0], "k--", label="true")
-for (name, method), line in zip(methods.items(), ("-.", "-"), strict=True):
+axes.plot(ensemble.time, simulation.truth_of(ensemble)["stiffness"][0], **TRUE_LINE)
+for (name, method), line, colour in zip(methods.items(), ("-.", "-"), PALETTE, strict=False):
     model = method.identify(ensemble)
     print(f"{name}: {model.stiffness.mean():.0f} N·m/rad on average, where 100 is true")
-    axes.plot(model.time, model.stiffness, line, label=name)
-axes.fill_between(model.time, *model.estimates["stiffness"].band(), color="C1", alpha=0.3)
+    axes.plot(model.time, model.stiffness, line, color=colour, label=name)
+axes.fill_between(model.time, *model.estimates["stiffness"].band(), color=PALETTE[1], alpha=0.3)
 axes.set(xlabel="time (s)", ylabel="stiffness (N·m/rad)", ylim=(0, 210))
 axes.legend(ncols=3, loc="upper center", fontsize="small")

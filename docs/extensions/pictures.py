@@ -7,6 +7,14 @@ from typing import Any
 from sphinx_gallery.scrapers import figure_rst
 
 import tvsysid as tv
+from tvsysid.figures.style import PALETTE
+
+
+def use_palette(settings: dict[str, Any], file: str) -> None:
+    """Draw what an example gives no colour in the package's, which all eyes tell apart."""
+    import matplotlib
+
+    matplotlib.rcParams["axes.prop_cycle"] = matplotlib.cycler(color=PALETTE)
 
 
 def scrape(block: tuple[Any, ...], found: dict[str, Any], settings: dict[str, Any]) -> str:

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import os
+import re
 import sysconfig
 import textwrap
 import traceback
 import unicodedata
+from collections.abc import Iterable
 from functools import cache
+from itertools import chain
 from pathlib import Path
 
 UNSEEN = {"Cc", "Cf", "Cs", "Zl", "Zp"}
 """Unicode's categories of what is not text to be seen."""
+
+
+PERCENTAGE = re.compile(r"(\d+(?:\.\d+)?) %")
 
 
 class InputError(ValueError):
@@ -44,6 +50,27 @@ def _seen(sign: str) -> str:
 def one_line(text: str) -> str:
     """Text of others, printable, in one line."""
     return " ".join(line.strip() for line in printable(text).split("\n"))
+
+
+def by_text(warned: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
+    """Who gave a warning, by its text: texts that differ in a percentage alone are one, with the range of it.
+
+    Examples
+    --------
+    >>> by_text([("sds", "negative at 92 % of the samples"), ("esm", "negative at 100 % of the samples")])
+    {'negative at 92 to 100 % of the samples': ['sds', 'esm']}
+    """
+    groups: dict[str, dict[str, list[str]]] = {}
+    for who, text in warned:
+        groups.setdefault(PERCENTAGE.sub("%", text), {}).setdefault(text, []).append(who)
+    return {_ranged(list(texts)): list(dict.fromkeys(chain(*texts.values()))) for texts in groups.values()}
+
+
+def _ranged(texts: list[str]) -> str:
+    """Text of several that differ in percentages alone, with lowest and highest of each."""
+    found = zip(*(PERCENTAGE.findall(text) for text in texts), strict=True)
+    ends = iter([sorted(set(values), key=float) for values in found])
+    return PERCENTAGE.sub(lambda _: f"{' to '.join(dict.fromkeys(((each := next(ends))[0], each[-1])))} %", texts[0])
 
 
 def describe_error(error: BaseException, file: str | None = None) -> str:

@@ -4,13 +4,14 @@ import errno
 import io
 import os
 import sys
+import warnings
 
 import pandas as pd
 import pytest
 from tests.cli.conftest import IDENTIFY
 
-from tvsysid.cli.console import output, show_table
-from tvsysid.errors import one_line, printable
+from tvsysid.cli.console import output, show_table, shown_warnings
+from tvsysid.errors import DataQualityWarning, one_line, printable
 
 ANGLE, TORQUE, FILE = "[/a]\x1b[31m$x_{$\x07", "[bold]\u202etq$", "[red]$\x1b\udce9.csv"
 
@@ -116,3 +117,11 @@ def test_names_are_broken_before_numbers_and_in_few_lines(monkeypatch, capsys, n
     monkeypatch.setattr(output, "width", 50)
     show_table("scores", headings, [[name, "4.5", "3.7", "5.8", "98.4", "99.5"]])
     assert f"method: {name}\n  bias (N·m/rad): 4.5\n" in capsys.readouterr().out
+
+
+def test_a_warning_is_printed_once_with_all_who_gave_it(capsys):
+    with shown_warnings():
+        for text in ("sds: 9.5 % is odd", "esm: 12 % is odd", "sds: 9.5 % is odd", "kbr: 5 lags", "what is odd: it"):
+            warnings.warn(text, DataQualityWarning, stacklevel=1)
+    told = ["9.5 to 12 % is odd (sds, esm)", "kbr: 5 lags", "what is odd: it"]
+    assert capsys.readouterr().err.splitlines() == [f"warning: {text}" for text in told]

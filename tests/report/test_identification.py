@@ -61,6 +61,8 @@ def test_methods_stand_side_by_side_with_the_vaf_of_realizations_held_out(elemen
 def test_a_paragraph_is_ready_to_paste(elements, identified):
     told = methods_paragraph(identified)
     assert told in section(elements, "paragraph")
+    turned = methods_paragraph(replace(identified, turned=["the torque's sign was reversed", "degrees became radians"]))
+    assert "When the file was read, the torque's sign was reversed and degrees became radians. " in turned
     assert f"version {tv.__version__}" in told
     assert (
         "Angle and torque, recorded at 1000 Hz in 1 trial, low-pass filtered and decimated to 100 Hz, were cut into 60 "

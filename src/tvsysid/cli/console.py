@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from tvsysid.errors import DataQualityWarning, one_line, printable
+from tvsysid.errors import DataQualityWarning, by_text, one_line, printable
 from tvsysid.showing import Progress, progress_bar
 
 
@@ -146,14 +146,21 @@ def waiting(title: str) -> AbstractContextManager[object]:
 
 @contextmanager
 def shown_warnings() -> Iterator[None]:
-    """Print the package's warnings as one line each when the block ends, however it ends."""
+    """Print the package's warnings when the block ends, however it ends: a line each, and who gave it, if several."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DataQualityWarning)
         try:
             yield
         finally:
-            for text in dict.fromkeys(str(warning.message) for warning in caught):
-                remark("warning", text)
+            parts = (str(warning.message).partition(": ") for warning in caught)
+            told = (
+                (who, text) if text and " " not in who else ("", who + between + text) for who, between, text in parts
+            )
+            for text, names in by_text(told).items():
+                several = len(names) > 1
+                remark(
+                    "warning", f"{text} ({', '.join(names)})" if several else f"{names[0]}: {text}".removeprefix(": ")
+                )
 
 
 def duration_text(seconds: float) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -151,8 +152,8 @@ def identify(
         if decimate is not None:
             recording = preprocess.decimate(recording, decimate, sharp=period is None)
         if recording.sampling_rate > SLOW_RATE:
-            text = "may take minutes; --decimate 100 is usual, and enough for a joint"
-            remark("note", f"identifying at {recording.sampling_rate:g} Hz {text}")
+            text = "takes minutes, where seconds do; --decimate 100 is usual, and enough for a joint"
+            remark("note", f"identifying at {recording.sampling_rate:g} Hz {text} (Ctrl-C, and give it)")
         deviating = [name for name in deviating_channels(chosen) if name in recording.channels]
         ensemble = preprocess.segment(recording, period, context)
         if len(ensemble) > 1 or period is not None:
@@ -176,7 +177,10 @@ def identify(
         lambda names: options.read(file, angle, torque, *as_read, names, header, torque_unit),
     )
     written = write_results(found, out, file.name)  # first, as holding out takes longest
+    done = {"the torque's sign was reversed": torque_sign == -1, "degrees became radians": angle_unit == "deg"}
+    done["N·mm became N·m"] = torque_unit == "Nmm"
     account = _account(found, time_limit, source, _judged(found, recording, context, deviating))
+    account = replace(account, turned=[words for words, was in done.items() if was])
     written = [*write_account(account, out, sheet), *written]
     _show_impedance(account)
     _show_further(found)
@@ -325,10 +329,11 @@ def _show_reflex(found: Comparison) -> None:
 
     one_path = one_pathway(found)
     reflex = find_reflex(found.ensemble)
+    names = ", ".join(one_path)
     if one_path and reflex.found:
-        remark(
-            "warning", f"a reflex is taken for stiffness by {', '.join(one_path)}: {reflex.what}; {reflex.fault.remedy}"
-        )
+        remark("warning", f"a reflex is taken for stiffness by {names}: {reflex.what}; {reflex.fault.remedy}")
+    elif one_path and "reflex_gain" in found.models[found.leading].estimates:
+        remark("note", f"{found.leading} estimates a reflex beside the stiffness, which {names} take for stiffness")
 
 
 def _number(value: float, text: str = "{:.1f}") -> str:

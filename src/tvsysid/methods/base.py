@@ -324,7 +324,7 @@ def _common_warnings(
     if len(known) and np.mean(known < 0) > MOSTLY_NEGATIVE:
         yield (
             f"stiffness is negative at {100 * np.mean(known < 0):.0f} % of the samples: "
-            "is the torque's sign reversed? (read it with torque_sign=-1, --torque-sign -1) Or does noise alone move "
+            "is the torque's sign reversed? (read it with --torque-sign -1, in Python torque_sign=-1) Or does noise alone move "
             "the angle, as where the perturbation is the same in every realization?"
         )
     if len(known) and abs(usual := float(np.median(known))) > FAULTS["torque-unit"].limit:
@@ -337,7 +337,8 @@ def _common_warnings(
     if shared + CERTAIN * error < AGREES:
         yield (
             f"inertia, viscosity and stiffness explain only {shared:.0f} % of the torque that answers to the angle: "
-            "the joint is not of second order, so viscosity and inertia mean nothing; see model.impulse_response"
+            "the joint is not of second order, so viscosity and inertia mean nothing; look at the "
+            "impulse response (eirf, sds; in models.nc, in Python model.impulse_response)"
         )
     left = mean_left(ensemble.torque[:, ensemble.core])
     if left.found and not takes_deviations:

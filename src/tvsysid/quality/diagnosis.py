@@ -156,11 +156,11 @@ class Diagnosis(Shown):
 
     @property
     def verdict(self) -> str:
-        """The outcome in a sentence."""
-        judged = sum(check.judged for check in self.checks)
+        """The outcome in a sentence, with how many of the catalogue's checks apply to these data."""
+        judged = f"{sum(check.judged for check in self.checks)} of {len(FAULTS)}"
         count, uncertain = len(self.findings), len(self.uncertain)
         if uncertain and not count:
-            return f"{uncertain} of {judged} checks uncertain, nothing found for sure"
+            return f"{uncertain} uncertain in {judged} checks, nothing found for sure"
         also = f", {uncertain} uncertain" if uncertain else ""
         return f"{count or 'no'} fault{'' if count < 2 else 's'} found in {judged} checks{also}"
 
@@ -222,7 +222,7 @@ def diagnose(ensemble: Ensemble, reference: str | None = None, *, repeats: bool 
     >>> recording = tv.preprocess.decimate(simulation.recording, 100)
     >>> ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))
     >>> tv.diagnose(ensemble)
-    Diagnosis of 30 realizations of 2 s at 100 Hz: no fault found in 28 checks
+    Diagnosis of 30 realizations of 2 s at 100 Hz: no fault found in 28 of 32 checks
     not judged: mean-torque, mean-angle (the mean over realizations has been subtracted); clipped-angle (...)
     """
     if not isinstance(ensemble, Ensemble):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -31,7 +31,8 @@ class Account:
 
     What was ``found``; the ``held_out`` VAF of :meth:`tvsysid.Comparison.held_out_vaf`, if it was computed; the
     ``diagnosis`` of the same ensemble, or why there is none (``undiagnosed``); the ``source`` of the data, as rows of a
-    table (``{"file": "ankle.mat", "angle": "channel pos"}``).
+    table (``{"file": "ankle.mat", "angle": "channel pos"}``); what was ``turned`` when the file was read, for the
+    methods paragraph (``["the torque's sign was reversed"]``).
     """
 
     found: Comparison
@@ -39,6 +40,7 @@ class Account:
     diagnosis: Diagnosis | None = None
     undiagnosed: str = "nobody looked"
     source: Mapping[str, str] = field(default_factory=dict)
+    turned: Sequence[str] = ()
 
     def held_out_mean(self, label: str) -> float:
         """Held-out VAF of a method in per cent, mean over realizations or by the method itself; NaN if not known."""
@@ -84,7 +86,7 @@ def answer(found: Comparison) -> list[str]:
     if known.mean() < 0:
         lines.append(
             "no joint has a negative stiffness: the torque's sign is probably reversed; read it with --torque-sign -1 "
-            "(torque_sign=-1), or without that"
+            "(in Python torque_sign=-1), or without that"
         )
     return lines + (changes(model) if isinstance(model, AdaptiveModel) else [])
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from tvsysid.errors import by_text
 from tvsysid.figures import Illustration, draw_all, identified_impedance, scheduled_estimates, variable_of
 from tvsysid.figures.words import count, unit_name
 from tvsysid.methods.adaptive.model import AdaptiveModel
@@ -144,7 +145,8 @@ def _differing(account: Account) -> list[str]:
         return []
     blamed = [label for label in one_pathway(account.found) if label != account.found.leading]
     who = "all" if len(blamed) == len(account.found.models) - 1 else ", ".join(blamed)
-    told = f" ({who} take the reflex for stiffness)" if blamed and reflex_found(account) else ""
+    split = reflex_found(account) or "reflex_gain" in account.found.models[account.found.leading].estimates
+    told = f" ({who} have one pathway, which takes a reflex for stiffness)" if blamed and split else ""
     text = 'By the other methods it is {} on average{}; <a href="#methods">why they differ</a>.'
     return [Markup(text).format(means, told)]
 
@@ -349,11 +351,8 @@ def _met(account: Account) -> page.Section:
     found = account.found
     rows = [page.Row((label, "failed", reason)) for label, reason in found.failed.items()]
     rows += [page.Row((label, "skipped", reason)) for label, reason in found.skipped.items()]
-    rows += [
-        page.Row((label, "warning", text))
-        for label, model in found.models.items()
-        for text in model.diagnostics.warnings
-    ]
+    warned = ((label, text) for label, model in found.models.items() for text in model.diagnostics.warnings)
+    rows += [page.Row((", ".join(labels), "warning", text)) for text, labels in by_text(warned).items()]
     columns = page.columns({"method": "label", "what": "", "why": "long"})
     table = page.Table("Warnings", "What failed, was skipped, or gave a warning.", columns, rows)
     blocks: list[page.Block] = [table] if rows else ["No method failed, none was skipped, and none gave a warning."]

@@ -27,6 +27,7 @@ def methods_paragraph(account: Account) -> str:
         "Joint impedance was identified from a perturbation experiment with the software tvsysid, version "
         f"{__version__} (the tvsysid developers; see {cited(['vanderuit2021']).strip('()')}).",
         *_data(found.ensemble),
+        *([f"When the file was read, {' and '.join(account.turned)}."] if account.turned else []),
         *_perturbation(account),
         f"Stiffness, viscosity and inertia were estimated by {_named(account, first)}{beside}.",
         *_chosen(account),

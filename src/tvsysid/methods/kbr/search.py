@@ -58,7 +58,7 @@ class Search:
             values=np.array([each.value for each in tried]),
             standard_errors=np.full(len(tried), math.nan),
             chosen=chosen,
-            axis="length_periodic",
+            axis="length_periodic (no unit)",
             positions=np.exp([each.theta[0] for each in tried]),
             lines=tuple(each.line for each in tried),
             edges=self._edges(tried, chosen) if chosen else (),

@@ -23,7 +23,7 @@ ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2
 model = tv.EnsembleSpectral(stiffness="fit").identify(ensemble)
 
 # %%
-# The response where the joint is softest (dashed) and where it is stiffest, with that of the true joint (wide and grey).
+# The response where the joint is softest (dashed) and where it is stiffest, with the true joint's (wide, grey).
 
 figure = Figure(figsize=(8, 3.4), layout="constrained")
 axes = figure.subplots()

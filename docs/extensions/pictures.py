@@ -4,6 +4,7 @@ import ast
 from pathlib import Path
 from typing import Any
 
+import matplotlib
 from sphinx_gallery.scrapers import figure_rst
 
 import tvsysid as tv
@@ -12,8 +13,6 @@ from tvsysid.figures.style import PALETTE
 
 def use_palette(settings: dict[str, Any], file: str) -> None:
     """Draw what an example gives no colour in the package's, which all eyes tell apart."""
-    import matplotlib
-
     matplotlib.rcParams["axes.prop_cycle"] = matplotlib.cycler(color=PALETTE)
 
 

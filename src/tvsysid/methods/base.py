@@ -324,8 +324,8 @@ def _common_warnings(
     if len(known) and np.mean(known < 0) > MOSTLY_NEGATIVE:
         yield (
             f"stiffness is negative at {100 * np.mean(known < 0):.0f} % of the samples: "
-            "is the torque's sign reversed? (read it with --torque-sign -1, in Python torque_sign=-1) Or does noise alone move "
-            "the angle, as where the perturbation is the same in every realization?"
+            "is the torque's sign reversed? (read it with --torque-sign -1, in Python torque_sign=-1) Or does noise "
+            "alone move the angle, as where the perturbation is the same in every realization?"
         )
     if len(known) and abs(usual := float(np.median(known))) > FAULTS["torque-unit"].limit:
         yield (

@@ -17,6 +17,7 @@ from .errors import DataQualityWarning as DataQualityWarning
 from .errors import InputError as InputError
 from .estimates import Estimate as Estimate
 from .estimates import StandardError as StandardError
+from .explorer import explore as explore
 from .methods import AdaptiveRegression as AdaptiveRegression
 from .methods import BasisCascade as BasisCascade
 from .methods import BasisIRF as BasisIRF

@@ -28,7 +28,7 @@ LEVELS = [
     ["study", "check", "planning"],
     ["figures"],
     ["report"],
-    ["studies"],
+    ["studies", "explorer"],
     ["cli"],
 ]
 LEVEL = {room: number for number, rooms in enumerate(LEVELS) for room in rooms}

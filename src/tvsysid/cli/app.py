@@ -11,6 +11,7 @@ from tvsysid.cli.benchmark import benchmark
 from tvsysid.cli.check_method import check_method
 from tvsysid.cli.console import say
 from tvsysid.cli.experiment import experiment
+from tvsysid.cli.explore import explore
 from tvsysid.cli.identify import identify
 from tvsysid.cli.inspect import inspect
 from tvsysid.cli.leaderboard import leaderboard
@@ -46,7 +47,19 @@ app = typer.Typer(
     help="Estimate how stiff a human joint is while it moves: time-varying identification of joint impedance.\n\n"
     "All units are SI: rad, N·m, s, Hz, N·m/rad, N·m·s/rad, kg·m².",
 )
-for command in (benchmark, leaderboard, experiment, report, identify, inspect, methods, check_method, simulate, plan):
+for command in (
+    benchmark,
+    leaderboard,
+    experiment,
+    report,
+    identify,
+    explore,
+    inspect,
+    methods,
+    check_method,
+    simulate,
+    plan,
+):
     app.command(cls=_Command)(command)
 
 

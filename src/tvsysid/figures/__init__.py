@@ -6,7 +6,7 @@ A ``title`` stands above all of a figure.
 from tvsysid.figures.adaptive import adaptive_impedance
 from tvsysid.figures.comparison import BARS_OF_PATHWAYS, method_comparison
 from tvsysid.figures.diagnosis import diagnosis_illustration, diagnosis_panels
-from tvsysid.figures.identification import identified_impedance, tuning_curves
+from tvsysid.figures.identification import identified_impedance, identified_quantity, tuning_curves
 from tvsysid.figures.leaderboard import leaderboard
 from tvsysid.figures.objects import plot
 from tvsysid.figures.participants import participant_in_detail, stiffness_of_participants, stiffness_with_bands
@@ -38,6 +38,7 @@ __all__ += [
     "error_against_truth",
     "helpers",
     "identified_impedance",
+    "identified_quantity",
 ]
 __all__ += [
     "impulse_responses",

@@ -100,7 +100,18 @@ def _extent(values: Array) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def draw_quantity(axes: Axes, name: str, models: Mapping[str, Model]) -> str:
+@style.styled
+def identified_quantity(
+    models: Mapping[str, Model], name: str = "stiffness", title: str = "", simultaneous: bool = False
+) -> Figure:
+    """One quantity over time by the models, with 95 % bands, at each time by itself or at all ``simultaneous``ly."""
+    figure, axes = style.panels(1, 1, 6.4, 3.4, title)
+    over = draw_quantity(axes[0, 0], name, models, simultaneous)
+    axes[0, 0].set_xlabel(style.REALIZATION_TIME if over == "time" else over)
+    return figure
+
+
+def draw_quantity(axes: Axes, name: str, models: Mapping[str, Model], simultaneous: bool = False) -> str:
     """Draw what every model says of a quantity; return the axis that it is over."""
     unit, over = UNITS.get(name, ""), "time"
     found: dict[str, Found] = {}
@@ -113,7 +124,7 @@ def draw_quantity(axes: Axes, name: str, models: Mapping[str, Model]) -> str:
         if estimate.axes not in OVER_TIME:
             over = estimate.axes[-1]
             values, where = np.atleast_2d(estimate.values).mean(axis=0), np.asarray(model.coordinates[over])
-        found[label] = Found(where, values, _band(estimate, len(values)))
+        found[label] = Found(where, values, _band(estimate, len(values), simultaneous))
     axes.set_ylabel(f"{name.replace('_', ' ')} ({unit_name(unit)})")
     if not found:
         style.remark(axes, "not identified")
@@ -129,12 +140,12 @@ def draw_quantity(axes: Axes, name: str, models: Mapping[str, Model]) -> str:
     return over
 
 
-def _band(estimate: Estimate, samples: int) -> list[Array] | None:
+def _band(estimate: Estimate, samples: int, simultaneous: bool) -> list[Array] | None:
     if estimate.values.size != samples:  # a mean over realizations
         return None
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DataQualityWarning)  # that there is none
-        edges = [limit.ravel() for limit in estimate.band()]
+        edges = [limit.ravel() for limit in estimate.band(simultaneous=simultaneous)]
     return edges if np.isfinite(edges[0]).any() else None
 
 

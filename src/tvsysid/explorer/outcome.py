@@ -1,0 +1,125 @@
+"""From settings to what is shown of them; what does not change is kept from one change to the next."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from threading import Lock
+from typing import NamedTuple, TypeVar
+
+from threadpoolctl import threadpool_limits
+
+from tvsysid.comparison import Comparison, compare
+from tvsysid.errors import DataQualityWarning, InputError
+from tvsysid.explorer.settings import Cutting, Reading, Settings, command, python
+from tvsysid.figures import drawn, identified_quantity
+from tvsysid.methods import deviating_channels, parse
+from tvsysid.preprocess import align_channels, decimate, segment, subtract_mean
+from tvsysid.quality import Diagnosis, diagnose, find_delay
+from tvsysid.recordings import read_recording
+from tvsysid.report.answer import answer
+from tvsysid.signals import Ensemble, Recording
+
+T = TypeVar("T")
+Noted = tuple[T, tuple[str, ...]]  # what a step made, and what it warned of
+ONE_AT_A_TIME = Lock()  # warnings and the figures' look are those of all threads
+
+
+class Cut(NamedTuple):
+    """Realizations, the delay (s) that was removed, and channels that lost their mean."""
+
+    ensemble: Ensemble
+    delay: float
+    deviating: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What was found with some settings, and the package's warnings."""
+
+    settings: Settings
+    cut: Cut
+    found: Comparison
+    notes: tuple[str, ...]
+
+    @property
+    def lines(self) -> list[str]:
+        """The answer in words, as ``tvsysid identify`` prints it."""
+        return answer(self.found)
+
+    @property
+    def command(self) -> str:
+        """The same on the command line."""
+        return command(self.settings)
+
+    @property
+    def python(self) -> str:
+        """The same in Python."""
+        return python(self.settings, self.cut.delay, self.cut.deviating)
+
+    @cached_property
+    def diagnosis(self) -> Diagnosis | str:
+        """What may be wrong with the ensemble, or why nobody can say; takes a while."""
+        with ONE_AT_A_TIME, threadpool_limits(1):
+            try:
+                return self.found.recommendation.diagnosis or diagnose(self.found.ensemble)
+            except InputError as error:
+                return str(error)
+
+    def picture(self, quantity: str = "stiffness", simultaneous: bool = False) -> bytes:
+        """A quantity over time with its band, as SVG."""
+        with ONE_AT_A_TIME:
+            return drawn(identified_quantity(self.found.models, quantity, simultaneous=simultaneous), "svg")
+
+
+def outcome(settings: Settings) -> Outcome:
+    """Read, cut and identify, as ``tvsysid identify`` does.
+
+    Raises
+    ------
+    InputError
+        For what ``tvsysid identify`` refuses.
+    """
+    source, file = settings.source, getattr(settings.source, "file", None)
+    with ONE_AT_A_TIME:
+        changed = file.stat().st_mtime_ns if file is not None and file.exists() else 0
+        (cut, found), notes = _found(source, changed, settings.cutting, settings.method)
+    return Outcome(settings, cut, found, notes)
+
+
+@lru_cache(maxsize=16)
+def _found(source: Reading | Recording, changed: int, how: Cutting, method: str) -> Noted[tuple[Cut, Comparison]]:
+    cut, before = _cut(source, changed, how, tuple(deviating_channels([parse(method)])))
+    found, notes = _noted(lambda: compare(cut.ensemble, [method]))
+    return (cut, found), (*before, *notes)
+
+
+@lru_cache(maxsize=8)
+def _cut(source: Reading | Recording, changed: int, how: Cutting, deviating: tuple[str, ...]) -> Noted[Cut]:
+    recording, before = (source, ()) if isinstance(source, Recording) else _read(source, changed)
+    names = tuple(name for name in deviating if name in recording.channels)
+
+    def made() -> Cut:
+        delay = find_delay(recording, how.period, how.context) if how.align_channels else None
+        seconds = delay.value / 1000 if delay is not None and delay.found else 0.0
+        aligned = align_channels(recording, seconds) if seconds else recording
+        lowered = aligned if how.decimate is None else decimate(aligned, how.decimate)
+        return Cut(subtract_mean(segment(lowered, how.period, how.context), names), seconds, names)
+
+    cut, notes = _noted(made)
+    return cut, (*before, *notes)
+
+
+@lru_cache(maxsize=4)
+def _read(source: Reading, changed: int) -> Noted[Recording]:
+    return _noted(lambda: read_recording(source.file, sampling_rate=source.rate, **source.arguments))
+
+
+def _noted(work: Callable[[], T]) -> Noted[T]:
+    """What some work returns, and what it warns of."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", DataQualityWarning)
+        made = work()
+    return made, tuple(dict.fromkeys(str(each.message) for each in caught))

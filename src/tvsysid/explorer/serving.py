@@ -1,0 +1,108 @@
+"""The page at an address of this computer alone, for a command and for notebooks."""
+
+from __future__ import annotations
+
+import html
+import secrets
+import socket
+import threading
+import time
+from dataclasses import MISSING, fields
+from pathlib import Path
+from typing import Any
+
+from tvsysid.errors import InputError
+from tvsysid.explorer.settings import Cutting, Reading, Settings
+from tvsysid.recordings import describe_file
+from tvsysid.signals import Recording
+
+HOST = "127.0.0.1"
+FIRST: dict[str, Any] = {
+    item.name: None if item.default is MISSING else item.default
+    for kind in (Reading, Cutting, Settings)
+    for item in fields(kind)
+    if item.name not in ("file", "source", "cutting")
+} | {"decimate": 100.0}
+"""What the page begins with: what `tvsysid identify` does by itself, and a rate that is quick."""
+GRACE_S = 1  # for pages that are still open when it closes
+
+
+class Exploration:
+    """A page that is open; a notebook shows it. ``url`` is its address on this computer, ``close`` ends it."""
+
+    def __init__(self, app: Any, port: int = 0) -> None:
+        import uvicorn  # noqa: PLC0415  # optional
+        from starlette.applications import Starlette  # noqa: PLC0415
+        from starlette.routing import Mount  # noqa: PLC0415
+
+        listening = socket.socket()
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            listening.bind((HOST, port))
+        except OSError as error:
+            raise InputError(f"port {port}: {error.strerror}; give another, or none for any that is free") from error
+        # Nobody else on this computer, and no other page of the browser, knows the address.
+        secret = secrets.token_urlsafe(12)
+        self.url = f"http://{HOST}:{listening.getsockname()[1]}/{secret}/"
+        behind = Starlette(routes=[Mount(f"/{secret}", app=app)])
+        config = uvicorn.Config(behind, log_level="error", timeout_graceful_shutdown=GRACE_S)
+        self._server = uvicorn.Server(config)
+        self._thread = threading.Thread(target=self._server.run, args=([listening],), daemon=True)
+        self._thread.start()
+        while not self._server.started and self._thread.is_alive():
+            time.sleep(0.01)
+
+    def wait(self) -> None:
+        """Until it is closed, or the program is interrupted."""
+        self._thread.join()
+
+    def close(self) -> None:
+        """End it; what is being identified is left."""
+        self._server.should_exit = True
+        self._thread.join(GRACE_S + 2)
+
+    def __repr__(self) -> str:
+        return f"Exploration({self.url})"
+
+    def _repr_html_(self) -> str:
+        source = html.escape(self.url)
+        return f'<iframe src="{source}" title="tvsysid explore" width="100%" height="900" style="border:0"></iframe>'
+
+
+def explore(source: str | Path | Recording, *, port: int = 0, **given: Any) -> Exploration:
+    """Open a page on which settings are chosen and their result is seen at once; what ``tvsysid explore`` does.
+
+    Needs Shiny: ``pip install 'tvsysid[explore]'``. A notebook shows the page below the cell.
+
+    Parameters
+    ----------
+    source
+        File, or a recording that has been read.
+    port
+        Where the page is, on this computer alone; 0 for any port that is free.
+    **given
+        What the page begins with: the options of ``tvsysid explore``, by the same names (``angle``, ``torque``,
+        ``rate``, ``period``, ``decimate``, ``method``, ``align_channels``, ...). What is not given is chosen there.
+
+    Raises
+    ------
+    InputError
+        If Shiny is not installed, the file cannot be read, an option is unknown, or the port is in use.
+    """
+    try:
+        from tvsysid.explorer.page import page  # noqa: PLC0415  # optional
+    except ModuleNotFoundError as error:
+        raise InputError("the explorer needs Shiny: pip install 'tvsysid[explore]'") from error
+    if unknown := given.keys() - FIRST.keys():
+        raise InputError(f"explore: unknown option {min(unknown)!r}; the options are {', '.join(FIRST)}")
+    given = FIRST | given
+    if isinstance(source, Recording):
+        return Exploration(page("recording", source, given, {}), port)
+    file = Path(source)
+    signals = {
+        name: f"{name} ({each.described})"
+        for name, each in describe_file(file, given["header"]).items()
+        if each.values is not None and 1 <= len(each.shape) <= 2 and max(each.shape) > 1
+    }
+    fixed = {"file": file, "header": given["header"], "start": given["start"], "channel": tuple(given["channel"])}
+    return Exploration(page(file.name, fixed, given, signals), port)

@@ -1,0 +1,166 @@
+"""What the explorer's controls say, and the command line and the Python that do the same."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, Literal
+
+from tvsysid.errors import InputError
+from tvsysid.methods.plugins import key_of, parse, settings_of, target_of
+from tvsysid.methods.settings import further_settings, parts
+from tvsysid.signals import Recording
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How a file is read: the options of ``tvsysid identify`` of these names."""
+
+    file: Path
+    angle: str
+    torque: str
+    rate: float
+    columns: Literal["contiguous", "trials"] = "contiguous"
+    torque_sign: int = 1
+    angle_unit: Literal["rad", "deg"] = "rad"
+    torque_unit: Literal["Nm", "Nmm"] = "Nm"
+    header: bool = True
+    start: float = 0.0
+    channel: tuple[str, ...] = ()
+
+    @property
+    def arguments(self) -> dict[str, Any]:
+        """What :func:`tvsysid.read_recording` takes beside file and rate, where it is not the default."""
+        changed = _changed(self) | {"channels": {}}
+        for text in changed.pop("channel", ()):
+            name, _, in_file = text.partition("=")
+            if not name or not in_file:
+                raise InputError(f"--channel {text}: expected NAME=CHANNEL, as in emg=EMG_SIGNAL")
+            changed["channels"][name] = in_file
+        return {name: value for name, value in changed.items() if name != "rate" and value != {}}
+
+
+@dataclass(frozen=True)
+class Cutting:
+    """How a recording is cut into realizations: the options of ``tvsysid identify`` of these names."""
+
+    period: float
+    decimate: float | None = None
+    context: float = 0.5
+    align_channels: bool = False
+
+
+@dataclass(frozen=True)
+class Settings:
+    """A recording, or how it is read from a file; how it is cut; and the method, as typed."""
+
+    source: Reading | Recording
+    cutting: Cutting
+    method: str = "adaptive"
+
+
+def command(settings: Settings) -> str:
+    """The same by ``tvsysid identify``; empty for a recording that is in no file."""
+    if isinstance(settings.source, Recording):
+        return ""
+    words = ["tvsysid", "identify", str(settings.source.file)]
+    for name, value in (_changed(settings.source) | _changed(settings.cutting) | {"method": settings.method}).items():
+        option = f"--{name.replace('_', '-')}"
+        if isinstance(value, bool):
+            words.append(option if value else option.replace("--", "--no-"))
+        else:
+            words += (
+                word for each in (value if isinstance(value, tuple) else (value,)) for word in (option, _text(each))
+            )
+    return shlex.join(words)
+
+
+def python(settings: Settings, delay: float = 0.0, deviating: tuple[str, ...] = ()) -> str:
+    """The same in Python, with the ``delay`` (s) that is removed; channels that are ``deviating`` lose their mean."""
+    lines = ["import tvsysid as tv", ""]
+    if isinstance(settings.source, Reading):
+        words = [repr(str(settings.source.file)), f"sampling_rate={_text(settings.source.rate)}"]
+        words += (f"{name}={value!r}" for name, value in settings.source.arguments.items())
+        lines.append(f"recording = tv.read_recording({', '.join(words)})")
+    if delay:
+        lines.append(f"recording = tv.preprocess.align_channels(recording, {delay!r})")
+    cutting = settings.cutting
+    if cutting.decimate is not None:
+        lines.append(f"recording = tv.preprocess.decimate(recording, {_text(cutting.decimate)})")
+    cut = f"tv.preprocess.segment(recording, {_text(cutting.period)}, {_text(cutting.context)})"
+    names = f", {list(deviating)!r}" if deviating else ""
+    lines.append(f"ensemble = tv.preprocess.subtract_mean({cut}{names})")
+    return "\n".join([*lines, f"found = tv.compare(ensemble, [{settings.method!r}])"])
+
+
+def _changed(settings: Reading | Cutting) -> dict[str, Any]:
+    """What has no default or differs from it; not the file."""
+    every = {item.name: (getattr(settings, item.name), item.default) for item in fields(settings)}
+    return {name: value for name, (value, usual) in every.items() if value != usual and name != "file"}
+
+
+def _text(value: object) -> str:
+    """Value as it is typed, whole numbers without a point."""
+    return str(int(value)) if isinstance(value, float) and value.is_integer() else str(value)
+
+
+def settings_from(said: Mapping[str, Any], source: Mapping[str, Any] | Recording) -> Settings:
+    """Settings of what the controls ``said``, by name; ``source`` has what of a :class:`Reading` has no control.
+
+    Raises
+    ------
+    InputError
+        For what is missing, or is no number; says where.
+    """
+    reading = source if isinstance(source, Recording) else _reading(said, source)
+    period = _number(said["period"], "period", "the duration of one repetition (s), any if the joint is held still")
+    context = _number(said["context"], "context", "0 for none (s)")
+    cutting = Cutting(period, _number(said["decimate"], "decimate"), context, said["align_channels"])
+    return Settings(reading, cutting, method_text(said["method"], said["settings"]))
+
+
+def _reading(said: Mapping[str, Any], source: Mapping[str, Any]) -> Reading:
+    for name in ("angle", "torque"):
+        if not said[name]:
+            raise InputError(f"choose the channel with the {name}")
+    own = {name: said[name] for name in ("angle", "torque", "angle_unit", "torque_unit", "columns")}
+    rate = _number(said["rate"], "sampling rate", "what the recording was sampled at (Hz)")
+    return Reading(**{**source, **own, "rate": rate, "torque_sign": -1 if said["reversed"] else 1})
+
+
+def _number(value: Any, what: str, need: str = "") -> Any:
+    """Number that a control holds, None if it is empty: where there is a ``need``, it must not be."""
+    if value is None and need:
+        raise InputError(f"{what} is missing: give {need}")
+    if value is not None and not (isinstance(value, int | float) and math.isfinite(value)):
+        raise InputError(f"{what}: expected a number, got {value!r}")
+    return None if value is None else float(value)
+
+
+def method_settings(key: str) -> dict[str, str]:
+    """Settings of a method and how their defaults are typed; "" where a value must be given."""
+    target, made = target_of(key, "method"), None
+    if not isinstance(target, type):
+        return {}
+    with suppress(InputError):  # it needs settings that have no default
+        made = parse(key)
+    values = {name: getattr(made, name, "") for name in settings_of(target)[0]}
+    shown = {name: f"{value:.4g}" if isinstance(value, float) else str(value) for name, value in values.items()}
+    return shown | ({"tuned": "false"} if shown and "tuned" in further_settings(target) else {})
+
+
+def method_text(key: str, given: Mapping[str, str]) -> str:
+    """Method as typed: its key, and the settings that were given."""
+    words = [f"{name}={text.strip()}" for name, text in given.items() if text.strip()]
+    return ":".join(filter(None, (key, ",".join(words))))
+
+
+def method_parts(text: str) -> tuple[str, dict[str, str]]:
+    """Key of a method as typed, and the settings that were given."""
+    key = key_of(text)
+    pairs = (piece.partition("=") for piece in parts(text[len(key) + 1 :]) if piece)
+    return key, {name.strip(): value.strip() for name, _, value in pairs}

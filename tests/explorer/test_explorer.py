@@ -1,0 +1,196 @@
+"""What the explorer shows is what `tvsysid identify` finds with the command that it shows."""
+
+import os
+import shlex
+import sys
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import tvsysid as tv
+from tvsysid.explorer import outcome as steps
+from tvsysid.explorer.outcome import outcome
+from tvsysid.explorer.settings import (
+    Cutting,
+    Reading,
+    Settings,
+    command,
+    method_parts,
+    method_settings,
+    method_text,
+    python,
+    settings_from,
+)
+
+SAID = {
+    "angle": "pos",
+    "torque": "tq",
+    "rate": 1000,
+    "angle_unit": "deg",
+    "torque_unit": "Nm",
+    "columns": "contiguous",
+    "reversed": True,
+    "period": 2.0,
+    "decimate": 100,
+    "context": 0.25,
+    "align_channels": True,
+    "method": "sds",
+    "settings": {"window": "0.2", "max_lag": "", "reference": "command"},
+}
+
+
+@pytest.fixture(scope="module")
+def recording():
+    joint = tv.simulate.Joint(stiffness=tv.simulate.SineWave())
+    return joint.simulate(40, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1, rate=1000).recording
+
+
+@pytest.fixture(scope="module")
+def file(recording, tmp_path_factory):
+    """In degrees, with the torque reversed and 12 ms late."""
+    file = tmp_path_factory.mktemp("explored") / "my ankle.npz"
+    torque = -np.roll(recording.torque, 12)
+    np.savez(file, pos=np.degrees(recording.angle), tq=torque, cmd=np.roll(recording.angle, -3), one=1.0)
+    return file
+
+
+@pytest.fixture(scope="module")
+def found(file):
+    return outcome(settings_from(SAID, {"file": file, "channel": ("command=cmd",)}))
+
+
+def test_the_command_shown_finds_the_same(found, tvsysid, undrawn, monkeypatch):
+    monkeypatch.setattr("tvsysid.comparison.Comparison.held_out_vaf", lambda *given, **words: {})
+    for name in ("save", "drawn"):
+        monkeypatch.setattr(f"tvsysid.figures.{name}", lambda *given: None)
+    code, _, _ = tvsysid(*shlex.split(found.command)[1:], "--out", "found")
+    assert code == 0
+    written, shown = pd.read_csv("found/stiffness.csv"), found.found.over_time()
+    assert list(written.method.unique()) == ["sds:window=0.2,reference=command"]
+    for name in ("stiffness", "stiffness_lower", "inertia", "time_varying_vaf"):
+        np.testing.assert_allclose(written[name], shown[name], rtol=1e-5)
+
+
+def test_the_python_shown_finds_the_same(found):
+    names: dict = {}
+    exec(found.python, names)
+    (model,) = names["found"].models.values()
+    np.testing.assert_array_equal(model.stiffness, found.found.models[found.settings.method].stiffness)
+    assert found.cut.delay == pytest.approx(0.012, abs=0.0005)
+
+
+def test_a_recording_needs_no_file(recording):
+    settings = Settings(recording, Cutting(2.0, 100.0), "esm")
+    found, names = outcome(settings), {"recording": recording}
+    assert command(settings) == ""
+    exec(python(settings), names)
+    np.testing.assert_array_equal(names["found"].models["esm"].stiffness, found.found.models["esm"].stiffness)
+
+
+def test_only_what_changes_is_done_anew(found, monkeypatch):
+    def nobody(*given, **words):
+        raise AssertionError("done anew")
+
+    monkeypatch.setattr(steps, "read_recording", nobody)
+    again = Settings(found.settings.source, found.settings.cutting, "esm")
+    assert outcome(again).found is outcome(again).found
+    monkeypatch.setattr(steps, "compare", nobody)
+    assert outcome(found.settings).found is found.found
+    os.utime(found.settings.source.file, ns=(1, 1))  # a file that has changed is read again
+    with pytest.raises(AssertionError, match="done anew"):
+        outcome(found.settings)
+
+
+def test_an_outcome_in_words_and_in_a_picture(found):
+    assert found.lines[0].startswith("stiffness by sds:window=0.2")
+    assert found.diagnosis.verdict
+    pictures = {found.picture(), found.picture("inertia"), found.picture(simultaneous=True)}
+    assert all(each.lstrip().startswith(b"<?xml") for each in pictures)
+    assert len(pictures) == 3
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"angle": ""}, "choose the channel with the angle"),
+        ({"rate": None}, "sampling rate is missing"),
+        ({"period": None}, "period is missing: give the duration of one repetition"),
+        ({"period": float("inf")}, "period: expected a number, got inf"),
+        ({"period": 300.0}, "300 s"),
+        ({"torque": "pos"}, "angle and torque are both 'pos'"),
+        ({"torque": "one"}, "different lengths"),
+        ({"settings": {"window": "wide"}}, "window must be"),
+    ],
+)
+def test_what_is_wrong_is_an_input_error(file, changed, message):
+    with pytest.raises(tv.InputError, match=message):
+        outcome(settings_from(SAID | changed, {"file": file, "channel": ("command=cmd",)}))
+
+
+def test_a_command_has_what_differs_from_the_defaults():
+    reading = Reading("a.csv", "1", "2", 500.0, header=False, start=-0.5, channel=("emg=3",))
+    assert command(Settings(reading, Cutting(1.5))) == (
+        "tvsysid identify a.csv --angle 1 --torque 2 --rate 500 --no-header --start -0.5 --channel emg=3 --period 1.5 "
+        "--method adaptive"
+    )
+    with pytest.raises(tv.InputError, match="expected NAME=CHANNEL"):
+        _ = Reading("a.csv", "1", "2", 500.0, channel=("emg",)).arguments
+
+
+@pytest.mark.parametrize("key", tv.methods.METHODS)
+def test_settings_are_shown_as_they_are_typed(key):
+    usual = {name: text for name, text in method_settings(key).items() if text != "None"}
+    made, same = tv.methods.parse(method_text(key, usual)), tv.methods.parse(key)
+    close = {name: pytest.approx(value, rel=1e-3) for name, value in vars(same).items() if isinstance(value, float)}
+    assert vars(made) == vars(same) | close
+    assert method_parts(method_text(key, usual)) == (key, usual)
+
+
+def test_the_page_is_built(file, recording):
+    pytest.importorskip("shiny")
+    from tvsysid.explorer.page import page
+    from tvsysid.explorer.serving import FIRST
+
+    given = FIRST | {"method": "birf:basis=HaarWavelets(functions=8)", "angle": "pos"}
+    shown = page("my ankle.npz", {"file": file}, given, {"pos": "pos (10)"}).ui["html"]
+    assert 'value="HaarWavelets(functions=8)"' in shown
+    assert '<option value="pos" selected="">' in shown
+    assert 'id="angle"' not in page("recording", recording, FIRST, {}).ui["html"]
+
+
+def test_without_the_library_it_says_how_to_install_it(monkeypatch, file, tvsysid):
+    monkeypatch.setitem(sys.modules, "shiny", None)
+    monkeypatch.delitem(sys.modules, "tvsysid.explorer.page", raising=False)
+    code, out, errors = tvsysid("explore", file)
+    assert (code, out) == (2, "")
+    assert errors == "tvsysid: the explorer needs Shiny: pip install 'tvsysid[explore]'\n"
+
+
+def test_an_explorer_refuses_what_is_wrong_before_it_opens(file, tmp_path):
+    pytest.importorskip("shiny")
+    with pytest.raises(tv.InputError, match="unknown option 'windows'; the options are angle"):
+        tv.explore(file, windows=2)
+    with pytest.raises(tv.InputError, match=r"none\.mat"):
+        tv.explore(tmp_path / "none.mat")
+
+
+def test_a_page_is_at_a_secret_address_of_this_computer_alone(recording):
+    pytest.importorskip("shiny")
+    from urllib.error import HTTPError
+    from urllib.request import urlopen
+
+    running = tv.explore(recording, period=2.0)
+    try:
+        base, secret = running.url.rstrip("/").rsplit("/", 1)
+        assert base.startswith("http://127.0.0.1:")
+        assert len(secret) >= 16
+        assert b"Realizations" in urlopen(running.url).read()
+        with pytest.raises(HTTPError, match="404"):
+            urlopen(f"{base}/")
+        with pytest.raises(tv.InputError, match="give another"):
+            tv.explore(recording, port=int(base.rsplit(":", 1)[1]))
+    finally:
+        running.close()
+    with pytest.raises(OSError, match="refused"):
+        urlopen(running.url)

@@ -25,6 +25,7 @@ extensions = [
     "sphinx_gallery.gen_gallery",
     "mathml",
     "reference",
+    "browser",
 ]
 exclude_patterns = ["learn/*.ipynb", "learn/*.py", "learn/*.zip"]
 suppress_warnings = ["config.cache"]

@@ -7,13 +7,14 @@ import json
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import is_dataclass
-from typing import Any, get_type_hints
-
-from pydantic import ConfigDict, PydanticUserError, TypeAdapter, ValidationError
+from typing import TYPE_CHECKING, Any, get_type_hints
 
 from tvsysid.errors import InputError
 from tvsysid.methods.base import Method
 from tvsysid.numerics.bases import BASES, Basis, basis_from_text
+
+if TYPE_CHECKING:
+    from pydantic import TypeAdapter
 
 _EXPECTED = {
     "float_parsing": "a number",
@@ -46,6 +47,8 @@ def further_settings(target: type) -> dict[str, type]:
 
 def converted(target: Any, name: str, text: str) -> Any:
     """Setting from how it is typed, or shows itself: what the text reads as, or else the text, as the field's type."""
+    from pydantic import ValidationError  # noqa: PLC0415  # heavy
+
     own, hints = isinstance(target, type) and issubclass(target, Method), {}
     with suppress(Exception):  # names that are there for the type checker only
         hints = get_type_hints(target, include_extras=True) if is_dataclass(target) else {}
@@ -76,6 +79,8 @@ def _read(text: str, kind: Any) -> Any:
 
 
 def _adapter(kind: Any) -> TypeAdapter[Any]:
+    from pydantic import ConfigDict, PydanticUserError, TypeAdapter  # noqa: PLC0415  # heavy
+
     for config in (ConfigDict(arbitrary_types_allowed=True), None):
         with suppress(PydanticUserError):  # a class with a configuration of its own, or no type at all
             return TypeAdapter(kind, config=config)

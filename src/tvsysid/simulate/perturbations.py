@@ -75,7 +75,7 @@ class PRBS:
             )
         phase = random.uniform(0, interval)
         levels = 2.0 * random.integers(0, 2, math.ceil((samples + phase) / interval) + 1) - 1.0
-        switches = np.ceil(np.arange(1, len(levels) + 1) * interval - phase).astype(np.int64)
+        switches = np.ceil(np.arange(1, len(levels) + 1) * interval - phase).astype(np.intp)
         lengths = np.diff(np.minimum(switches, samples), prepend=0)
         return np.repeat(levels, lengths)
 
@@ -109,7 +109,7 @@ class Pulses:
         lengths = lengths * (1 + self.variation * random.uniform(-1, 1, (count, 2)))
         levels = np.stack([2.0 * random.integers(0, 2, count) - 1.0, np.zeros(count)], axis=1)
         ends = np.rint(np.cumsum(lengths) - random.uniform(0, self.interval * rate))
-        shown = np.diff(np.clip(ends, 0, samples), prepend=0.0).astype(np.int64)
+        shown = np.diff(np.clip(ends, 0, samples), prepend=0.0).astype(np.intp)
         return np.repeat(levels.ravel(), shown)
 
 

@@ -1,0 +1,11 @@
+"""Runs blocks of code (a JSON list on standard input) as the page does, but without a browser, and prints results."""
+
+import importlib.util
+import json
+import sys
+from pathlib import Path
+
+spec = importlib.util.spec_from_file_location("run", Path(__file__).parents[2] / "docs/static/browser/run.py")
+page = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(page)
+print(json.dumps([json.loads(page.run(code)) for code in json.load(sys.stdin)]))

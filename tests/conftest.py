@@ -99,6 +99,13 @@ def forking():
     return context
 
 
+def fork_workers():
+    """In a process that `forking` has made: its workers are forks of itself, which start at once."""
+    if sys.platform == "linux":
+        context = multiprocessing.get_context("fork")
+        multiprocessing.get_context = lambda method=None: context
+
+
 @pytest.fixture
 def quick_workers(monkeypatch, forking):
     """Workers of this process start at once, where it is not tested how a fresh interpreter starts one."""

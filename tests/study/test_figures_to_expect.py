@@ -53,7 +53,7 @@ def ours():
 def theirs():
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(sys.modules["tvsysid.simulate.actuator"], "_actuator_filter", held_drive_filter)
-        return study_figures(40)
+        return study_figures(20)
 
 
 def failures(table, least_random, most_random):

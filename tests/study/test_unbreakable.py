@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.conftest import fork_workers
 from tests.study.conftest import TIMES
 
 from tvsysid import cli
@@ -41,13 +42,18 @@ def start_study(forking):
 
     def start(folder, workers=1):
         store = folder / "out/results.zarr"
-        started.append(forking.Process(target=run, args=(Study(**STUDY),), kwargs={"store": store, "workers": workers}))
+        started.append(forking.Process(target=run_study, args=(store, workers)))
         started[-1].start()
         return started[-1]
 
     yield start
     for process in started:
         process.kill()
+
+
+def run_study(store, workers):
+    fork_workers()
+    run(Study(**STUDY), store=store, workers=workers)
 
 
 def interruptible():
@@ -58,9 +64,9 @@ def interruptible():
 class Forked:
     """The command line in a process group of its own, forked, which takes less time than to start an interpreter."""
 
-    def __init__(self, forking, folder, *words):
+    def __init__(self, forking, folder, *words, prepare=fork_workers):
         self.errors = folder / "errors.txt"
-        self.process = forking.Process(target=command, args=(folder, self.errors, words))
+        self.process = forking.Process(target=command, args=(folder, self.errors, words, prepare))
         self.process.start()
         self.pid = self.process.pid
 
@@ -70,7 +76,8 @@ class Forked:
         return "", self.errors.read_text()
 
 
-def command(folder, errors, words):
+def command(folder, errors, words, prepare):
+    prepare()
     os.setsid()
     interruptible()
     os.chdir(folder)
@@ -134,7 +141,6 @@ def test_killed_at_six_random_moments_and_gone_on_with(tmp_path, start_study, un
     chance = random.Random(20)
     before = 0
     for number in range(6):
-        # Workers start Python anew, which takes seconds; the store is written by the process that is killed.
         process = start_study(tmp_path, workers=2 if number == 2 else 1)
         target = min(before + chance.randrange(0, TOTAL // 8), TOTAL - 10)
         wait_for(lambda: trials_in(tmp_path) >= target or process.exitcode is not None)  # noqa: B023
@@ -179,7 +185,8 @@ def test_a_method_that_hangs_can_be_interrupted(tmp_path, forking):
         "        pathlib.Path('begun').touch()\n"
         "        time.sleep(3600)\n"
     )
-    process = Forked(forking, tmp_path, "--method", "hanging:Mine", "--workers", "2")
+    # Workers that start anew, as a user's do, and have not inherited what becomes of a signal.
+    process = Forked(forking, tmp_path, "--method", "hanging:Mine", "--workers", "2", prepare=interruptible)
     wait_for((tmp_path / "begun").exists)
     workers = children_of(process.pid)
     began = time.monotonic()

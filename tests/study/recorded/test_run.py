@@ -1,6 +1,5 @@
 """Running experiments: the same numbers whoever works, nothing lost, nothing done twice."""
 
-import multiprocessing
 import shutil
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -10,6 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from scipy.io import savemat
+from tests.conftest import fork_workers
 from tests.study.recorded.conftest import READING, SHORT, SMALL, trial, write_trials
 
 import tvsysid as tv
@@ -216,9 +216,8 @@ def test_the_longest_tasks_begin_first(small):
     assert analyses[::2] == analyses[1::2] == ["birf-20", "birf-10", "esm-20", "esm-10"]
 
 
-def run_small(prepared, path, workers, start):
-    forking = multiprocessing.get_context(start)
-    multiprocessing.get_context = lambda method=None: forking  # workers start at once
+def run_small(prepared, path, workers):
+    fork_workers()
     run(Experiment(**SMALL), prepared=prepared, store=path, workers=workers)
 
 
@@ -227,7 +226,7 @@ def test_killed_at_any_moment_it_goes_on_with_the_same_results(small, tmp_path, 
     path = tmp_path / "results.zarr"
     random = np.random.default_rng(0)
     for workers in (1, 2, 1):
-        process = forking.Process(target=run_small, args=(small.prepared, path, workers, forking.get_start_method()))
+        process = forking.Process(target=run_small, args=(small.prepared, path, workers))
         process.start()
         before = tasks_in(path)
         while tasks_in(path) == before and process.exitcode is None:  # it is under way when a task is done

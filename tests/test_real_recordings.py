@@ -134,7 +134,7 @@ INTRINSIC = {
 @pytest.mark.filterwarnings(
     "ignore:cascade. the (intrinsic response|threshold|reflex gain):tvsysid.errors.DataQualityWarning"
 )
-@pytest.mark.parametrize("muscle", MUSCLES)
+@pytest.mark.parametrize("muscle", [MUSCLES[0], *(pytest.param(each, marks=pytest.mark.slow) for each in MUSCLES[1:])])
 def test_tonic_stiffness_without_its_reflex(recordings_folder, muscle):
     ensemble = tonic(recordings_folder, muscle)
     model = tv.JointCascade().identify(ensemble)

@@ -13,6 +13,7 @@ from tests.cli.conftest import IDENTIFY
 from tvsysid.methods import DEFAULT_METHODS
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_identify_by_an_own_method(tvsysid, tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
@@ -60,7 +61,8 @@ def test_what_was_found_is_kept_when_holding_out_is_interrupted(tvsysid, tmp_pat
         assert set(tree.children) == {"birf"}
 
 
-@pytest.mark.parametrize("name", ["joint.mat", pytest.param("joint.csv", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["joint.mat", "joint.csv"])
 def test_simulate_then_identify(tvsysid, tmp_path, name):
     code, out, _ = tvsysid("simulate", name, "--duration", 60, "--perturbation", "prbs", "--snr", 20)
     assert code == 0

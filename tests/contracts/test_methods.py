@@ -91,7 +91,11 @@ def model_of(method, *data):
 @pytest.mark.parametrize(
     "method",
     [
-        *(pytest.param(METHODS[name], id=name, marks=[pytest.mark.slow] * (name in SECONDS)) for name in METHODS),
+        *(
+            # Other settings of a method are asked the same again.
+            pytest.param(METHODS[name], id=name, marks=[pytest.mark.slow] * (name in SECONDS or " " in name))
+            for name in METHODS
+        ),
         *(
             pytest.param(scheduled(), id=scheduled.key, marks=pytest.mark.slow)
             for scheduled in (tv.ScheduledIRF, tv.ScheduledImpedance)

@@ -79,8 +79,12 @@ POLYNOMIAL = tv.BasisCascade(nonlinearity="polynomial")
 
 @pytest.mark.parametrize(
     ("method", "direction"),
-    [(tv.BasisCascade(), 1), (tv.BasisCascade(), -1), (POLYNOMIAL, -1), (tv.EnsembleCascade(), 1)],
-    ids=["bpc +", "bpc -", "bpc polynomial -", "tvpc +"],
+    [
+        pytest.param(tv.BasisCascade(), 1, id="bpc +", marks=pytest.mark.slow),
+        pytest.param(tv.BasisCascade(), -1, id="bpc -"),
+        pytest.param(POLYNOMIAL, -1, id="bpc polynomial -", marks=pytest.mark.slow),
+        pytest.param(tv.EnsembleCascade(), 1, id="tvpc +"),
+    ],
 )
 def test_both_pathways_are_recovered_from_noiseless_data(method, direction):
     ensemble, truth, torques = changing(80.0, 3, np.inf, direction)

@@ -40,7 +40,7 @@ def reflexive(seed, perturbation, snr=10.0, gain=8.0, stiffness=100.0, **reflex)
     return tv.preprocess.subtract_mean(tv.preprocess.segment(tv.preprocess.decimate(recording, 100.0), 2.0))
 
 
-@pytest.mark.parametrize("record", RECORDS)
+@pytest.mark.parametrize("record", [RECORDS[0], *(pytest.param(each, marks=pytest.mark.slow) for each in RECORDS[1:])])
 # Hunter and Korenberg's iteration minimises nothing: each round moves stiffness, and the authors' code stops sooner.
 @pytest.mark.parametrize(
     ("kind", "within", "rounds"), [("rect", 0.02, 50), ("sls", 0.08, 50), ("hk", 0.12, 50), ("hk", 0.05, 2)]

@@ -23,7 +23,7 @@ def agree(found, expected, tolerance):
 
 
 @contexts
-@perturbations
+@pytest.mark.parametrize("perturbation", ["noise", pytest.param("prbs", marks=pytest.mark.slow)])
 def test_impulse_responses(ensemble_of, perturbation, context):
     ensemble = ensemble_of(150.0, "square", perturbation, context=context)
     data = ensemble.angle, ensemble.torque, ensemble.context, 12

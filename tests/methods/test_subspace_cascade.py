@@ -51,7 +51,10 @@ def fitted(piece, order):
     return response, subspace.hammerstein(rows, poles, subspace.weights_of(rows, poles))
 
 
-@pytest.mark.parametrize("muscle", ["plantarflexor", "dorsiflexor", "dorsiflexor_2"])
+@pytest.mark.parametrize(
+    "muscle",
+    ["plantarflexor", *(pytest.param(each, marks=pytest.mark.slow) for each in ("dorsiflexor", "dorsiflexor_2"))],
+)
 def test_it_agrees_with_the_authors_code(recordings_folder, parallel_reference, muscle):
     lags, name = 4, f"{muscle}__sdss_rank_revealing_40ms_"
     recorded = loadmat(recordings_folder / "tonic_ankle.mat")

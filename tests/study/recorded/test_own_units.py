@@ -19,9 +19,10 @@ class Sloped:
         return 0 * ensemble.torque[:, ensemble.core]
 
 
-def test_a_quantity_of_one_s_own_is_summarized_with_its_unit():
+def test_a_quantity_of_one_s_own_is_summarized_with_its_unit(small):
     method = {"method": Sloped(), "name": "own", "realizations": 20}
-    results = run(Experiment(virtual=1, perturbation="noise", methods=[method], bootstraps=2), workers=1)
+    experiment = Experiment(virtual=1, perturbation="noise", methods=[method], bootstraps=2)
+    results = run(experiment, prepared=small.prepared[:1], workers=1)
     assert str(results.unit.sel(quantity="emg_slope").values) == "N m/V"
     table = summarize(results).set_index(["quantity", "metric"])
     slope, ratio = table.loc["emg_slope", "mean_emg_slope"], table.loc["ratio", "mean_ratio"]

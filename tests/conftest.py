@@ -42,7 +42,7 @@ settings.load_profile("repeatable")
 
 
 def pytest_collection_modifyitems(items):
-    """Of two workers' halves, each begins with the files that have most slow tests, so that both end with quick ones."""
+    """Either half begins with the files that have most slow tests, so that both workers end with quick ones."""
     if "PYTEST_XDIST_WORKER" in os.environ:
         files = {}
         for item in items:

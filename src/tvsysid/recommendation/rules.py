@@ -1,0 +1,177 @@
+"""The table of rules by which a method is recommended."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+FEW_HARMONICS = 3
+REFERENCE, IS_SLOW = "reference={reference}", "slow noise > 10"
+BY_VARIABLE = ("lpvkbi:variable={scheduling}", "lpv:variable={scheduling}")
+WEIGHTED = "kbr:weighting=residual,tuned=true"
+
+Measured = Mapping[str, tuple[float, str]]  # value and unit by property
+
+
+class Rule(NamedTuple):
+    """A row of the decision table: the first whose conditions all hold decides.
+
+    ``conditions`` are ``property > limit`` or ``property < limit``, in the property's unit. The first of the
+    ``methods``, as typed on the command line, that applies is recommended; there is none where none is right. ``why``
+    is a sentence, with values of properties in it; ``scenario`` is the kind of data in ``benchmarks/recommend.py`` that
+    shows it.
+    """
+
+    conditions: tuple[str, ...]
+    methods: tuple[str, ...]
+    why: str
+    scenario: str
+
+
+LOOP = "noise in the torque moves the angle (a closed loop)"
+FOLLOWS = "the joint follows {scheduling!r}, which was recorded and differs between realizations"
+RULES = (
+    Rule(
+        ("scheduling variable > 0", "reflex held out < 0", "curvature held out < 0"),
+        (f"{BY_VARIABLE[0]},reflex=false,order=1", *BY_VARIABLE),
+        f"{FOLLOWS}; neither a reflex nor a curve predicts what is held out better than a straight line",
+        "follows a variable",
+    ),
+    Rule(
+        ("scheduling variable > 0", "reflex held out < 0"),
+        (f"{BY_VARIABLE[0]},reflex=false", *BY_VARIABLE),
+        f"{FOLLOWS}; a reflex does not predict what is held out better",
+        "follows a variable",
+    ),
+    Rule(("scheduling variable > 0",), BY_VARIABLE, FOLLOWS, "follows a variable"),
+    Rule(
+        ("information < 2",),
+        (),
+        "the torque that answers the angle is too weak for a stiffness over time (as {information:.1f} realizations at "
+        "0 dB): perturb more, or record more",
+        "weak excitation",
+    ),
+    Rule(
+        ("loop bias > 5", IS_SLOW),
+        (f"kbr:{REFERENCE},weighting=residual,tuned=true", f"kbr:{REFERENCE},weighting=residual", f"birf:{REFERENCE}"),
+        f"{LOOP}, of which {{reference!r}} is free; it is slow, and frequencies count by how little of it they hold",
+        "loop with a reference",
+    ),
+    Rule(
+        ("loop bias > 5", "switches > 0", "shape over level > 1"),
+        ("adaptive",),
+        f"{LOOP}, which makes stiffness {{loop bias:.0f}} % too low or high; methods that take {{reference!r}} for "
+        "reference smear its switches, which costs more",
+        "loop with a reference",
+    ),
+    Rule(
+        ("loop bias > 5",),
+        (f"birf:{REFERENCE},tuned=true", f"birf:{REFERENCE}", f"kbr:{REFERENCE}"),
+        f"{LOOP}, of which {{reference!r}} is free",
+        "loop with a reference",
+    ),
+    Rule(
+        ("feedback > 10",),
+        (),
+        f"{LOOP}, which biases them all, and no reference is named: record the disturbance or the actuator's command",
+        "loop without a reference",
+    ),
+    Rule(
+        ("mean stiffness < 0",),
+        (),
+        "stiffness is negative ({mean stiffness:.0f} N·m/rad), as in a closed loop whose noise moves the angle more "
+        "than the perturbation does, or by a wrong sign of the torque: record the actuator's command",
+        "loop without a reference",
+    ),
+    Rule(
+        (IS_SLOW, "noise bias > 30"),
+        (),
+        f"stiffness is {{noise bias:.0f}} % higher by the frequencies that hold little noise, so that {LOOP}, and none "
+        "is free of it: record the disturbance or the actuator's command",
+        "loop without a reference",
+    ),
+    Rule(
+        (IS_SLOW, "noise bias > 10"),
+        (WEIGHTED, "kbr:weighting=residual"),
+        f"stiffness is {{noise bias:.0f}} % higher by the frequencies that hold little noise, so that {LOOP}; "
+        "these count most",
+        "loop without a reference",
+    ),
+    Rule(
+        ("reflex > 0",),
+        ("adaptive", "cascade"),
+        "a stretch reflex is shown, and it takes that out of the stiffness (cascade says more of the reflex itself)",
+        "reflex",
+    ),
+    Rule(
+        ("realizations > 5", "switches > 0"),
+        ("adaptive", "kbr:tuned=true"),
+        "stiffness switches, which it places, and other methods smear",
+        "fast change",
+    ),
+    Rule(
+        (IS_SLOW, "realizations > 3"),
+        (WEIGHTED, "adaptive"),
+        "the torque's noise is slow, and frequencies count by how little of it they hold; stiffness does not switch",
+        "slow noise",
+    ),
+    Rule(
+        ("evidence of few harmonics > 5",),
+        ("birf:tuned=true", "adaptive", "kbr"),
+        f"stiffness changes as at most {FEW_HARMONICS} harmonics of the period, which the evidence prefers to other "
+        "functions by {evidence of few harmonics:.0f} nat; few coefficients have the least random error",
+        "slow change, few realizations, short record",
+    ),
+    Rule(
+        ("constant > 50",),
+        ("birf:tuned=true", "adaptive", "kbr"),
+        "stiffness is most probably constant ({constant:.0f} %), and of a single coefficient the random error is least",
+        "slow change",
+    ),
+    Rule(
+        ("realizations < 4",),
+        ("cascade", "kbr"),
+        "realizations are too few to tell a switch from noise, and it finds how smooth stiffness is without them",
+        "few realizations",
+    ),
+    Rule(
+        (),
+        ("adaptive", "kbr:tuned=true", "kbr"),
+        "the behaviour repeats, and it finds from the data how fast stiffness changes, and whether it switches",
+        "fast change, short record, few realizations",
+    ),
+)
+# What speaks against usual methods: where the condition holds, by what is measured.
+AGAINST = (
+    ("scheduling variable > 0", "", "It takes all realizations as alike, between which {scheduling!r} differs."),
+    ("loop bias > 5", "", "It takes the angle as imposed, by which stiffness is {loop bias:.0f} % off."),
+    (
+        "reflex > 0",
+        "eirf sds esm birf kbr",
+        "It takes the reflex, which predicts {reflex:.1f} % of the torque, for stiffness.",
+    ),
+    ("switches > 0", "sds esm birf kbr", "It smears a switch, of which stiffness has {switches:.0f}."),
+    (
+        "information < 500",
+        "eirf",
+        "It takes each time by itself, of which data are worth {information:.0f} realizations at 0 dB.",
+    ),
+    (
+        "evidence of few harmonics > 5",
+        "adaptive",
+        "Stiffness is found without harmonics, which the data prefer by {evidence of few harmonics:.0f} nat.",
+    ),
+)
+
+
+def rule_of(measured: Measured) -> Rule:
+    """First rule that holds."""
+    return next(rule for rule in RULES if all(holds(condition, measured) for condition in rule.conditions))
+
+
+def holds(condition: str, measured: Measured) -> bool:
+    """Whether a condition holds; of what is not known, none does."""
+    name, side, limit = condition.rsplit(" ", 2)
+    value = measured.get(name, (math.nan, ""))[0]
+    return value > float(limit) if side == ">" else value < float(limit)

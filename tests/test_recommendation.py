@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,35 +10,61 @@ from tests.conftest import ensemble_of
 
 import tvsysid as tv
 from tvsysid.recommendation import RULES, rule_of
+from tvsysid.recommendation.properties import shape_over_level
 
 SOUND = {"realizations": 20, "scheduling variable": 0, "information": 200, "slow noise": 0, "switches": 0}
+SOUND |= {"mean stiffness": 100, "noise bias": 1, "constant": 0, "evidence of few harmonics": -3}
+BY_VARIABLE = {"scheduling variable": 1, "realizations": 1, "reflex held out": 0.2, "curvature held out": 0.3}
+LPVKBI = "lpvkbi:variable={scheduling}"
+BY_REFERENCE = "birf:reference={reference},tuned=true"
+WEIGHTED = "kbr:weighting=residual,tuned=true"
+CASES = [
+    ({}, "adaptive"),
+    ({"switches": 2}, "adaptive"),
+    ({"switches": 2, "slow noise": 14, "evidence of few harmonics": 9}, "adaptive"),
+    (BY_VARIABLE, LPVKBI),
+    (BY_VARIABLE | {"reflex held out": -0.1}, f"{LPVKBI},reflex=false"),
+    (BY_VARIABLE | {"reflex held out": -0.1, "curvature held out": -0.1}, f"{LPVKBI},reflex=false,order=1"),
+    (BY_VARIABLE | {"curvature held out": -0.1}, LPVKBI),
+    (BY_VARIABLE | {"reflex held out": math.nan}, LPVKBI),
+    ({"information": 1}, None),
+    ({"feedback": 30}, None),
+    ({"mean stiffness": -60}, None),
+    ({"slow noise": 14, "noise bias": 45}, None),
+    ({"slow noise": 14, "noise bias": 17, "switches": 2}, WEIGHTED),
+    ({"noise bias": 17}, "adaptive"),
+    ({"loop bias": 24}, BY_REFERENCE),
+    ({"loop bias": 24, "mean stiffness": -60}, BY_REFERENCE),
+    ({"loop bias": 24, "slow noise": 14}, "kbr:reference={reference},weighting=residual,tuned=true"),
+    ({"loop bias": 24, "feedback": 30}, BY_REFERENCE),
+    ({"loop bias": 9, "switches": 2, "shape over level": 0.5}, BY_REFERENCE),
+    ({"loop bias": 9, "switches": 2, "shape over level": 1.5}, "adaptive"),
+    ({"loop bias": math.nan}, "adaptive"),
+    ({"reflex": 20, "slow noise": 14}, "adaptive"),
+    ({"slow noise": 14}, WEIGHTED),
+    ({"slow noise": 14, "evidence of few harmonics": 9}, WEIGHTED),
+    ({"slow noise": 14, "realizations": 3}, "cascade"),
+    ({"evidence of few harmonics": 9}, "birf:tuned=true"),
+    ({"evidence of few harmonics": 9, "switches": 2}, "adaptive"),
+    ({"evidence of few harmonics": 9, "switches": 2, "realizations": 4}, "birf:tuned=true"),
+    ({"evidence of few harmonics": 9, "realizations": 2}, "birf:tuned=true"),
+    ({"constant": 90}, "birf:tuned=true"),
+    ({"realizations": 3}, "cascade"),
+    ({"realizations": 4}, "adaptive"),
+]
 
 
-@pytest.mark.parametrize(
-    ("differs", "suited"),
-    [
-        ({}, "adaptive"),
-        ({"switches": 2}, "adaptive"),
-        ({"realizations": 3}, "cascade"),
-        ({"scheduling variable": 1, "realizations": 1}, "lpvkbi:variable={scheduling}"),
-        ({"information": 1}, None),
-        ({"feedback": 30}, None),
-        ({"loop bias": 24}, "birf:reference={reference},tuned=true"),
-        ({"loop bias": 24, "slow noise": 14}, "kbr:reference={reference},weighting=residual,tuned=true"),
-        ({"loop bias": 24, "feedback": 30}, "birf:reference={reference},tuned=true"),
-        ({"loop bias": math.nan}, "adaptive"),
-        ({"reflex": 20, "slow noise": 14}, "adaptive"),
-        ({"slow noise": 14}, "kbr:weighting=residual,tuned=true"),
-        ({"slow noise": 14, "switches": 1}, "adaptive"),
-        ({"harmonics": 2}, "birf:tuned=true"),
-        ({"harmonics": 2, "slow noise": 14}, "kbr:weighting=residual,tuned=true"),
-        ({"harmonics": 2, "switches": 1}, "adaptive"),
-        ({"harmonics": 6}, "adaptive"),
-    ],
-)
+def measured_as(differs):
+    return {name: (value, "") for name, value in (SOUND | differs).items()}
+
+
+@pytest.mark.parametrize(("differs", "suited"), CASES)
 def test_rules(differs, suited):
-    rule = rule_of({name: (value, "") for name, value in (SOUND | differs).items()})
-    assert next(iter(rule.methods), None) == suited
+    assert next(iter(rule_of(measured_as(differs)).methods), None) == suited
+
+
+def test_each_rule_decides_in_one_of_these_cases_at_least():
+    assert {rule_of(measured_as(differs)) for differs, _ in CASES} == set(RULES)
 
 
 def test_every_rule_can_be_read():
@@ -48,31 +75,55 @@ def test_every_rule_can_be_read():
 
 
 def test_few_realizations_and_what_leads_then():
-    ensemble = ensemble_of().select([0, 1])
+    ensemble = ensemble_of().select([0, 1])  # of a sine
     found = tv.recommend(ensemble)
-    assert found.suited == ("cascade", "kbr:tuned=true", "kbr")  # adaptive does not apply
-    assert isinstance(found.method, tv.JointCascade)
+    assert found.suited == ("birf:tuned=true", "kbr")  # adaptive does not apply
     assert "at least 4 realizations" in found.against["adaptive"]
     assert tv.compare(ensemble, ["eirf", "birf", "kbr"]).leading == "kbr"
-    assert "cascade: realizations are too few" in repr(found)
-    assert "<b>Recommendation</b>: cascade" in found._repr_html_()
+    assert "at most 3 harmonics of the period, which the evidence prefers" in repr(found)
+    assert "<b>Recommendation</b>: birf:tuned=true" in found._repr_html_()
+    assert "are worth no more than " in found.against["eirf"]
 
 
 def test_adaptive_by_its_own_posterior_and_units_of_all_that_is_measured():
     found = tv.recommend(ensemble_of())
-    assert found.suited == ("birf:tuned=true", "adaptive")  # a sine
-    assert found.measured["harmonics"] == (1.0, "of the period")
+    assert found.suited == ("birf:tuned=true", "adaptive", "kbr")  # a sine
+    assert found.measured["evidence of few harmonics"][0] > 10
+    assert found.against["adaptive"].startswith("It does not know of harmonics, which the evidence prefers by ")
+    assert abs(found.measured["noise bias"][0]) < 2
     assert found.measured["angle RMS"][1] == "rad"
-    assert {"switches", "stiffness changes by", "slow noise", "information"} <= set(found.measured)
+    assert {"switches", "stiffness changes by", "constant", "slow noise", "information"} <= set(found.measured)
     assert "<td style='text-align:left'>angle RMS</td>" in found._repr_html_()
+
+
+@pytest.mark.parametrize(("gain", "suited"), [(0.0, ",reflex=false"), (8.0, "")])
+def test_a_reflex_beside_a_measured_variable_by_what_is_held_out(gain, suited):
+    joint = tv.simulate.ScheduledJoint(gain_relation=np.polynomial.Polynomial([gain]) if gain else None)
+    recording = joint.simulate(30, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1).recording
+    ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
+    found = tv.recommend(tv.preprocess.subtract_mean(ensemble), scheduling="emg")
+    assert found.suited[0].startswith(f"lpvkbi:variable=emg{suited}")
+    assert found.suited[-2:] == ("lpvkbi:variable=emg", "lpv:variable=emg")
+    assert (found.measured["reflex held out"][0] > 0) == bool(gain)
+    assert found.against["sds"] == "It takes all realizations as alike; 'emg' differs between them."
+
+
+def test_how_stiffness_by_a_reference_differs_in_shape_and_on_average(closed_loop):
+    found = tv.BasisIRF(reference="disturbance").tuned(closed_loop).method.identify(closed_loop)
+    waves = 5 + 10 * np.sin(2 * np.pi * found.time / 2.0)  # whole periods of unit power 1/2
+    other = SimpleNamespace(time=found.time, stiffness=found.stiffness - waves)
+    assert shape_over_level(closed_loop, "disturbance", other) == pytest.approx(np.sqrt(50) / 5, rel=0.02)
 
 
 def test_a_loop_by_its_reference(closed_loop):
     named = tv.recommend(closed_loop, "disturbance")
     assert named.suited[0] == "kbr:reference=disturbance,weighting=residual,tuned=true"
     assert named.measured["loop bias"][0] == pytest.approx(25, abs=10)
-    assert named.against["sds"] == "It takes the angle as imposed."
-    unnamed = tv.recommend(closed_loop)
+    assert named.against["sds"].startswith("It takes the angle as imposed, which makes its stiffness 2")
+    unnamed = tv.recommend(closed_loop, diagnosis=tv.diagnose(closed_loop))
+    assert unnamed.suited[0] == "kbr:weighting=residual,tuned=true"
+    assert "higher by the frequencies that hold little noise" in unnamed.why
+    assert unnamed.measured["noise bias"][0] == pytest.approx(17, abs=5)
     assert math.isnan(unnamed.measured.get("loop bias", (math.nan,))[0])
     assert "by the actuator's command alone" in unnamed.caveats[-2]
     assert "'disturbance' moves before the angle: if it is the perturbation, name it" in unnamed.caveats[-1]

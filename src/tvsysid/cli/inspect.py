@@ -73,10 +73,10 @@ def inspect(
 
     With `--diagnose`, looks for faults that would spoil the result: units, signs, delays, lost or clipped signals,
     drift, misaligned realizations, a wrong period, feedback, reflexes. Prints what each fault does to the result and
-    what to do, and writes a page with figures, `FILE.ANGLE-TORQUE.diagnosis.html`, beside the picture (ANGLE and TORQUE
-    are the channels' names). The recording is diagnosed at its own rate, because decimation would hide some faults;
-    `--decimate` is only checked. Without `--period` the record is cut into pieces of 2 s, and what concerns repetitions
-    is not judged.
+    what to do, and which method suits the data (with `--period`), and writes a page with figures,
+    `FILE.ANGLE-TORQUE.diagnosis.html`, beside the picture (ANGLE and TORQUE are the channels' names). The recording is
+    diagnosed at its own rate, because decimation would hide some faults; `--decimate` is only checked. Without
+    `--period` the record is cut into pieces of 2 s, and what concerns repetitions is not judged.
 
     Example: `tvsysid inspect ankle.mat`
 
@@ -92,6 +92,8 @@ def inspect(
     from tvsysid import preprocess
     from tvsysid.figures import recorded_channels, save
     from tvsysid.quality import diagnose as diagnosis_of
+    from tvsysid.quality.resampling import lowered
+    from tvsysid.recommendation import recommend
     from tvsysid.recordings import describe_file
     from tvsysid.report import write_diagnosis
 
@@ -134,11 +136,14 @@ def inspect(
     # The matrices are small: BLAS threads would only wait for each other.
     with waiting("diagnosing"), threadpool_limits(1):
         diagnosis = diagnosis_of(ensemble, reference, repeats=period is not None)
+        suited = recommend(lowered(ensemble), reference, diagnosis=diagnosis) if period is not None else None
     # A file may hold several pairs of channels: a page for each.
     page = picture.with_name(re.sub(r"[^\w.-]+", "_", f"{file.name}.{angle}-{torque}.diagnosis.html"))
     name = f"{file.name} ({angle}, {torque})"
     write_diagnosis(page, {name: diagnosis}, command_line())
     _print_diagnosis(diagnosis, name)
+    if suited is not None:
+        say(f"method for these data: {suited.sentence}")
     say(f"wrote {page}")
 
 

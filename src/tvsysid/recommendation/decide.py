@@ -79,7 +79,7 @@ class Recommendation(Frozen):
 
     def __repr__(self) -> str:
         told = ", ".join(
-            f"{name} {value:.3g} {unit}".rstrip() for name, value, unit in self._rows if not math.isnan(value)
+            f"{name} {_short(value)} {unit}".rstrip() for name, value, unit in self._rows if not math.isnan(value)
         )
         lines = [f"Recommendation: {self.sentence}", f"measured: {told}"]
         lines += [f"not {key}: {reason}" for key, reason in self.against.items()]
@@ -92,7 +92,12 @@ class Recommendation(Frozen):
 
 
 def recommend(
-    ensemble: Ensemble, reference: str | None = None, scheduling: str | None = None, *, model: Model | None = None
+    ensemble: Ensemble,
+    reference: str | None = None,
+    scheduling: str | None = None,
+    *,
+    model: Model | None = None,
+    diagnosis: Diagnosis | None = None,
 ) -> Recommendation:
     """Say which method suits an ensemble, and why, by what is measured in it.
 
@@ -109,6 +114,8 @@ def recommend(
         Channel with a variable that the joint follows and that differs between realizations.
     model
         What ``adaptive`` found in this ensemble, if that is known; otherwise it is identified here.
+    diagnosis
+        Of this ensemble, with the same reference, if that is known.
 
     Raises
     ------
@@ -123,7 +130,7 @@ def recommend(
     >>> ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), period=2.0)
     >>> found = tv.recommend(tv.preprocess.subtract_mean(ensemble))
     >>> print(found.sentence)
-    adaptive: the behaviour repeats, and it finds from the data how fast stiffness changes, and whether it switches
+    adaptive: stiffness switches, which it places and other methods smear
     >>> found.method
     AdaptiveRegression()
     """
@@ -131,11 +138,10 @@ def recommend(
         raise InputError(f"recommend: expected an Ensemble, got {type(ensemble).__name__}; cut a Recording first")
     for name in filter(None, (reference, scheduling)):
         ensemble.signal(name)  # raises for one that there is not
-    diagnosis = None
     with threadpool_limits(1), warnings.catch_warnings():
         warnings.simplefilter("ignore", DataQualityWarning)
         with suppress(InputError):  # a single realization, or too short
-            diagnosis = diagnose(ensemble, reference)
+            diagnosis = diagnosis or diagnose(ensemble, reference)
         measured = measured_in(ensemble, diagnosis, reference, scheduling, model)
     rule = rule_of(measured)
     known = {name: value for name, (value, _) in measured.items()} | {"reference": reference, "scheduling": scheduling}
@@ -156,15 +162,21 @@ def moving(ensemble: Ensemble, channels: Iterable[str]) -> Iterator[str]:
 
 
 def _against(suited: list[str], ensemble: Ensemble, measured: Measured, known: Mapping[str, object]) -> dict[str, str]:
-    """Why not the other usual methods: they do not apply, or what makes their stiffness differ."""
+    """Why not the other usual methods: they do not apply, what is measured, or what makes their stiffness differ."""
     found = {}
-    for key in DEFAULT_METHODS:
-        if not suited or key != key_of(suited[0]):
+    for key in DEFAULT_METHODS if suited else ():
+        if key != key_of(suited[0]):
             method = parse(key)
-            told = [text for condition, keys, text in AGAINST if key in (keys or key) and holds(condition, measured)]
-            differs = [*told, str(getattr(method, "differs", ""))][0]
-            found[key] = reason_to_skip(method, ensemble) or differs.format(**known)
+            told = (
+                text.format(**known) for condition, keys, text in AGAINST if key in keys and holds(condition, measured)
+            )
+            found[key] = reason_to_skip(method, ensemble) or next(told, str(getattr(method, "differs", "")))
     return found
+
+
+def _short(value: float) -> str:
+    """Three digits, and all before the point."""
+    return f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}"
 
 
 def _alike(wanted: Identifies, method: object) -> bool:

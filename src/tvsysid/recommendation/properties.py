@@ -50,7 +50,7 @@ def measured_in(
             measured |= _speed(model)
         measured["evidence of few harmonics"] = (_few_harmonics(low), "nat")
         if model is not None and reference is not None and not math.isnan(measured["loop bias"][0]):
-            measured["shape over level"] = (_shape_over_level(low, reference, model), "")
+            measured["shape over level"] = (shape_over_level(low, reference, model), "")
     return measured
 
 
@@ -86,7 +86,7 @@ def _noise_bias(ensemble: Ensemble) -> float:
     """
     models = [_model(KernelRegression(weighting=each), ensemble) for each in ("white", "residual")]
     plain, weighted = (math.nan if each is None else mean_of(each.stiffness) for each in models)
-    return 100 * (weighted - plain) / abs(weighted) if weighted else math.nan
+    return 100 * (weighted - plain) / max(abs(weighted), abs(plain), math.ulp(0.0))
 
 
 def _speed(model: AdaptiveModel) -> dict[str, tuple[float, str]]:
@@ -98,7 +98,7 @@ def _speed(model: AdaptiveModel) -> dict[str, tuple[float, str]]:
         "switches": (float(switches), ""),
         "stiffness changes by": (change, "N·m/rad"),
         "time of the fastest change": (change / fastest if fastest > 0 else math.nan, "s"),
-        "constant": (100 * model.diagnostics.details["constant_stiffness"], "%"),
+        "constant": (round(100 * model.diagnostics.details["constant_stiffness"], 1), "%"),
     }
 
 
@@ -117,7 +117,7 @@ def _few_harmonics(ensemble: Ensemble) -> float:
     return float(few - (more if more > few else other))
 
 
-def _shape_over_level(ensemble: Ensemble, reference: str, model: Model) -> float:
+def shape_over_level(ensemble: Ensemble, reference: str, model: Model) -> float:
     """How stiffness by a reference differs from that of a ``model`` without: in shape, over that on average."""
     try:
         found = BasisIRF(reference=reference).tuned(ensemble).method.identify(ensemble)

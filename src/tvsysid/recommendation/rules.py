@@ -107,7 +107,7 @@ RULES = (
     Rule(
         ("realizations > 5", "switches > 0"),
         ("adaptive", "kbr:tuned=true"),
-        "stiffness switches, which it places, and other methods smear",
+        "stiffness switches, which it places and other methods smear",
         "fast change",
     ),
     Rule(
@@ -142,25 +142,39 @@ RULES = (
         "fast change, short record, few realizations",
     ),
 )
-# What speaks against usual methods: where the condition holds, by what is measured.
-AGAINST = (
-    ("scheduling variable > 0", "", "It takes all realizations as alike, between which {scheduling!r} differs."),
-    ("loop bias > 5", "", "It takes the angle as imposed, by which stiffness is {loop bias:.0f} % off."),
+ONE_PATHWAY = ("eirf", "sds", "esm", "birf", "kbr")
+AGAINST = (  # a condition, the methods against which it speaks, and what it says
     (
-        "reflex > 0",
-        "eirf sds esm birf kbr",
-        "It takes the reflex, which predicts {reflex:.1f} % of the torque, for stiffness.",
+        "scheduling variable > 0",
+        ("adaptive", *ONE_PATHWAY),
+        "It takes all realizations as alike; {scheduling!r} differs between them.",
     ),
-    ("switches > 0", "sds esm birf kbr", "It smears a switch, of which stiffness has {switches:.0f}."),
+    (
+        "shape over level > 1",
+        ("sds", "esm", "birf", "kbr"),
+        "It smears a switch, of which stiffness has {switches:.0f}, and that costs more than the loop.",
+    ),
+    (
+        "loop bias > 5",
+        ("adaptive", *ONE_PATHWAY),
+        "It takes the angle as imposed, which makes its stiffness {loop bias:.0f} % too low or high.",
+    ),
+    ("reflex > 0", ONE_PATHWAY, "It takes the reflex, which explains {reflex:.1f} % of the torque, for stiffness."),
     (
         "information < 500",
-        "eirf",
-        "It takes each time by itself, of which data are worth {information:.0f} realizations at 0 dB.",
+        ("eirf",),
+        "It takes each time by itself, and these data are worth no more than {information:.0f} realizations at 0 dB.",
+    ),
+    ("switches > 0", ("sds", "esm", "birf", "kbr"), "It smears a switch, of which stiffness has {switches:.0f}."),
+    (
+        "noise bias > 10",
+        ("adaptive", "sds", "esm", "birf"),
+        "It counts frequencies that hold the noise as much as others, by which stiffness is {noise bias:.0f} % lower.",
     ),
     (
         "evidence of few harmonics > 5",
-        "adaptive",
-        "Stiffness is found without harmonics, which the data prefer by {evidence of few harmonics:.0f} nat.",
+        ("adaptive",),
+        "It does not know of harmonics, which the evidence prefers by {evidence of few harmonics:.0f} nat.",
     ),
 )
 

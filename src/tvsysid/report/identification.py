@@ -271,7 +271,10 @@ def _diagnosed(account: Account) -> page.Section:
 def _suited(account: Account) -> page.Section:
     """Which method suits the data, whether it was run or not, and by which properties."""
     suited = account.found.recommendation
-    rows = [page.Row((name, page.number(value), unit)) for name, (value, unit) in suited.measured.items()]
+    rows = [
+        page.Row((name, page.number(value, decimals=0 if value.is_integer() else None), unit))
+        for name, (value, unit) in suited.measured.items()
+    ]
     columns = [page.Column("property"), page.Column("value", kind="number"), page.Column("unit")]
     caption = "What was measured in the data; nothing where it is not shown, or cannot be told from these data."
     lines = [f"Not {key}: {reason}" for key, reason in suited.against.items()]

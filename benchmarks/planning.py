@@ -8,7 +8,6 @@ reached in trials that no plan has seen.
 from __future__ import annotations
 
 import argparse
-import math
 import sys
 
 import numpy as np
@@ -18,7 +17,7 @@ from rich.table import Table
 import tvsysid as tv
 from tvsysid.methods.travel import pickled
 from tvsysid.planning.answers import METHODS
-from tvsysid.planning.curves import identified
+from tvsysid.planning.curves import identified, scatter
 
 DURATIONS = (40.0, 80.0, 150.0)
 NOISES = (10.0, 0.0)  # dB
@@ -45,12 +44,10 @@ def main() -> None:
         piloted = [tv.plan(each, methods=chosen.methods, seed=100 * number) for number, each in enumerate(pilots)]
         for duration in DURATIONS:
             count = round(duration / protocol.period)
-            parts = [protocol.simulated(count, FIRST_TRIAL + trial) for trial in range(chosen.trials)]
+            parts = [protocol.simulated(count, FIRST_TRIAL + trial).ensemble for trial in range(chosen.trials)]
             methods = pickled({label: tv.methods.parse(label) for label in chosen.methods})
-            estimates = identified(methods, parts, {}, int)
             for label in chosen.methods:
-                scale = math.sqrt(chosen.trials / (chosen.trials - 1))
-                reached = float(tv.metrics.random_error(estimates[label])) * scale
+                reached = scatter(identified(methods[label], label, parts, {}))
                 every = [random_error(each, label, count) for each in (stated, *piloted)]
                 differ = [100 * (each / reached - 1) for each in every]
                 off.append(differ)

@@ -9,9 +9,10 @@ from tests.drawing import draw
 
 import tvsysid as tv
 from tvsysid.errors import InputError
+from tvsysid.methods.travel import pickled
 from tvsysid.planning import Curve, Pilot, Protocol
 from tvsysid.planning.answers import HALF
-from tvsysid.planning.curves import Errors, sizes
+from tvsysid.planning.curves import Errors, excesses, sizes, uncertainty
 
 COUNTS = np.array([5.0, 10.0, 20.0, 40.0, 80.0, 160.0, 320.0])
 
@@ -116,6 +117,27 @@ def test_pilot_with_another_perturbation_and_amplitude():
     kurtosis = np.mean(angle**4) / np.mean(angle**2) ** 2
     assert kurtosis < 2  # of two levels, 1; of a Gaussian, 3
     assert str(pilot) == "prbs of 0.02 rad"
+
+
+def test_realizations_that_differ_need_more_of_them():
+    # Each third realization is of a joint that is half as stiff again: as much scatter as no noise alone gives.
+    ensemble = ensemble_of(40.0, "sine", "noise")
+    stiffer = np.where(np.arange(len(ensemble)) % 3, 0.0, 50.0)[:, None]
+    other = replace(ensemble, torque=ensemble.torque + stiffer * ensemble.angle)
+    methods = pickled({"birf": tv.BasisIRF()})
+    same, differs = (excesses(Pilot.of(each), methods, 18, 0)["birf"] for each in (ensemble, other))
+    assert same < 1.25
+    law = replace(curve(30 / np.sqrt(COUNTS)), excess=differs)
+    assert law.at(20).random == pytest.approx(differs * 30 / np.sqrt(20), rel=1e-6)
+    assert 1.6 < differs < 2.4
+
+
+def test_sureness_of_a_scatter():
+    # A hundred samples of 18 estimates, each time by itself, or all alike.
+    random = np.random.default_rng(0)
+    for columns, times in ((100, 100), (1, 1)):
+        found = [uncertainty(random.normal(size=(18, columns)).repeat(100 // columns, axis=1)) for _ in range(20)]
+        assert np.mean(found) == pytest.approx(1 / np.sqrt(2 * 17 * times), rel=0.05)
 
 
 def test_answers(planned):

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from tvsysid.signals import Ensemble
 
 METHODS = ["adaptive", "sds", "birf", "kbr"]  # of tvsysid.planning, which takes long to import
+TOLD = 1.1  # times as much scatter as simulated, from which on it is said
 STATED = ("system", "stiffness", "noise", "snr")  # what a pilot shows by itself
 
 
@@ -163,6 +164,8 @@ def _show(found: Plan) -> None:
         for each in answers:
             if each.why:
                 say(f"  {each.method} does not suffice: {each.why}")
+            if each.excess > TOLD:
+                say(f"  {each.method} scatters {each.excess:.2g} times as much in the pilot as simulated: counted")
     say("± reached: half the 95 % band that so many realizations give; bias is not in it (N·m/rad)")
 
 

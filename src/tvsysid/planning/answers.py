@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -15,7 +15,7 @@ from tvsysid.methods import label_of, parse
 from tvsysid.methods.apply import Identifies
 from tvsysid.methods.travel import pickled
 from tvsysid.numerics.bands import critical_value
-from tvsysid.planning.curves import RECORDS, Curve, answered, curves_of, identified, rises, scatter, sizes
+from tvsysid.planning.curves import RECORDS, Curve, answered, curves_of, excesses, identified, rises, scatter, sizes
 from tvsysid.planning.setups import Pilot, Setup, positive
 from tvsysid.showing import Progress, Shown, reported, summary_html
 from tvsysid.signals import Ensemble
@@ -36,7 +36,8 @@ class Answer(NamedTuple):
 
     ``half_width`` is half of the 95 % band (N·m/rad) that ``realizations`` give, and ``bias`` (N·m/rad) the root mean
     square over time of what no band counts; where none suffice, those of the most that were simulated. ``rise_time``
-    is the time in s from 10 to 90 % of a step.
+    is the time in s from 10 to 90 % of a step. In the pilot, the method scatters ``excess`` times as much as in
+    simulated realizations, which is counted.
     """
 
     setup: str
@@ -46,6 +47,7 @@ class Answer(NamedTuple):
     half_width: float
     bias: float
     rise_time: float
+    excess: float = 1.0
     why: str = ""
 
 
@@ -117,6 +119,7 @@ class Plan(Shown, Frozen):
                 "± reached (N·m/rad)": each.half_width,
                 "bias (N·m/rad)": each.bias,
                 "rise time (s)": each.rise_time,
+                "pilot / simulated": each.excess,
                 "why not": each.why,
             }
             for each in self.answers
@@ -127,7 +130,8 @@ class Plan(Shown, Frozen):
         """Simulate each answer anew, so many times: random error of the stiffness as predicted, and as reached.
 
         Of what was planned from a pilot, more of the same is simulated, so that this verifies the law and not what was
-        taken from the pilot. Answers without a number of realizations are left out.
+        taken from the pilot (the simulated scatter is multiplied by the same excess). Answers without a number of
+        realizations are left out.
 
         Raises
         ------
@@ -145,13 +149,11 @@ class Plan(Shown, Frozen):
                 for trial in range(trials):
                     told(done, len(planned) * trials)
                     part = self.setups[each.setup].simulated(each.realizations, seed + trial)
-                    values.append(identified({each.method: every[each.method]}, [part], {}, int)[each.method][0])
+                    values += list(identified(every[each.method], each.method, [part.ensemble], {}))
                     done += 1
-                known = answered(np.array(values))
-                predicted = self.curves[each.setup, each.method].at(each.realizations).random
-                found.append(
-                    Verified(each.setup, each.method, each.realizations, predicted, scatter(known), len(known))
-                )
+                known, curve = answered(np.array(values)), self.curves[each.setup, each.method]
+                predicted, reached = curve.at(each.realizations).random, curve.excess * scatter(known)
+                found.append(Verified(each.setup, each.method, each.realizations, predicted, reached, len(known)))
         return found
 
 
@@ -225,14 +227,19 @@ def plan(
     total = sum(len(chosen) * (draws * len(sizes(count)) + STEPS) for count in most.values())
     with reported(progress, "planning") as told:
 
-        def advance() -> None:
+        def advance(count: int) -> None:
             nonlocal done
-            done += 1
-            told(min(done, total), total)
+            done += count
+            told(done, total)
 
         told(0, total)
+        more: dict[int, dict[str, float]] = {}  # of each pilot, whatever is planned from it
         for label, each in setups.items():
             found = curves_of(each, every, most[label], draws, seed, advance)
+            if isinstance(each, Pilot):
+                own = more.setdefault(id(each.recorded), {}) or excesses(each, every, draws, seed)
+                more[id(each.recorded)] = own
+                found = {name: replace(curve, excess=own[name]) for name, curve in found.items()}
             curves |= {(label, method): curve for method, curve in found.items()}
             needed = {name: curve.needed(precision / HALF, BEYOND * most[label]) for name, curve in found.items()}
             counts = {name: min(number or most[label], most[label]) for name, number in needed.items()}
@@ -267,7 +274,9 @@ def _answer(
     if resolution is not None and not rise <= resolution:
         why += [f"it takes {rise:.2g} s to follow a step" if math.isfinite(rise) else "it does not follow a step"]
     count = needed or tried
-    return Answer(setup, method, needed, count * period, HALF * errors.random, errors.bias, rise, "; ".join(why))
+    return Answer(
+        setup, method, needed, count * period, HALF * errors.random, errors.bias, rise, curve.excess, "; ".join(why)
+    )
 
 
 def _seconds(seconds: float) -> str:

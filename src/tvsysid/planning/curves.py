@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from bisect import bisect_left
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -18,11 +18,13 @@ from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.limits import TIME_LIMIT
 from tvsysid.methods import apart
 from tvsysid.metrics import debiased_bias_error, random_error, rise_time
-from tvsysid.planning.setups import Setup, Simulated
+from tvsysid.planning.setups import Pilot, Setup, Simulated
 from tvsysid.preprocess import subtract_mean
-from tvsysid.signals import Array
+from tvsysid.signals import Array, Ensemble
 
 LEAST, RECORDS = 5, 6  # realizations of the smallest ensembles; records from which ensembles are cut
+SURE = 0.1  # relative standard error of a random error, with which no more ensembles of that size are simulated
+PART = 10  # of a pilot's realizations are chosen, or half of them, to see how much methods scatter
 NEAR = 2.5  # octaves of realizations over which a bias is averaged
 POWERS = np.array([0.75, 1.0, 2.0, 4.0])  # of 1/n that variances are sums of
 STEEP = 4.0  # times the random error of twice as many realizations: with so few, a method breaks down
@@ -47,6 +49,7 @@ class Curve:
     """Errors of one method in ensembles of some numbers of ``realizations``, from so many ``draws`` of each.
 
     All of shape (size,); sizes at which the method cannot identify, or breaks down, are left out. ``why`` it cannot.
+    A pilot's realizations scatter ``excess`` times as much as simulated ones, which :meth:`at` counts.
     """
 
     realizations: Array
@@ -54,6 +57,7 @@ class Curve:
     bias: Array
     draws: Array
     why: str = ""
+    excess: float = 1.0
 
     @cached_property
     def powers(self) -> Array:
@@ -80,7 +84,7 @@ class Curve:
         away = np.log2(self.realizations / min(count, self.realizations[-1]))
         weight = (1 - np.minimum(np.abs(away) / NEAR, 1.0) ** 3) ** 3 * (self.draws - 1)
         bias = math.sqrt(float(weight @ self.bias**2 / weight.sum()))
-        return Errors(math.sqrt(float(count**-POWERS @ self.powers)), bias)
+        return Errors(self.excess * math.sqrt(float(count**-POWERS @ self.powers)), bias)
 
     def needed(self, error: float, most: int) -> int | None:
         """Fewest realizations, up to a number, whose total error is no larger; None if there are none."""
@@ -97,20 +101,50 @@ def sizes(most: int) -> list[int]:
 
 
 def curves_of(
-    setup: Setup, methods: Mapping[str, bytes], most: int, draws: int, seed: int, advance: Callable[[], object]
+    setup: Setup, methods: Mapping[str, bytes], most: int, draws: int, seed: int, advance: Callable[[int], object]
 ) -> dict[str, Curve]:
-    """Curve of each method; ``advance`` is called after each ensemble."""
+    """Curve of each method; ``advance`` is called with the number of ensembles that are done or not needed."""
     rows: dict[str, list[tuple[float, ...]]] = {label: [] for label in methods}
     why: dict[str, str] = {}
     records = [setup.simulated(most, seed + number) for number in range(RECORDS)]
     for count in sizes(most):
         parts = list(_cut(records, count, draws))
         truth = np.mean([part.stiffness for part in parts], axis=(0, 1))
-        for label, estimates in identified(methods, parts, why, advance).items():
-            known = answered(estimates)
+        for label, method in methods.items():
+            known = _answers(method, label, [part.ensemble for part in parts], why)
+            advance(draws)
             if len(known) > 1 and np.isfinite(known).all(axis=0).any():
                 rows[label].append((count, scatter(known), debiased_bias_error(known, truth), len(known)))
     return {label: _curve(each, why.get(label, "")) for label, each in rows.items()}
+
+
+def excesses(pilot: Pilot, methods: Mapping[str, bytes], draws: int, seed: int) -> dict[str, float]:
+    r"""How many times as much each method scatters between parts of the pilot as between simulated ones; 1 at least.
+
+    .. math:: \ln x = \left\langle \ln \sqrt{\tfrac{n}{n - m}}\, \frac{s_{pilot}(t)}{s_{simulated}(t)} \right\rangle_t
+
+    with the standard deviation over random choices of m of the pilot's n realizations (Efron & Tibshirani 1993, section
+    11.5), and over simulated ensembles of m. What differs between realizations, a reflex, and noise that is neither
+    Gaussian nor stationary are in it. A pilot that scatters less by chance promises nothing.
+    """
+    recorded = pilot.recorded
+    count = 0 if recorded is None else len(recorded)
+    part = max(count // 2, min(PART, count * 2 // 3))
+    if recorded is None or part < LEAST:
+        return dict.fromkeys(methods, 1.0)
+    own, random, found = pilot.as_recorded(), np.random.default_rng(seed), {}
+    records = [own.simulated(part * -(-draws // RECORDS), seed + number) for number in range(RECORDS)]
+    parts = [each.ensemble for each in _cut(records, part, draws)]
+    chosen = [recorded.select(np.sort(random.permutation(count)[:part])) for _ in parts]
+    for label, method in methods.items():
+        made = _answers(method, label, parts, {})
+        drawn = answered(identified(method, label, chosen[: len(made)], {}))
+        found[label] = 1.0
+        if len(made) > 1 and len(drawn) > 1:
+            known = np.isfinite(made).all(axis=0) & np.isfinite(drawn).all(axis=0)
+            ratio = drawn[:, known].var(axis=0, ddof=1) / made[:, known].var(axis=0, ddof=1) * count / (count - part)
+            found[label] = max(1.0, math.exp(np.log(ratio).mean() / 2)) if known.any() else 1.0
+    return found
 
 
 def _curve(rows: list[tuple[float, ...]], why: str) -> Curve:
@@ -124,7 +158,7 @@ def _curve(rows: list[tuple[float, ...]], why: str) -> Curve:
 
 def rises(
     setup: Setup, methods: Mapping[str, bytes], counts: Mapping[str, int], draws: int, seed: int,
-    advance: Callable[[], object],
+    advance: Callable[[int], object],
 ) -> dict[str, float]:  # fmt: skip
     """Seconds in which each method's mean estimate rises from 10 to 90 % of a step, with so many realizations."""
     stepped = setup.stepped()
@@ -132,36 +166,42 @@ def rises(
         return dict.fromkeys(methods, math.nan)
     record, found = stepped.simulated(max(counts.values()), seed), {}
     for label, method in methods.items():
-        parts = list(_cut([record], counts[label], draws))
-        values = identified({label: method}, parts, {}, advance)[label]
+        parts = [part.ensemble for part in _cut([record], counts[label], draws)]
+        values = identified(method, label, parts, {})
+        advance(draws)
         low, high = float(record.stiffness.min()), float(record.stiffness.max())
         both = np.concatenate([values, low + high - np.roll(values, values.shape[1] // 2, axis=1)])
         levels = low + 0.1 * (high - low), high - 0.1 * (high - low)
         within = min(WITHIN, 0.2 * setup.period)
-        known = answered(both)
-        time = parts[0].ensemble.time
+        known, time = answered(both), parts[0].time
         risen = float(rise_time(time, known, *levels, setup.period / 4, within)) if len(known) else math.nan
         found[label] = float(np.maximum(risen, time[1]))  # no sooner than a sample
     return found
 
 
-def identified(
-    methods: Mapping[str, bytes], parts: Sequence[Simulated], why: dict[str, str], advance: Callable[[], object]
-) -> dict[str, Array]:
-    """Stiffness in each ensemble by each pickled method, (ensemble, time); NaN where it fails, and why."""
-    found: dict[str, list[Array]] = {label: [] for label in methods}
+def _answers(method: bytes, label: str, ensembles: Sequence[Ensemble], why: dict[str, str]) -> Array:
+    """Stiffness (estimate, time) in as many of the ensembles as make its scatter sure; without failures."""
+    known = np.empty((0, ensembles[0].samples))
+    for first in range(0, len(ensembles), RECORDS):
+        more = identified(method, label, ensembles[first : first + RECORDS], why)
+        known = np.concatenate([known, answered(more)])
+        if uncertainty(known) < SURE:
+            break
+    return known
+
+
+def identified(method: bytes, label: str, ensembles: Iterable[Ensemble], why: dict[str, str]) -> Array:
+    """Stiffness in each ensemble by a pickled method, (ensemble, time); NaN where it fails, and why."""
+    found: list[Array] = []
     with threadpool_limits(1), warnings.catch_warnings():
         warnings.simplefilter("ignore", DataQualityWarning)
-        for part in parts:
-            ensemble = subtract_mean(part.ensemble)
-            for label, method in methods.items():
-                try:
-                    values = apart.identify(method, ensemble, label, limit=TIME_LIMIT).model.stiffness
-                except InputError as error:
-                    why[label], values = str(error), np.full(ensemble.samples, np.nan)
-                found[label].append(values)
-                advance()
-    return {label: np.array(values) for label, values in found.items()}
+        for each in ensembles:
+            try:
+                values = apart.identify(method, subtract_mean(each), label, limit=TIME_LIMIT).model.stiffness
+            except InputError as error:
+                why[label], values = str(error), np.full(each.samples, np.nan)
+            found.append(values)
+    return np.array(found)
 
 
 def answered(estimates: Array) -> Array:
@@ -175,11 +215,30 @@ def scatter(estimates: Array) -> float:
     return random_error(estimates) * math.sqrt(count / (count - 1)) if count > 1 else math.nan
 
 
+def uncertainty(estimates: Array) -> float:
+    r"""Relative standard error of the scatter of few estimates (estimate, time).
+
+    .. math:: 1 / \sqrt{2 f \nu}, \qquad \nu = (\operatorname{tr} \Sigma)^2 / \operatorname{tr} \Sigma^2
+
+    with f one less than the estimates and :math:`\nu` the times at which a Gaussian estimate scatters independently, by
+    the unbiased estimates of both traces.
+    """
+    known = estimates[:, np.isfinite(estimates).all(axis=0)]
+    freedom = len(known) - 1
+    if freedom < 2 or not known.size:
+        return math.inf
+    away = known - known.mean(axis=0)
+    gram = away @ away.T / freedom
+    squared, square = np.trace(gram) ** 2, float(np.sum(gram**2))
+    times = (squared * (1 + 1 / freedom) - 2 * square / freedom) / max(square - squared / freedom, 1e-12 * squared)
+    return 1 / math.sqrt(2 * freedom * max(times, 1.0))
+
+
 def _cut(records: Sequence[Simulated], count: int, draws: int) -> Iterator[Simulated]:
-    """Up to so many ensembles of consecutive realizations, none in two of them."""
-    for whole in records:
-        size = len(whole.ensemble)
-        parts = max(1, min(-(-draws // len(records)), size // count))
-        for first in np.linspace(0, max(size - count, 0), parts).astype(int):
-            index = np.arange(first, min(first + count, size))
+    """Up to so many ensembles of consecutive realizations, none in two of them; the first of each record first."""
+    size = len(records[0].ensemble)
+    parts = max(1, min(-(-draws // len(records)), size // count))
+    for first in np.linspace(0, max(size - count, 0), parts).astype(int):
+        index = np.arange(first, min(first + count, size))
+        for whole in records:
             yield Simulated(whole.ensemble.select(index), whole.stiffness[index])

@@ -27,6 +27,11 @@ PROBE = 40.0  # s that are simulated to see how large the noise is
 CONTEXT = 0.5  # s beside each realization
 STEP = 0.25  # share of a constant stiffness to either side of it, between which a step is tried
 
+REFLEX = (
+    "a reflex is found, which is not simulated: methods of one pathway take it for stiffness, and the plan does not "
+    "know of that bias"
+)
+
 
 class Simulated(NamedTuple):
     """Realizations, means not subtracted, and their true stiffness, (realization, time)."""
@@ -125,7 +130,8 @@ class Pilot:
 
     Made by :meth:`of`. ``stiffness`` and ``viscosity`` are over a realization, shape (time,); ``movement`` and
     ``noise`` are spectral densities of angle and torque noise at ``frequencies``; ``amplitude`` is the RMS of the
-    angle that is planned, and ``perturbation`` one in place of the recorded one, by name or as an object.
+    angle that is planned, and ``perturbation`` one in place of the recorded one, by name or as an object. How much
+    methods scatter is compared with what they do in the ensemble that was ``recorded``, if there is one.
     """
 
     stiffness: Array
@@ -139,6 +145,7 @@ class Pilot:
     amplitude: float
     perturbation: Any = None
     notes: tuple[str, ...] = ()
+    recorded: Ensemble | None = None
 
     @classmethod
     def of(cls, ensemble: Ensemble, *, amplitude: float | None = None, perturbation: Any = None) -> Pilot:
@@ -151,6 +158,7 @@ class Pilot:
         InputError
             If nothing can be identified.
         """
+        recorded = ensemble
         if not ensemble.mean_subtracted and len(ensemble) > 1:
             ensemble = subtract_mean(ensemble)
         adaptive = AdaptiveRegression()
@@ -165,11 +173,7 @@ class Pilot:
         frequencies, noise = _density(left, rate, left.shape[1])
         at, movement = _density(ensemble.angle, rate, ensemble.angle.shape[1])
         movement = np.interp(frequencies, at, movement) * scale
-        notes = (
-            ("a reflex is found, which the plan leaves out; methods of one pathway scatter more than it says",)
-            if "reflex_gain" in model.estimates
-            else ()
-        )
+        notes = (REFLEX,) if "reflex_gain" in model.estimates else ()
         return cls(
             _filled(model.stiffness, times),
             _filled(model.viscosity, times),
@@ -182,6 +186,7 @@ class Pilot:
             math.sqrt(scale) * float(np.std(ensemble.angle)) if amplitude is None else positive("amplitude", amplitude),
             perturbation,
             notes,
+            recorded,
         )
 
     def __post_init__(self) -> None:
@@ -194,7 +199,7 @@ class Pilot:
 
     def described(self) -> str:
         """What the pilot shows, in a line."""
-        noise = math.sqrt(float(np.trapezoid(self.noise, self.frequencies)))
+        noise = _rms(self.noise, self.frequencies)
         return (
             f"stiffness {self.stiffness.min():.0f} to {self.stiffness.max():.0f} N·m/rad, "
             f"viscosity {self.viscosity.mean():.2g} N·m·s/rad, inertia {self.inertia:.2g} kg·m²; {self}; "
@@ -221,15 +226,18 @@ class Pilot:
     def _angle(self, samples: int, random: np.random.Generator) -> Array:
         rate = self.sampling_rate
         if self.perturbation is None:
-            usual = math.sqrt(float(np.trapezoid(self.movement, self.frequencies)))
             angle = _gaussian(self.movement, self.frequencies, rate, samples, random)
-            return angle * self.amplitude / usual
+            return angle * self.amplitude / _rms(self.movement, self.frequencies)
         perturbation: Any = found_as(self.perturbation, PERTURBATIONS, "perturbation")
         finer = rate * max(1, -(-SIMULATED_HZ // rate))
         made = Joint(stiffness=Constant()).simulate(
             samples / rate, perturbation=perturbation, snr_db=math.inf, seed=random, rate=finer
         )
         return decimate(made.recording, rate).angle[:samples] * self.amplitude / RMS_ANGLE
+
+    def as_recorded(self) -> Pilot:
+        """With the recorded perturbation, whatever else is planned."""
+        return replace(self, perturbation=None, amplitude=_rms(self.movement, self.frequencies))
 
     def stepped(self) -> Pilot:
         """The same with a stiffness that steps up and down between the pilot's extremes."""
@@ -259,6 +267,11 @@ def _density(values: Array, rate: float, length: int) -> tuple[Array, Array]:
     """Frequencies, and spectral density of (realization, time), mean over realizations."""
     frequencies, power = welch(values, rate, nperseg=length, detrend=False, axis=1)
     return frequencies, power.mean(axis=0)
+
+
+def _rms(density: Array, frequencies: Array) -> float:
+    """Root mean square of what has a spectral density."""
+    return math.sqrt(float(np.trapezoid(density, frequencies)))
 
 
 def _gaussian(density: Array, at: Array, rate: float, samples: int, random: np.random.Generator) -> Array:

@@ -23,7 +23,7 @@ def add_scripts(app: Sphinx, page: str, template: str, context: dict[str, Any], 
     """Give the page its script and style, and no other page."""
     if page == PAGE:
         app.add_css_file("browser/page.css")
-        app.add_js_file("browser/page.js", type="module", **{"data-pyodide": "yes" if fetched(app) else ""})
+        app.add_js_file("browser/page.js", loading_method="defer", **{"data-pyodide": "yes" if fetched(app) else ""})
 
 
 def files_of(package: str) -> list[tuple[Path, str]]:

@@ -53,6 +53,7 @@ async function ran(act) { // what a run gives that `act` sets off
 
 await page.goto(`${origin}/browser.html`);
 const cells = page.locator(".cell");
+await cells.first().waitFor();
 check((await cells.count()) === 6, "six cells");
 check(outside.length === 0 && !(await page.evaluate(() => performance.getEntriesByType("resource").some((each) => each.name.includes("pyodide/")))), "nothing of Python is loaded before Run is pressed");
 

@@ -1,9 +1,9 @@
 // Makes every block of Python of this page a cell that runs in the reader's browser. Without this script it stays a block.
-import { picture, table } from "./plot.js";
-
-const here = document.querySelector("[data-pyodide]");
+// No module, which a page that is opened as a file would not load: it could not say why it does nothing.
+"use strict";
+const here = document.currentScript;
 const UNLIKE = "(as typed)";
-let worker, asked; // asked: the cell that waits for an answer
+let worker, asked, plot; // asked: the cell that waits for an answer
 
 function element(name, properties = {}, ...children) {
   const made = Object.assign(document.createElement(name), properties);
@@ -76,7 +76,7 @@ class Cell {
     if (error) this.output.append(element("p", { className: "fault", textContent: error }));
     if (text) this.output.append(scrolling(element("pre", { textContent: text.trimEnd() }), `What ${this.title} prints`));
     this.figure = curves.length ? element("figure", {}) : null;
-    if (this.figure) this.output.append(this.figure, scrolling(table(curves), `Stiffness of ${this.title} in N·m/rad`));
+    if (this.figure) this.output.append(this.figure, scrolling(plot.table(curves), `Stiffness of ${this.title} in N·m/rad`));
     this.draw();
     this.say(error ? `Stopped by an error after ${seconds.toFixed(1)} s: ${error}` : `Done in ${seconds.toFixed(1)} s.`);
     document.dispatchEvent(new CustomEvent("tvsysid:ran", { detail: { title: this.title, code: this.text.value, text, error, curves, seconds } }));
@@ -86,7 +86,7 @@ class Cell {
     const width = Math.floor(this.output.clientWidth);
     if (!this.figure || !width || this.width === width && this.figure.firstChild) return;
     this.width = width;
-    this.figure.replaceChildren(picture(this.curves, width));
+    this.figure.replaceChildren(plot.picture(this.curves, width));
   }
 
   say(words) { this.state.textContent = words; }
@@ -122,7 +122,7 @@ function stop(words = "Stopped. Python starts anew with the next run.") {
 }
 
 function begin() {
-  const made = new Worker(new URL("worker.js", import.meta.url), { type: "module" });
+  const made = new Worker(new URL("worker.js", here.src), { type: "module" });
   made.onmessage = ({ data }) => {
     if (data.state) asked?.say(data.state);
     else if (data.failed) stop(`Python could not run: ${data.failed}`);
@@ -142,4 +142,7 @@ function hindrance() {
 
 const why = hindrance();
 if (why) document.querySelector("article h1").after(element("p", { className: "hindrance", textContent: why }));
-else document.querySelectorAll("article div.highlight-python").forEach((block, number) => new Cell(block, number));
+else import(new URL("plot.js", here.src)).then((module) => {
+  plot = module;
+  document.querySelectorAll("article div.highlight-python").forEach((block, number) => new Cell(block, number));
+});

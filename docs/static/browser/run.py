@@ -52,7 +52,7 @@ def curves(scope: Mapping[str, Any]) -> list[dict[str, Any]]:
     found = [
         curve(str(name), model, truth)
         for name, model in (models.items() if isinstance(models, Mapping) else ())
-        if isinstance(model, tv.Model) and model.stiffness.shape == model.time.shape
+        if isinstance(model, tv.Model) and "stiffness" in model.estimates and np.isfinite(model.stiffness).any()
     ]
     if truth is not None and found:
         found.append({"name": "truth", "time": ensemble.time.tolist(), "values": numbers(truth)})

@@ -104,7 +104,7 @@ def _extent(values: Array) -> tuple[float, float]:
 def identified_quantity(
     models: Mapping[str, Model], name: str = "stiffness", title: str = "", simultaneous: bool = False
 ) -> Figure:
-    """One quantity over time by the models, with 95 % bands, at each time by itself or at all ``simultaneous``ly."""
+    """One quantity over time by the models, with 95 % bands, at each time by itself or ``simultaneous``."""
     figure, axes = style.panels(1, 1, 6.4, 3.4, title)
     over = draw_quantity(axes[0, 0], name, models, simultaneous)
     axes[0, 0].set_xlabel(style.REALIZATION_TIME if over == "time" else over)

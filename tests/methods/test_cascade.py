@@ -18,7 +18,7 @@ from tvsysid.methods.cascade.regressors import (
     lagged_signals,
     unresolved,
 )
-from tvsysid.methods.cascade.result import second_order_fit
+from tvsysid.methods.cascade.result import doubtful_gain, second_order_fit
 from tvsysid.methods.cascade.shape import Problem, moved, place_of
 from tvsysid.numerics.bases import FourierSeries
 from tvsysid.numerics.decimation import keep_every
@@ -343,3 +343,16 @@ def test_realizations_without_history_are_refused(random):
     angle = random.normal(size=(20, 40))
     with pytest.raises(tv.InputError, match=r"a reflex needs to know 0.45 s of what went before"):
         tv.JointCascade().identify(tv.Ensemble(angle, angle, 100.0))
+
+
+def test_a_gain_that_is_negative_or_not_seen_to_change_is_warned_of():
+    def texts(values, sure, constant=False, unit="N m s/rad"):
+        error = tv.StandardError(np.full(len(values), sure), np.array(100.0))
+        return list(doubtful_gain(tv.Estimate(values, unit, error=error), constant))
+
+    assert texts([1.0, 5.0], 1.0) == []
+    assert "runs from -3.0 to 5.0 N·m·s/rad and is negative over 50 %" in texts([-3.0, 5.0], 1.0)[0]
+    assert texts([-3.0, 5.0], 2.0) == []  # within its band
+    assert texts([-3.0, 5.0], 1.0, unit="N m/V") == []  # of EMG, whose sign is the muscle's
+    assert "change over time is not identified" in texts([4.0, 5.0], 1.0)[0]
+    assert texts([5.0, 5.0], 1.0, constant=True) == []

@@ -33,7 +33,7 @@ from tvsysid.methods.adaptive.moments import (
 from tvsysid.methods.adaptive.noise import Misfit, Scatter, alike, misfit, scatter, scores
 from tvsysid.methods.adaptive.prior import DECIMATOR, USUAL_TAPS, Axis
 from tvsysid.methods.adaptive.reflex import WithReflex, with_reflex
-from tvsysid.methods.cascade.result import negative_viscosity, not_of_second_order
+from tvsysid.methods.cascade.result import doubtful_gain, negative_viscosity, not_of_second_order
 from tvsysid.models import Diagnostics
 from tvsysid.quality.statistics import LEAST_REALIZATIONS
 from tvsysid.signals import Array, Ensemble
@@ -308,6 +308,8 @@ class Identification:
         if isinstance(self.signals, WithReflex):
             mean = float(np.mean(stiffness.values))
             yield from not_of_second_order(mean, self.signals.stiffness(mean, stiffness.constants))
+            beside = self.signals.beside
+            yield from doubtful_gain(beside.estimates["reflex_gain"], bool(beside.diagnostics.details["constant"]))
         yield from negative_viscosity(viscosity)
 
 

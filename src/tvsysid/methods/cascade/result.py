@@ -21,6 +21,7 @@ from tvsysid.signals import Array, Ensemble
 FITTED = (0.5, 15.0)  # Hz, over which viscosity and inertia are those of the intrinsic response
 APART = 0.1  # share by which the stiffness of that fit may differ from the response's sum
 UNKNOWN = 0.1  # rad/s of a threshold's standard error, a third of its prior's
+CHANCE = 0.025  # share of the time over which a band of 95 % lies below its truth
 FADED = 3e-3  # share of a muscle's response that is cut off
 
 
@@ -226,13 +227,25 @@ def _warnings(
     mean = float(np.nanmean(estimates["stiffness"].values))
     yield from not_of_second_order(mean, details["stiffness_fitted"])
     yield from negative_viscosity(estimates["viscosity"])
-    gain = estimates["reflex_gain"]
+    yield from doubtful_gain(estimates["reflex_gain"], bool(details["constant"]))
+
+
+def doubtful_gain(gain: Estimate, constant: bool) -> Iterator[str]:
+    """Warn where a reflex gain is negative, band and all, or its band is wider than its change over time."""
     known = gain.values[np.isfinite(gain.values)]
     error = gain.standard_error
     assert error is not None
-    if not details["constant"] and 1.96 * np.nanmax(error.values) > np.ptp(known):
+    if not constant and 1.96 * np.nanmax(error.values) > np.ptp(known):
         yield (
             "the reflex gain's change over time is not identified: its band is wider than its range; only its mean is"
+        )
+    upper = gain.band()[1]
+    share = np.mean(upper[np.isfinite(upper)] < 0)
+    if gain.unit == UNITS["reflex_gain"] and share > CHANCE:
+        yield (
+            f"the reflex gain runs from {known.min():.1f} to {known.max():.1f} N·m·s/rad and is negative over "
+            f"{100 * share:.0f} % of the time, band and all, as no stretch reflex's is: there it stands for something "
+            "else that follows a movement, and stiffness is unsure by what it differs from that of one pathway (kbr)"
         )
 
 

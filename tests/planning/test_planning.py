@@ -1,6 +1,8 @@
 """Planning: the law that errors follow, what a pilot shows, and what is answered."""
 
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -125,7 +127,7 @@ def test_realizations_that_differ_need_more_of_them():
     stiffer = np.where(np.arange(len(ensemble)) % 3, 0.0, 50.0)[:, None]
     other = replace(ensemble, torque=ensemble.torque + stiffer * ensemble.angle)
     methods = pickled({"birf": tv.BasisIRF()})
-    same, differs = (excesses(Pilot.of(each), methods, 18, 0)["birf"] for each in (ensemble, other))
+    same, differs = (excesses(Pilot.of(each), methods, 12, 0)["birf"] for each in (ensemble, other))
     assert same < 1.25
     law = replace(curve(30 / np.sqrt(COUNTS)), excess=differs)
     assert law.at(20).random == pytest.approx(differs * 30 / np.sqrt(20), rel=1e-6)
@@ -159,6 +161,14 @@ def test_picture(planned):
     draw(figure)
     assert [axes.get_xlabel() for axes in figure.axes][:2] == ["minutes recorded"] * 2
     assert figure.axes[2].get_xlabel().startswith("time to follow a step")
+
+
+def test_code_of_the_page_runs(capsys, monkeypatch):
+    monkeypatch.setattr("tvsysid.planning.answers.MOST", 40)
+    page = (Path(__file__).parents[2] / "docs" / "planning.md").read_text(encoding="utf-8")
+    (code,) = re.findall(r"^```python\n(.+?)\n```$", page, re.MULTILINE | re.DOTALL)
+    exec(code, {})
+    assert "with birf and prbs of 0.0087 rad:" in capsys.readouterr().out
 
 
 def test_verified():

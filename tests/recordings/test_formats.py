@@ -452,6 +452,15 @@ def test_angles_and_moments_that_c3d_stores_as_points(tmp_path, signals):
         read(file, **names)
 
 
+def test_edf_of_several_rates_is_refused_with_the_rates(tmp_path, signals):
+    edfio = pytest.importorskip("edfio", reason="edfio is not installed")
+    made = [edfio.EdfSignal(signals[0][:400], 200.0, label="pos"), edfio.EdfSignal(signals[0][:200], 100.0, label="tq")]
+    edfio.Edf(made).write(tmp_path / "a.edf")
+    expected = r"pos 400 x 1, tq 200 x 1 \(sampled at pos 200 Hz, tq 100 Hz\); .* resample them to one rate before"
+    with pytest.raises(tv.InputError, match=expected):
+        tv.read_recording(tmp_path / "a.edf", angle="pos", torque="tq", sampling_rate=200)
+
+
 def test_edf_that_was_interrupted_is_refused(tmp_path, signals):
     edfio = pytest.importorskip("edfio", reason="edfio is not installed")
     file = tmp_path / "ankle.edf"

@@ -298,9 +298,11 @@ def _signals(file: Path, request: _Request) -> tuple[dict[str, Channel], dict[st
     shapes = {name: _time_first(found[name].shape) for name in names if found[name].values is not None}
     if len(set(shapes.values())) > 1:
         told = ", ".join(f"{name} {' x '.join(map(str, shape))}" for name, shape in shapes.items())
+        rates = {name: found[name].sampling_rate for name in shapes if found[name].sampling_rate}
+        at = ", ".join(f"{name} {rate:g} Hz" for name, rate in rates.items()) if len(set(rates.values())) > 1 else ""
         raise InputError(
-            f"{file.name}: the channels have different lengths: {told}; name channels that were sampled together, or "
-            "cut or resample them before"
+            f"{file.name}: the channels have different lengths: {told}{f' (sampled at {at})' if at else ''}; name "
+            "channels that were sampled together, or cut or resample them to one rate before"
         )
     check_fits(file.name, sum(found[name].needed for name in shapes))
     signals = {}

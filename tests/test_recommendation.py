@@ -41,6 +41,7 @@ CASES = [
     ({"loop bias": 9, "switches": 2, "shape over level": 1.5}, "adaptive"),
     ({"loop bias": math.nan}, "adaptive"),
     ({"reflex": 20, "slow noise": 14}, "adaptive"),
+    ({"reflex": 3, "slow noise": 17, "noise bias": 12}, "adaptive"),  # a reflex, too, is seen at some frequencies only
     ({"slow noise": 14}, WEIGHTED),
     ({"slow noise": 14, "evidence of few harmonics": 9}, WEIGHTED),
     ({"slow noise": 14, "realizations": 3}, "cascade"),

@@ -84,6 +84,12 @@ RULES = (
         "than the perturbation does, or by a wrong sign of the torque: record the actuator's command",
         "loop without a reference",
     ),
+    Rule(  # before what tells a loop by frequencies, of which a reflex answers some
+        ("reflex > 0",),
+        ("adaptive", "cascade"),
+        "a stretch reflex is shown, and it takes that out of the stiffness (cascade says more of the reflex itself)",
+        "reflex",
+    ),
     Rule(
         (IS_SLOW, "noise bias > 30"),
         (),
@@ -97,12 +103,6 @@ RULES = (
         f"stiffness is {{noise bias:.0f}} % higher by the frequencies that hold little noise, so that {LOOP}; "
         "these count most",
         "loop without a reference",
-    ),
-    Rule(
-        ("reflex > 0",),
-        ("adaptive", "cascade"),
-        "a stretch reflex is shown, and it takes that out of the stiffness (cascade says more of the reflex itself)",
-        "reflex",
     ),
     Rule(
         ("realizations > 5", "switches > 0"),

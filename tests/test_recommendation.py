@@ -123,7 +123,7 @@ def test_a_loop_by_its_reference(closed_loop):
     assert named.against["sds"].startswith("It takes the angle as imposed, which makes its stiffness 2")
     unnamed = tv.recommend(closed_loop, diagnosis=tv.diagnose(closed_loop))
     assert unnamed.suited[0] == "kbr:weighting=residual,tuned=true"
-    assert "higher by the frequencies that hold little noise" in unnamed.why
+    assert "lower by all frequencies than by those of little noise" in unnamed.why
     assert unnamed.measured["noise bias"][0] == pytest.approx(17, abs=5)
     assert math.isnan(unnamed.measured.get("loop bias", (math.nan,))[0])
     assert "by the actuator's command alone" in unnamed.caveats[-2]

@@ -80,7 +80,7 @@ def _slowness(diagnosis: Diagnosis) -> float:
 
 
 def _noise_bias(ensemble: Ensemble) -> float:
-    """By how much, in per cent, stiffness is higher where frequencies count by how little noise they hold.
+    """By how much, in per cent, stiffness is lower than where frequencies count by how little noise they hold.
 
     Noise that does not move the angle leaves both alike; in a closed loop, stiffness is too low where there is noise.
     """

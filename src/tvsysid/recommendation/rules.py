@@ -93,14 +93,14 @@ RULES = (
     Rule(
         (IS_SLOW, "noise bias > 30"),
         (),
-        f"stiffness is {{noise bias:.0f}} % higher by the frequencies that hold little noise, so that {LOOP}, and none "
+        f"stiffness is {{noise bias:.0f}} % lower by all frequencies than by those of little noise, so that {LOOP}, and none "
         "is free of it: record the disturbance or the actuator's command",
         "loop without a reference",
     ),
     Rule(
         (IS_SLOW, "noise bias > 10"),
         (WEIGHTED, "kbr:weighting=residual"),
-        f"stiffness is {{noise bias:.0f}} % higher by the frequencies that hold little noise, so that {LOOP}; "
+        f"stiffness is {{noise bias:.0f}} % lower by all frequencies than by those of little noise, so that {LOOP}; "
         "these count most",
         "loop without a reference",
     ),

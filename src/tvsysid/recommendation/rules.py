@@ -93,8 +93,8 @@ RULES = (
     Rule(
         (IS_SLOW, "noise bias > 30"),
         (),
-        f"stiffness is {{noise bias:.0f}} % lower by all frequencies than by those of little noise, so that {LOOP}, and none "
-        "is free of it: record the disturbance or the actuator's command",
+        f"stiffness is {{noise bias:.0f}} % lower by all frequencies than by those of little noise, so that {LOOP}; "
+        "no method is free of it: record the disturbance or the actuator's command",
         "loop without a reference",
     ),
     Rule(

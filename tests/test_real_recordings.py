@@ -153,7 +153,7 @@ def test_tonic_stiffness_without_its_reflex(recordings_folder, muscle):
     assert 0.005 < model.inertia.mean() < 0.02
 
 
-@pytest.mark.parametrize("muscle", MUSCLES)
+@pytest.mark.parametrize("muscle", [*MUSCLES[:2], pytest.param(MUSCLES[2], marks=pytest.mark.slow)])
 def test_tonic_stiffness_without_its_reflex_needs_no_settings(recordings_folder, muscle):
     ensemble = tonic(recordings_folder, muscle)
     if muscle == "plantarflexor":

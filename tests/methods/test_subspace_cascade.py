@@ -81,7 +81,10 @@ def test_it_agrees_with_the_authors_code(recordings_folder, parallel_reference, 
     np.testing.assert_allclose(np.roots(reflex.denominator), np.linalg.eigvals(a), atol=0.005)
 
 
-@pytest.mark.parametrize(("muscle", "stiffness", "explained"), [("dorsiflexor", 71.6, 94), ("dorsiflexor_2", 53.2, 94)])
+@pytest.mark.parametrize(
+    ("muscle", "stiffness", "explained"),
+    [("dorsiflexor", 71.6, 94), pytest.param("dorsiflexor_2", 53.2, 94, marks=pytest.mark.slow)],
+)
 def test_real_ankles(recordings_folder, muscle, stiffness, explained):
     file = recordings_folder / "tonic_ankle.mat"
     signals = {"angle": f"{muscle}_angle", "torque": f"{muscle}_torque"}
@@ -92,7 +95,7 @@ def test_real_ankles(recordings_folder, muscle, stiffness, explained):
     assert share(ensemble.torque[:, ensemble.core], model.predict(ensemble)) == pytest.approx(explained, abs=1)
 
 
-@pytest.mark.parametrize("perturbation", ["noise", "prbs"])
+@pytest.mark.parametrize("perturbation", ["noise", pytest.param("prbs", marks=pytest.mark.slow)])
 def test_a_constant_joint_with_a_reflex(perturbation):
     ensemble, _ = simulated(perturbation=perturbation)
     model = tv.SubspaceCascade().identify(ensemble)

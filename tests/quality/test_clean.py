@@ -50,7 +50,7 @@ def wandering(recording, share, seed):
     return changed(recording, torque=recording.torque + share * recording.torque.std() * noise / noise.std())
 
 
-@pytest.mark.parametrize("share", [0.6, 1.0])
+@pytest.mark.parametrize("share", [pytest.param(0.6, marks=pytest.mark.slow), 1.0])
 @pytest.mark.parametrize(("profile", "perturbation"), [("constant", "noise"), ("constant", "prbs"), ("sine", "prbs")])
 def test_slow_voluntary_torque_is_no_other_period(profile, perturbation, share):
     for seed in (1, 2, 3):

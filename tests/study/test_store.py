@@ -82,7 +82,7 @@ def test_a_finished_study_is_not_run_again(copy, results):
 
 
 @pytest.mark.parametrize("name", ["estimate", "vaf", "checksums"])
-@pytest.mark.parametrize("left", [0, 11, -2, "blank", None])
+@pytest.mark.parametrize("left", [0, *(pytest.param(each, marks=pytest.mark.slow) for each in (11, -2)), "blank", None])
 def test_a_chunk_that_is_missing_or_cut_short_is_run_again(copy, results, name, left):
     tear(next(file for file in sorted((copy / name / "c").rglob("*")) if file.is_file()), left)
     found, count = rerun(copy)
@@ -90,7 +90,7 @@ def test_a_chunk_that_is_missing_or_cut_short_is_run_again(copy, results, name, 
     same(found, results)
 
 
-@pytest.mark.parametrize("count", [1, 5, 20, 60, 200])
+@pytest.mark.parametrize("count", [1, 5, 20, *(pytest.param(each, marks=pytest.mark.slow) for each in (60, 200))])
 def test_a_loss_of_power_that_cuts_the_newest_files_short_loses_only_their_trials(copy, results, count):
     newest = sorted((file for file in copy.rglob("*") if file.is_file()), key=lambda file: file.stat().st_mtime_ns)
     random = np.random.default_rng(count)

@@ -6,7 +6,17 @@ import sys
 import pytest
 from tests.cli.conftest import IDENTIFY
 
-COMMANDS = ("benchmark", "experiment", "report", "identify", "inspect", "methods", "check-method", "simulate")
+COMMANDS = (
+    "benchmark",
+    "experiment",
+    "report",
+    "identify",
+    "explore",
+    "inspect",
+    "methods",
+    "check-method",
+    "simulate",
+)
 
 
 FILES = []

@@ -22,6 +22,7 @@ from tvsysid.signals import Recording
 QUANTITIES = ("stiffness", "viscosity", "inertia", "reflex_gain")
 BANDS = {"pointwise": "95 % at each time by itself", "simultaneous": "95 % at all times together"}
 HALF = "half_band (N·m/rad)"
+PAUSE_S = 0.15  # in which a further key takes the place of what the one before chose
 TIMES = 11  # in the table of values over time
 STYLE = """
 body { padding: 1rem 0; overflow-wrap: anywhere }
@@ -48,6 +49,7 @@ class Shown:
     found: Outcome | None = None
     picture: bytes = b""
     error: str = ""
+    kind: str = "danger"
 
 
 def page(
@@ -69,8 +71,8 @@ def page(
 
 def _methods(first: str) -> dict[str, dict[str, str]]:
     """Settings of each method that can be chosen."""
-    found = {}
-    for key in dict.fromkeys((first, *names())):
+    found = {first: method_settings(first)}  # raises for one that is not known
+    for key in names():
         with suppress(InputError):  # an installed one that cannot be loaded
             found[key] = method_settings(key)
     return found
@@ -114,7 +116,7 @@ def _method(key: str, typed: Mapping[str, str], every: Mapping[str, Mapping[str,
             *(
                 ui.input_text(
                     _setting(place, setting),
-                    f"{setting} ({f'{usual} unless given' if usual else 'must be given'})",
+                    f"{setting} ({_unless(usual)})",
                     typed.get(setting, "") if name == key else "",
                     update_on="blur",
                 )
@@ -124,6 +126,10 @@ def _method(key: str, typed: Mapping[str, str], every: Mapping[str, Mapping[str,
         for place, (name, own) in enumerate(every.items())
     ]
     return _group("Method", ui.input_select("method", "Method", groups, selected=key), *settings)
+
+
+def _unless(usual: str) -> str:
+    return {"": "must be given", "None": "optional"}.get(usual, f"{usual} unless given")
 
 
 def _picture() -> Any:
@@ -143,6 +149,7 @@ def _group(legend: str, *controls: Any) -> Any:
 
 
 def _number(name: str, label: str, value: float | None) -> Any:
+    value = int(value) if value is not None and float(value).is_integer() else value
     return ui.input_numeric(name, label, value, update_on="blur")  # type: ignore[arg-type]  # None leaves it empty
 
 
@@ -166,6 +173,7 @@ def _server(source: Mapping[str, Any] | Recording, every: Mapping[str, Mapping[s
     def server(input: Any, output: Any, session: Any) -> None:
         @reactive.extended_task
         async def work(said: dict[str, Any], quantity: str, simultaneous: bool) -> Shown:
+            await asyncio.sleep(PAUSE_S)
             return await asyncio.to_thread(_shown, source, said, quantity, simultaneous)
 
         @reactive.extended_task
@@ -192,7 +200,7 @@ def _server(source: Mapping[str, Any] | Recording, every: Mapping[str, Mapping[s
                 return ui.p(f"Identifying by {input.method()} …")
             shown = work.result()
             if shown.found is None:
-                return ui.div(shown.error, class_="alert alert-danger", role="alert")
+                return ui.div(shown.error, class_=f"alert alert-{shown.kind}")
             notes = [ui.p(f"Warning: {text}", class_="alert alert-warning") for text in shown.found.notes]
             return ui.TagList(*(ui.p(line) for line in shown.found.lines), *notes)
 
@@ -218,7 +226,11 @@ def _server(source: Mapping[str, Any] | Recording, every: Mapping[str, Mapping[s
 def _shown(source: Mapping[str, Any] | Recording, said: dict[str, Any], quantity: str, simultaneous: bool) -> Shown:
     """Outcome of what the controls say; whatever goes wrong is shown, and the page goes on."""
     try:
-        found = outcome(settings_from(said, source))
+        settings = settings_from(said, source)
+    except InputError as error:  # not all is chosen yet
+        return Shown(error=str(error), kind="info")
+    try:
+        found = outcome(settings)
         return Shown(found, found.picture(quantity, simultaneous))
     except InputError as error:
         return Shown(error=str(error))

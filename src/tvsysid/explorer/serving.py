@@ -88,6 +88,12 @@ def explore(source: str | Path | Recording, *, port: int = 0, **given: Any) -> E
     ------
     InputError
         If Shiny is not installed, the file cannot be read, an option is unknown, or the port is in use.
+
+    Examples
+    --------
+    >>> import tvsysid as tv
+    >>> tv.explore("ankle.mat", angle="pos", torque="tq", rate=1000, period=2.0)  # doctest: +SKIP
+    Exploration(http://127.0.0.1:45219/v2VwJqQ6dRkB1mfX/)
     """
     try:
         from tvsysid.explorer.page import page  # noqa: PLC0415  # optional

@@ -123,6 +123,15 @@ def test_reversed_torque_warns_in_one_line_whatever_the_number_of_methods(tvsysi
     assert re.fullmatch(r"warning: stiffness is negative at [\d to]+ % of the samples: .* \(sds, birf\)\n", err)
 
 
+def test_a_high_rate_is_said_before_the_work_begins(tvsysid):
+    tvsysid("simulate", "joint.mat", "--duration", 10)
+    _, _, err = tvsysid(
+        "identify", "joint.mat", "--angle", "angle", "--torque", "torque", "--rate", 1000, "--period", 99
+    )
+    note, *_ = err.splitlines()
+    assert note.startswith("note: identifying at 1000 Hz takes minutes, where seconds do; --decimate 100 is usual")
+
+
 @pytest.mark.usefixtures("undrawn", "not_held_out")
 def test_trials_and_degrees(tvsysid, tmp_path):
     tvsysid("simulate", "joint.mat", "--duration", 60, "--snr", 30)

@@ -94,7 +94,13 @@ def write(app: Sphinx) -> None:
             place.write_text(text, encoding="utf-8")
 
 
+def skip(app: Sphinx, what: str, name: str, member: object, skipped: bool, options: object) -> bool | None:
+    """Leave out fields of named tuples, of which Python says no more than their number; the class describes them."""
+    return True if str(getattr(member, "__doc__", "")).startswith("Alias for field number") else None
+
+
 def setup(app: Sphinx) -> dict[str, bool]:
     """Write the pages before any page is read."""
     app.connect("builder-inited", write)
+    app.connect("autodoc-skip-member", skip)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -19,7 +19,7 @@ async function opened(options) {
   });
   page.on("pageerror", (error) => check(false, `script: ${error}`));
   await page.goto(address);
-  await page.waitForSelector("#answer .alert, #answer p");
+  await page.waitForSelector("#answer .alert");
   return page;
 }
 const focused = (page) =>
@@ -112,6 +112,11 @@ check(live.join() === "polite,polite,off,off,off", `what is announced: ${live}`)
 check(await page.evaluate(() => document.querySelector("figure img").alt.length > 20 && document.querySelectorAll("#numbers tbody tr").length > 8), "the picture has a text and a table");
 console.log(`order of focus: ${[...new Set(passed.map((each) => each.id || each.label))].join(", ")}`);
 const phone = await opened({ colorScheme: "dark", viewport: { width: 360, height: 740 } });
+for (const [id, act] of [["angle", () => choose(phone, angle)], ["torque", () => choose(phone, torque)], ["rate", () => typed(phone, "1000")], ["reversed", () => phone.keyboard.press("Space")], ["period", () => typed(phone, "2")]]) {
+  await tabTo(phone, id);
+  await act();
+}
+await phone.waitForSelector("#judged p");
 await examined(phone, "dark-360");
 await browser.close();
 console.log(wrong.length ? `${wrong.length} wrong` : "all as it should be");

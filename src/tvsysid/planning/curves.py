@@ -24,7 +24,6 @@ from tvsysid.signals import Array, Ensemble
 
 LEAST, RECORDS = 5, 6  # realizations of the smallest ensembles; records from which ensembles are cut
 SURE = 0.1  # relative standard error of a random error, with which no more ensembles of that size are simulated
-PART = 10  # of a pilot's realizations are chosen, or half of them, to see how much methods scatter
 NEAR = 2.5  # octaves of realizations over which a bias is averaged
 POWERS = np.array([0.75, 1.0, 2.0, 4.0])  # of 1/n that variances are sums of
 STEEP = 4.0  # times the random error of twice as many realizations: with so few, a method breaks down
@@ -119,32 +118,36 @@ def curves_of(
 
 
 def excesses(pilot: Pilot, methods: Mapping[str, bytes], draws: int, seed: int) -> dict[str, float]:
-    r"""How many times as much each method scatters between parts of the pilot as between simulated ones; 1 at least.
+    """How many times as much each method's stiffness differs between halves of the pilot as between simulated ones.
 
-    .. math:: \ln x = \left\langle \ln \sqrt{\tfrac{n}{n - m}}\, \frac{s_{pilot}(t)}{s_{simulated}(t)} \right\rangle_t
-
-    with the standard deviation over random choices of m of the pilot's n realizations (Efron & Tibshirani 1993, section
-    11.5), and over simulated ensembles of m. What differs between realizations, a reflex, and noise that is neither
-    Gaussian nor stationary are in it. A pilot that scatters less by chance promises nothing.
+    The root mean square over time, of the median of random halves and of simulated pairs; 1 at least, since a pilot
+    that scatters less by chance promises nothing. What differs between realizations, a reflex, and noise that is
+    neither Gaussian nor stationary are in it.
     """
     recorded = pilot.recorded
-    count = 0 if recorded is None else len(recorded)
-    part = max(count // 2, min(PART, count * 2 // 3))
-    if recorded is None or part < LEAST:
+    half = 0 if recorded is None else len(recorded) // 2
+    if recorded is None or half < LEAST:
         return dict.fromkeys(methods, 1.0)
     own, random, found = pilot.as_recorded(), np.random.default_rng(seed), {}
-    records = [own.simulated(part * -(-draws // RECORDS), seed + number) for number in range(RECORDS)]
-    parts = [each.ensemble for each in _cut(records, part, draws)]
-    chosen = [recorded.select(np.sort(random.permutation(count)[:part])) for _ in parts]
+    records = [own.simulated(half * -(-draws // RECORDS), seed + number) for number in range(RECORDS)]
+    parts = [each.ensemble for each in _cut(records, half, draws)]
+    orders = [random.permutation(len(recorded)) for _ in parts]
+    halves = [recorded.select(np.sort(order[at : at + half])) for order in orders for at in (0, half)]
     for label, method in methods.items():
-        made = _answers(method, label, parts, {})
-        drawn = answered(identified(method, label, chosen[: len(made)], {}))
-        found[label] = 1.0
-        if len(made) > 1 and len(drawn) > 1:
-            known = np.isfinite(made).all(axis=0) & np.isfinite(drawn).all(axis=0)
-            ratio = drawn[:, known].var(axis=0, ddof=1) / made[:, known].var(axis=0, ddof=1) * count / (count - part)
-            found[label] = max(1.0, math.exp(np.log(ratio).mean() / 2)) if known.any() else 1.0
+        made = _answers(method, label, parts, {}, SURE / 2)
+        pairs = identified(method, label, halves[: 2 * len(made)], {}).reshape(-1, 2, recorded.samples)
+        drawn = answered(pairs[:, 0] - pairs[:, 1])
+        if len(made) > 1 and len(drawn):
+            apart = [made[i] - made[j] for i in range(len(made)) for j in range(i)]
+            found[label] = max(1.0, _typical(drawn) / _typical(np.array(apart)))
+        else:
+            found[label] = 1.0
     return found
+
+
+def _typical(differences: Array) -> float:
+    """Root mean square over time of differences (difference, time), the median of them: one may be of a breakdown."""
+    return float(np.median(np.sqrt(np.nanmean(differences**2, axis=1))))
 
 
 def _curve(rows: list[tuple[float, ...]], why: str) -> Curve:
@@ -179,13 +182,15 @@ def rises(
     return found
 
 
-def _answers(method: bytes, label: str, ensembles: Sequence[Ensemble], why: dict[str, str]) -> Array:
+def _answers(
+    method: bytes, label: str, ensembles: Sequence[Ensemble], why: dict[str, str], sure: float = SURE
+) -> Array:
     """Stiffness (estimate, time) in as many of the ensembles as make its scatter sure; without failures."""
     known = np.empty((0, ensembles[0].samples))
     for first in range(0, len(ensembles), RECORDS):
         more = identified(method, label, ensembles[first : first + RECORDS], why)
         known = np.concatenate([known, answered(more)])
-        if uncertainty(known) < SURE:
+        if uncertainty(known) < sure:
             break
     return known
 

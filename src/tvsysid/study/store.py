@@ -38,6 +38,7 @@ Place = tuple[int, int]  # numbers of a task along the two dimensions of its sto
 FAILURE = "failure"  # the variable that says why a method gave no result; every layout has it
 IN_MEMORY = 1e9  # bytes of results up to which they are read at once
 ABSENT = "absent"  # state of a task without checksums
+TEXT = "TO"  # kinds of arrays of texts: strings, or objects as older versions of xarray and pandas have them
 
 
 class Found(NamedTuple):
@@ -192,7 +193,7 @@ class Store:
     def _write(self, name: str, place: Place, values: NDArray[Any]) -> int:
         """Write a chunk, or none where there is nothing in it; its checksum."""
         file, array = self._file(name, place), self._arrays[name]
-        if array.dtype.kind == "T":
+        if array.dtype.kind in TEXT:
             texts = [text.encode() for text in np.ravel(values).tolist()]
             packed = b"".join(struct.pack("<I", len(text)) + text for text in texts)
             content = struct.pack("<I", len(texts)) + packed if any(texts) else b""
@@ -207,16 +208,17 @@ class Store:
 
     def _nothing(self, name: str, shape: tuple[int, ...]) -> NDArray[Any]:
         """What a variable holds where nothing was measured."""
-        fills: dict[str, Any] = {"T": "", "u": 0}
         dtype = self._arrays[name].dtype
-        return np.full(shape, fills.get(dtype.kind, np.nan), dtype=dtype)
+        if dtype.kind in TEXT:
+            return np.full(shape, "", dtype=np.dtypes.StringDType())
+        return np.full(shape, 0 if dtype.kind == "u" else np.nan, dtype=dtype)
 
     def _values(self, name: str, content: bytes) -> NDArray[Any]:
         """A task's part of a variable."""
         array = self._arrays[name]
         if not content:
             return self._nothing(name, array.shape[2:])
-        values = _texts(content) if array.dtype.kind == "T" else np.frombuffer(content, array.dtype)
+        values = _texts(content) if array.dtype.kind in TEXT else np.frombuffer(content, array.dtype)
         return np.reshape(values, array.shape[2:])
 
 

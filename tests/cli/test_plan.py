@@ -1,5 +1,7 @@
 """`tvsysid plan`."""
 
+import re
+
 import pytest
 from scipy.io import savemat
 from tests.conftest import ensemble_of
@@ -14,12 +16,15 @@ def test_plan_from_a_pilot(tvsysid, tmp_path, monkeypatch, sketched):
     savemat(tmp_path / "pilot.mat", signals)
     code, shown, errors = tvsysid(
         *("plan", "--pilot", "pilot.mat", *CHANNELS, "--method", "birf", "--method", "sds:window=0.6"),
-        *("--precision", 6, "--resolution", 0.25, "--out", "planned"),
+        *("--precision", 6, "--resolution", 0.25, "--out", "planned", "--verify"),
     )
     assert (code, errors) == (0, "")
     assert "pilot: stiffness 4" in shown
     assert "To know stiffness to ± 6 N·m/rad at 95 % and follow a change within 0.25 s, with birf and the" in shown
     assert "sds:window=0.6 does not suffice: its bias alone is" in shown
+    verified = re.search(r"birf +│ +\d+ │ +[\d.]+ │ +([\d.]+) │ +[-+]\d+ % │ +([\d.]+)", shown)
+    reached, half = map(float, verified.groups())
+    assert 1.96 * reached < half < 7  # the bias is counted, and the wish of 6 nearly met
     assert (tmp_path / "planned" / "plan.png").read_bytes().startswith(b"\x89PNG")
     table = (tmp_path / "planned" / "plan.csv").read_text(encoding="utf-8").splitlines()
     assert table[0].startswith("setup,method,realizations,minutes")

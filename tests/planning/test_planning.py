@@ -112,6 +112,13 @@ def test_pilot_has_the_joint_the_noise_and_the_movement_of_its_recording():
     assert left[1] == pytest.approx(left[0], rel=0.05)
 
 
+def test_pilot_whose_torque_is_reversed_is_noted():
+    ensemble = ensemble_of(40.0, "sine", "noise").select(np.arange(3))
+    assert Pilot.of(ensemble).notes == ()
+    (note,) = Pilot.of(replace(ensemble, torque=-ensemble.torque)).notes
+    assert "--torque-sign -1" in note
+
+
 def test_pilot_with_another_perturbation_and_amplitude():
     pilot = Pilot.of(ensemble_of(40.0, "sine", "noise"), amplitude=0.02, perturbation="prbs")
     angle = pilot.simulated(20, 1).ensemble.angle

@@ -71,6 +71,8 @@ def leaderboard(
     with waiting("scoring and drawing"):
         table = write_leaderboard(study, results.load(), out)
     _show(table)
+    if study.trials == 1:
+        remark("warning", "one trial gives no standard error, so that all share a rank; --trials 2 or more ranks")
     failed = [each for each in problems(results) if each["kind"] == "failed"]  # the page has all else
     complete = print_met(results, failed, "trials", "trials")
     say_written(out, [*FILES, STORE])

@@ -172,6 +172,7 @@ def _show(found: Plan) -> None:
 def _verify(found: Plan) -> None:
     with progress("verifying") as advance:
         verified = found.verify(progress=advance)
+    bias = {(each.setup, each.method): each.bias for each in found.answers}
     rows = [
         (
             f"{each.method}, {each.setup}" if len(found.setups) > 1 else each.method,
@@ -179,10 +180,12 @@ def _verify(found: Plan) -> None:
             f"{each.predicted:.2f}",
             f"{each.reached:.2f}",
             f"{100 * (each.predicted / each.reached - 1):+.0f} %",
+            f"{found.multiple * math.hypot(each.reached, bias[each.setup, each.method]):.1f}",
         )
         for each in verified
     ]
     headings = ["method", "realizations", "predicted", "reached", "difference"]
+    headings.append(f"± with bias,\nwish ± {found.precision:g}")
     if rows:
         show_table(f"random error (N·m/rad), {verified[0].trials} trials", headings, rows)
 

@@ -31,6 +31,9 @@ REFLEX = (
     "a reflex is found, which is not simulated: methods of one pathway take it for stiffness, and the plan does not "
     "know of that bias"
 )
+NEGATIVE = (
+    "the pilot's stiffness is negative: is the torque's sign reversed? (--torque-sign -1, in Python torque_sign=-1)"
+)
 
 
 class Simulated(NamedTuple):
@@ -174,6 +177,7 @@ class Pilot:
         at, movement = _density(ensemble.angle, rate, ensemble.angle.shape[1])
         movement = np.interp(frequencies, at, movement) * scale
         notes = (REFLEX,) if "reflex_gain" in model.estimates else ()
+        notes += (NEGATIVE,) if np.nanmean(model.stiffness) < 0 else ()
         return cls(
             _filled(model.stiffness, times),
             _filled(model.viscosity, times),

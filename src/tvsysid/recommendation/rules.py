@@ -80,8 +80,9 @@ RULES = (
     Rule(
         ("mean stiffness < 0",),
         (),
-        "stiffness is negative ({mean stiffness:.0f} N·m/rad), as in a closed loop whose noise moves the angle more "
-        "than the perturbation does, or by a wrong sign of the torque: record the actuator's command",
+        "stiffness is negative ({mean stiffness:.0f} N·m/rad). If the actuator imposes the angle, the torque's sign is "
+        "reversed: read it with --torque-sign -1 (in Python torque_sign=-1), or without that; if it gives way, noise "
+        "moves the angle more than the perturbation does: record the actuator's command",
         "loop without a reference",
     ),
     Rule(  # before what tells a loop by frequencies, of which a reflex answers some

@@ -176,8 +176,8 @@ class Pilot:
         frequencies, noise = _density(left, rate, left.shape[1])
         at, movement = _density(ensemble.angle, rate, ensemble.angle.shape[1])
         movement = np.interp(frequencies, at, movement) * scale
-        notes = (REFLEX,) if "reflex_gain" in model.estimates else ()
-        notes += (NEGATIVE,) if np.nanmean(model.stiffness) < 0 else ()
+        seen = {REFLEX: "reflex_gain" in model.estimates, NEGATIVE: np.nanmean(model.stiffness) < 0}
+        notes = tuple(note for note, holds in seen.items() if holds)
         return cls(
             _filled(model.stiffness, times),
             _filled(model.viscosity, times),

@@ -121,6 +121,10 @@ def test_a_loop_by_its_reference(closed_loop):
     assert named.suited[0] == "kbr:reference=disturbance,weighting=residual,tuned=true"
     assert named.measured["loop bias"][0] == pytest.approx(25, abs=10)
     assert named.against["sds"].startswith("It takes the angle as imposed, which makes its stiffness 2")
+    together = [each for each in named.objections if "takes the angle as imposed" in each]
+    assert len(together) == 1  # of the methods that share it, once
+    assert ", sds, " in together[0]
+    assert ": each takes the angle" in together[0]
     unnamed = tv.recommend(closed_loop, diagnosis=tv.diagnose(closed_loop))
     assert unnamed.suited[0] == "kbr:weighting=residual,tuned=true"
     assert "lower by all frequencies than by those of little noise" in unnamed.why

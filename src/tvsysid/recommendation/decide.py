@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import warnings
 from collections.abc import Container, Iterable, Iterator, Mapping
 from contextlib import suppress
@@ -74,6 +75,16 @@ class Recommendation(Frozen):
         return f"{self.suited[0] if self.suited else 'no method is right'}: {self.why}"
 
     @property
+    def objections(self) -> list[str]:
+        """What speaks against other methods; those against which the same does stand together."""
+        found = []
+        for reason in dict.fromkeys(self.against.values()):
+            methods = [key for key, each in self.against.items() if each == reason]
+            said = re.sub("^It ", "it " if len(methods) == 1 else "each ", reason)
+            found.append(f"not {', '.join(methods)}: {said}")
+        return found
+
+    @property
     def _rows(self) -> list[tuple[str, float, str]]:
         return [(name, *each) for name, each in self.measured.items()]
 
@@ -82,12 +93,10 @@ class Recommendation(Frozen):
             f"{name} {_short(value)} {unit}".rstrip() for name, value, unit in self._rows if not math.isnan(value)
         )
         lines = [f"Recommendation: {self.sentence}", f"measured: {told}"]
-        lines += [f"not {key}: {reason}" for key, reason in self.against.items()]
-        return "\n".join([*lines, *(f"caveat: {each}" for each in self.caveats)])
+        return "\n".join([*lines, *self.objections, *(f"caveat: {each}" for each in self.caveats)])
 
     def _repr_html_(self) -> str:
-        notes = [f"not {key}: {reason}" for key, reason in self.against.items()]
-        notes += [f"caveat: {each}" for each in self.caveats]
+        notes = [*self.objections, *(f"caveat: {each}" for each in self.caveats)]
         return summary_html("Recommendation", self.sentence, ["property", "value", "unit"], self._rows, notes)
 
 

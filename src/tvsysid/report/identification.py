@@ -277,8 +277,7 @@ def _suited(account: Account) -> page.Section:
     ]
     columns = [page.Column("property"), page.Column("value", kind="number"), page.Column("unit")]
     caption = "What was measured in the data; nothing where it is not shown, or cannot be told from these data."
-    lines = [f"Not {key}: {reason}" for key, reason in suited.against.items()]
-    lines += [_sentence(caveat) for caveat in suited.caveats]
+    lines = [_sentence(each) for each in (*suited.objections, *suited.caveats)]
     table = page.Table("Properties", caption, columns, rows, narrow=True)
     return page.Section("suited", "Which method suits these data", [f"{suited.sentence}.", table, page.Bullets(lines)])
 
@@ -388,4 +387,4 @@ def _again(command: str) -> page.Section:
 
 def _sentence(text: str) -> str:
     """Text as a sentence."""
-    return f"{text[:1].upper()}{text[1:]}."
+    return f"{text[:1].upper()}{text[1:].removesuffix('.')}."

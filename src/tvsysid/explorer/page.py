@@ -32,11 +32,12 @@ legend, h2 { font-size: 1.15rem; font-weight: 600 }
 :focus-visible { outline: 3px solid #c2410c !important; outline-offset: 2px }
 [data-bs-theme=dark] :focus-visible { outline-color: #ff9d4d !important }
 figure img { background: #fff; width: 100%; height: auto }
-textarea { font: .85rem var(--bs-font-monospace); width: 100%; margin-bottom: .75rem }
+textarea { font: .85rem var(--bs-font-monospace); width: 100%; margin-bottom: .75rem; field-sizing: content }
 .unseen { position: absolute; width: 1px; height: 1px; overflow: hidden; clip-path: inset(50%) }
 .scroll { overflow-x: auto; position: relative }
 th, td { padding: .15rem .75rem .15rem 0; font-variant-numeric: tabular-nums }
 caption { caption-side: top }
+table { overflow-wrap: normal }
 summary { margin: .5rem 0 }
 .recalculating { opacity: .8 !important }
 """

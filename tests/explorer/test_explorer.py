@@ -1,5 +1,6 @@
 """What the explorer shows is what `tvsysid identify` finds with the command that it shows."""
 
+import asyncio
 import os
 import shlex
 import sys
@@ -102,6 +103,21 @@ def test_only_what_changes_is_done_anew(found, monkeypatch):
         outcome(found.settings)
 
 
+def test_what_was_chosen_meanwhile_is_not_begun():
+    done = []
+
+    async def chosen():
+        with steps.ONE_AT_A_TIME:
+            choices = [asyncio.ensure_future(steps.in_turn(done.append, number)) for number in range(3)]
+            await asyncio.sleep(2 * steps.TURN_S)
+            for each in choices[:2]:
+                each.cancel()
+        await choices[2]
+
+    asyncio.run(chosen())
+    assert done == [2]
+
+
 def test_an_outcome_in_words_and_in_a_picture(found):
     assert found.lines[0].startswith("stiffness by sds:window=0.2")
     assert found.diagnosis.verdict
@@ -167,10 +183,22 @@ def test_without_the_library_it_says_how_to_install_it(monkeypatch, file, tvsysi
     assert errors == "tvsysid: the explorer needs Shiny: pip install 'tvsysid[explore]'\n"
 
 
-def test_an_explorer_refuses_what_is_wrong_before_it_opens(file, tmp_path):
+def test_an_explorer_refuses_what_is_wrong_before_it_opens(file, recording, tmp_path):
     pytest.importorskip("shiny")
-    with pytest.raises(tv.InputError, match="unknown option 'windows'; the options are angle"):
-        tv.explore(file, windows=2)
+    for given, message in (
+        ({"windows": 2}, "unknown option 'windows'; the options are angle"),
+        ({"angle": "position"}, "angle: no channel 'position'; the file holds pos, tq, cmd"),
+        ({"angle_unit": "grad"}, "angle_unit: expected one of rad, deg, got 'grad'"),
+        ({"torque_sign": 5}, "torque_sign: expected one of 1, -1, got 5"),
+        ({"period": "2 s"}, "period: expected a number, got '2 s'"),
+        ({"port": 70000}, "port 70000: expected a whole number from 0 to 65535"),
+    ):
+        with pytest.raises(tv.InputError, match=message):
+            tv.explore(file, **given)
+    with pytest.raises(tv.InputError, match="unknown option 'rate'; the options are period"):
+        tv.explore(recording, rate=1000)
+    with pytest.raises(tv.InputError, match="expected a file or a Recording, got ndarray"):
+        tv.explore(recording.angle)
     with pytest.raises(tv.InputError, match="unknown method 'sd'"):
         tv.explore(file, method="sd:window=0.2")
     with pytest.raises(tv.InputError, match=r"none\.mat"):
@@ -196,3 +224,4 @@ def test_a_page_is_at_a_secret_address_of_this_computer_alone(recording):
         running.close()
     with pytest.raises(OSError, match="refused"):
         urlopen(running.url)
+    assert not steps._found.cache_info().currsize  # no recording is kept in memory

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from threading import Lock
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from threadpoolctl import threadpool_limits
 
@@ -23,6 +24,7 @@ from tvsysid.report.answer import answer
 from tvsysid.signals import Ensemble, Recording
 
 T = TypeVar("T")
+TURN_S = 0.02  # between two looks whether it is one's turn
 Noted = tuple[T, tuple[str, ...]]  # what a step made, and what it warned of
 ONE_AT_A_TIME = Lock()  # warnings and the figures' look are those of all threads
 
@@ -72,6 +74,19 @@ class Outcome:
         """A quantity over time with its band, as SVG."""
         with ONE_AT_A_TIME:
             return drawn(identified_quantity(self.found.models, quantity, simultaneous=simultaneous), "svg")
+
+
+async def in_turn(work: Callable[..., T], *given: Any) -> T:
+    """What some work returns, in a thread of its own, when nothing else is at work; not begun if cancelled before."""
+    while ONE_AT_A_TIME.locked():
+        await asyncio.sleep(TURN_S)
+    return await asyncio.to_thread(work, *given)
+
+
+def forget() -> None:
+    """Let go of the recordings and what was found in them."""
+    for kept in (_found, _cut, _read):
+        kept.cache_clear()
 
 
 def outcome(settings: Settings) -> Outcome:

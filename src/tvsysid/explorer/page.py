@@ -13,15 +13,14 @@ from typing import Any
 from shiny import App, reactive, render, ui
 
 from tvsysid.errors import InputError, describe_error
-from tvsysid.explorer.outcome import Outcome, outcome
-from tvsysid.explorer.settings import method_parts, method_settings, settings_from
+from tvsysid.explorer.outcome import Outcome, in_turn, outcome
+from tvsysid.explorer.settings import CHOICES, method_parts, method_settings, settings_from
 from tvsysid.methods import describe, names
 from tvsysid.report.page import Column, Fold, Row, Table, html, number
 from tvsysid.signals import Recording
 
 QUANTITIES = ("stiffness", "viscosity", "inertia", "reflex_gain")
 BANDS = {"pointwise": "95 % at each time by itself", "simultaneous": "95 % at all times together"}
-HALF = "half_band (N·m/rad)"
 PAUSE_S = 0.15  # in which a further key takes the place of what the one before chose
 TIMES = 11  # in the table of values over time
 STYLE = """
@@ -82,7 +81,6 @@ def _methods(first: str) -> dict[str, dict[str, str]]:
 def _reading(given: Mapping[str, Any], channels: Mapping[str, str]) -> Any:
     choices = {"": "choose a channel", **channels}
     more = {"angle_unit": "Unit of the angle", "torque_unit": "Unit of the torque", "columns": "Columns of a matrix"}
-    kinds = {"angle_unit": ["rad", "deg"], "torque_unit": ["Nm", "Nmm"], "columns": ["contiguous", "trials"]}
     return _group(
         "Recording",
         ui.input_select("angle", "Angle", choices, selected=given["angle"] or ""),
@@ -91,7 +89,7 @@ def _reading(given: Mapping[str, Any], channels: Mapping[str, str]) -> Any:
         ui.input_checkbox("reversed", "Reverse the torque's sign", given["torque_sign"] == -1),
         ui.tags.details(
             ui.tags.summary("Units and columns"),
-            *(ui.input_select(name, label, kinds[name], selected=given[name]) for name, label in more.items()),
+            *(ui.input_select(name, label, list(CHOICES[name]), selected=given[name]) for name, label in more.items()),
         ),
     )
 
@@ -175,11 +173,11 @@ def _server(source: Mapping[str, Any] | Recording, every: Mapping[str, Mapping[s
         @reactive.extended_task
         async def work(said: dict[str, Any], quantity: str, simultaneous: bool) -> Shown:
             await asyncio.sleep(PAUSE_S)
-            return await asyncio.to_thread(_shown, source, said, quantity, simultaneous)
+            return await in_turn(_shown, source, said, quantity, simultaneous)
 
         @reactive.extended_task
         async def judge(shown: Shown) -> str:
-            return await asyncio.to_thread(_judged, shown)
+            return await in_turn(_judged, shown)
 
         @reactive.effect
         def _start() -> None:

@@ -12,11 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from tvsysid.errors import InputError
-from tvsysid.explorer.settings import Cutting, Reading, Settings
+from tvsysid.explorer.settings import Cutting, Reading, Settings, checked
 from tvsysid.recordings import describe_file
 from tvsysid.signals import Recording
 
 HOST = "127.0.0.1"
+OF_A_FILE = {item.name for item in fields(Reading)}
 FIRST: dict[str, Any] = {
     item.name: None if item.default is MISSING else item.default
     for kind in (Reading, Cutting, Settings)
@@ -39,8 +40,10 @@ class Exploration:
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             listening.bind((HOST, port))
-        except OSError as error:
-            raise InputError(f"port {port}: {error.strerror}; give another, or none for any that is free") from error
+        except (OSError, OverflowError, TypeError) as error:
+            listening.close()
+            reason = getattr(error, "strerror", None) or "expected a whole number from 0 to 65535"
+            raise InputError(f"port {port}: {reason}; give another, or none for any that is free") from error
         # Nobody else on this computer, and no other page of the browser, knows the address.
         secret = secrets.token_urlsafe(12)
         self.url = f"http://{HOST}:{listening.getsockname()[1]}/{secret}/"
@@ -57,9 +60,12 @@ class Exploration:
         self._thread.join()
 
     def close(self) -> None:
-        """End it; what is being identified is left."""
+        """End it, and let go of the recording; what is being identified is left."""
+        from tvsysid.explorer.outcome import forget  # noqa: PLC0415  # heavy
+
         self._server.should_exit = True
         self._thread.join(GRACE_S + 2)
+        forget()
 
     def __repr__(self) -> str:
         return f"Exploration({self.url})"
@@ -87,7 +93,8 @@ def explore(source: str | Path | Recording, *, port: int = 0, **given: Any) -> E
     Raises
     ------
     InputError
-        If Shiny is not installed, the file cannot be read, an option is unknown, or the port is in use.
+        If Shiny is not installed, the file cannot be read, an option is unknown or none that the page can show, or the
+        port is in use.
 
     Examples
     --------
@@ -99,16 +106,20 @@ def explore(source: str | Path | Recording, *, port: int = 0, **given: Any) -> E
         from tvsysid.explorer.page import page  # noqa: PLC0415  # optional
     except ModuleNotFoundError as error:
         raise InputError("the explorer needs Shiny: pip install 'tvsysid[explore]'") from error
-    if unknown := given.keys() - FIRST.keys():
-        raise InputError(f"explore: unknown option {min(unknown)!r}; the options are {', '.join(FIRST)}")
+    if not isinstance(source, str | Path | Recording):
+        raise InputError(f"explore: expected a file or a Recording, got {type(source).__name__}")
+    options = [name for name in FIRST if name not in OF_A_FILE or not isinstance(source, Recording)]
+    if unknown := given.keys() - set(options):
+        raise InputError(f"explore: unknown option {min(unknown)!r}; the options are {', '.join(options)}")
     given = FIRST | given
     if isinstance(source, Recording):
-        return Exploration(page("recording", source, given, {}), port)
+        return Exploration(page("recording", source, checked(given), {}), port)
     file = Path(source)
     signals = {
         name: f"{name} ({each.described})"
         for name, each in describe_file(file, given["header"]).items()
         if each.values is not None and 1 <= len(each.shape) <= 2 and max(each.shape) > 1
     }
+    given = checked(given, signals)
     fixed = {"file": file, "header": given["header"], "start": given["start"], "channel": tuple(given["channel"])}
     return Exploration(page(file.name, fixed, given, signals), port)

@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 import math
+import numbers
 import shlex
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from tvsysid.errors import InputError
 from tvsysid.methods.plugins import key_of, parse, settings_of, target_of
 from tvsysid.methods.settings import further_settings, parts
 from tvsysid.signals import Recording
+
+CHOICES: dict[str, tuple[Any, ...]] = {
+    "angle_unit": ("rad", "deg"),
+    "torque_unit": ("Nm", "Nmm"),
+    "columns": ("contiguous", "trials"),
+    "torque_sign": (1, -1),
+}
 
 
 @dataclass(frozen=True)
@@ -24,10 +32,10 @@ class Reading:
     angle: str
     torque: str
     rate: float
-    columns: Literal["contiguous", "trials"] = "contiguous"
+    columns: str = "contiguous"
     torque_sign: int = 1
-    angle_unit: Literal["rad", "deg"] = "rad"
-    torque_unit: Literal["Nm", "Nmm"] = "Nm"
+    angle_unit: str = "rad"
+    torque_unit: str = "Nm"
     header: bool = True
     start: float = 0.0
     channel: tuple[str, ...] = ()
@@ -108,6 +116,24 @@ def _text(value: object) -> str:
     return str(int(value)) if isinstance(value, float) and value.is_integer() else str(value)
 
 
+def checked(given: Mapping[str, Any], channels: Collection[str] = ()) -> dict[str, Any]:
+    """What a page is ``given`` to begin with, if its controls can show it.
+
+    Raises
+    ------
+    InputError
+        For a channel that is not in the file, a word that is no choice, or what should be a number.
+    """
+    for name in ("angle", "torque"):
+        if given[name] is not None and given[name] not in channels:
+            raise InputError(f"{name}: no channel {given[name]!r}; the file holds {', '.join(channels) or 'none'}")
+    for name, choices in CHOICES.items():
+        if given[name] not in choices:
+            raise InputError(f"{name}: expected one of {', '.join(map(str, choices))}, got {given[name]!r}")
+    found = {name: _number(given[name], name) for name in ("rate", "start", "period", "decimate", "context")}
+    return {**given, **found}
+
+
 def settings_from(said: Mapping[str, Any], source: Mapping[str, Any] | Recording) -> Settings:
     """Settings of what the controls ``said``, by name; ``source`` has what of a :class:`Reading` has no control.
 
@@ -136,7 +162,7 @@ def _number(value: Any, what: str, need: str = "") -> Any:
     """Number that a control holds, None if it is empty: where there is a ``need``, it must not be."""
     if value is None and need:
         raise InputError(f"{what} is missing: give {need}")
-    if value is not None and not (isinstance(value, int | float) and math.isfinite(value)):
+    if value is not None and not (isinstance(value, numbers.Real) and math.isfinite(value)):
         raise InputError(f"{what}: expected a number, got {value!r}")
     return None if value is None else float(value)
 

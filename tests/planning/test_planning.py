@@ -198,6 +198,7 @@ def test_verified():
         ({"draws": 2}, "draws must be a whole number from 6 on, got 2"),
         ({"methods": []}, "expected a method at least"),
         ({"setup": [Protocol(), Protocol()]}, "setups that differ"),
+        ({"setup": "joint"}, "expected a pilot's Ensemble, a Protocol or a Pilot, got str"),
         ({"setup": Protocol(period=300.0)}, "realizations of 300 s are too long"),
     ],
 )

@@ -215,14 +215,14 @@ def plan(
         positive("resolution", resolution)
     if isinstance(draws, bool) or not isinstance(draws, int) or draws < RECORDS:
         raise InputError(f"plan: draws must be a whole number from {RECORDS} on, got {draws!r}")
-    given = [setup] if isinstance(setup, Ensemble) or not isinstance(setup, Sequence) else setup
-    setups = {str(each): each for each in (Pilot.of(one) if isinstance(one, Ensemble) else one for one in given)}
+    setups = _setups(setup)
     named = [methods] if isinstance(methods, str) else list(methods)
     chosen = {label_of(each): parse(each) if isinstance(each, str) else each for each in named}
-    if not setups or len(setups) < len(given) or not chosen:
-        raise InputError("plan: expected a method at least, and setups that differ in perturbation or amplitude")
+    if not chosen:
+        raise InputError("plan: expected a method at least, got none")
     most = {label: _most(each) for label, each in setups.items()}
     every, answers, done = pickled(chosen), list[Answer](), 0
+    pilots = {id(each.recorded): each for each in setups.values() if isinstance(each, Pilot)}
     curves: dict[tuple[str, str], Curve] = {}
     total = sum(len(chosen) * (draws * len(sizes(count)) + STEPS) for count in most.values())
     with reported(progress, "planning") as told:
@@ -233,12 +233,11 @@ def plan(
             told(done, total)
 
         told(0, total)
-        more: dict[int, dict[str, float]] = {}  # of each pilot, whatever is planned from it
+        excess = {which: excesses(pilot, every, draws, seed) for which, pilot in pilots.items()}
         for label, each in setups.items():
             found = curves_of(each, every, most[label], draws, seed, advance)
             if isinstance(each, Pilot):
-                own = more.setdefault(id(each.recorded), {}) or excesses(each, every, draws, seed)
-                more[id(each.recorded)] = own
+                own = excess[id(each.recorded)]  # whatever is planned from a pilot
                 found = {name: replace(curve, excess=own[name]) for name, curve in found.items()}
             curves |= {(label, method): curve for method, curve in found.items()}
             needed = {name: curve.needed(precision / HALF, BEYOND * most[label]) for name, curve in found.items()}
@@ -250,6 +249,21 @@ def plan(
             ]
         told(total, total)
     return Plan(precision, resolution, setups, chosen, curves, tuple(answers))
+
+
+def _setups(given: Ensemble | Setup | Sequence[Setup]) -> dict[str, Setup]:
+    """What is planned, by label; a pilot's ensemble as what it shows."""
+    several = given if isinstance(given, list | tuple) else [given]
+    for each in several:
+        if not isinstance(each, Ensemble | Setup):
+            raise InputError(
+                f"plan: expected a pilot's Ensemble, a Protocol or a Pilot, got {type(each).__name__}; segment a "
+                "Recording first"
+            )
+    found = {str(each): each for each in (Pilot.of(one) if isinstance(one, Ensemble) else one for one in several)}
+    if not found or len(found) < len(several):
+        raise InputError("plan: expected setups that differ in perturbation or amplitude")
+    return found
 
 
 def _most(setup: Setup) -> int:

@@ -188,6 +188,8 @@ def test_an_explorer_refuses_what_is_wrong_before_it_opens(file, recording, tmp_
     for given, message in (
         ({"windows": 2}, "unknown option 'windows'; the options are angle"),
         ({"angle": "position"}, "angle: no channel 'position'; the file holds pos, tq, cmd"),
+        ({"channel": "command=CMD"}, "command: no channel 'CMD'; the file holds pos, tq, cmd"),
+        ({"channel": ["cmd"]}, "--channel cmd: expected NAME=CHANNEL"),
         ({"angle_unit": "grad"}, "angle_unit: expected one of rad, deg, got 'grad'"),
         ({"torque_sign": 5}, "torque_sign: expected one of 1, -1, got 5"),
         ({"period": "2 s"}, "period: expected a number, got '2 s'"),

@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from tvsysid.errors import InputError
-
 if TYPE_CHECKING:
     from tvsysid.signals import Recording
 
@@ -129,14 +127,8 @@ def read(
     torque_unit: TorqueUnit = "Nm",
 ) -> Recording:
     """Recording as the options say; each of the further channels as NAME=CHANNEL."""
-    from tvsysid.recordings import read_recording
+    from tvsysid.recordings.read import channels_typed, read_recording
 
-    channels = {}
-    for text in channel:
-        name, _, in_file = text.partition("=")
-        if not name or not in_file:
-            raise InputError(f"--channel {text}: expected NAME=CHANNEL, as in emg=EMG_SIGNAL")
-        channels[name] = in_file
     return read_recording(
         file,
         angle=angle,
@@ -146,7 +138,7 @@ def read(
         torque_sign=torque_sign,  # type: ignore[arg-type]
         columns=columns,
         start=start,
-        channels=channels,
+        channels=channels_typed(channel),
         header=header,
         torque_unit=torque_unit,
     )

@@ -121,5 +121,5 @@ def explore(source: str | Path | Recording, *, port: int = 0, **given: Any) -> E
         if each.values is not None and 1 <= len(each.shape) <= 2 and max(each.shape) > 1
     }
     given = checked(given, signals)
-    fixed = {"file": file, "header": given["header"], "start": given["start"], "channel": tuple(given["channel"])}
+    fixed = {"file": file, "header": given["header"], "start": given["start"], "channel": given["channel"]}
     return Exploration(page(file.name, fixed, given, signals), port)

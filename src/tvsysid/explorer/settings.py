@@ -14,6 +14,7 @@ from typing import Any
 from tvsysid.errors import InputError
 from tvsysid.methods.plugins import key_of, parse, settings_of, target_of
 from tvsysid.methods.settings import further_settings, parts
+from tvsysid.recordings.read import channels_typed
 from tvsysid.signals import Recording
 
 CHOICES: dict[str, tuple[Any, ...]] = {
@@ -43,13 +44,8 @@ class Reading:
     @property
     def arguments(self) -> dict[str, Any]:
         """What :func:`tvsysid.read_recording` takes beside file and rate, where it is not the default."""
-        changed = _changed(self) | {"channels": {}}
-        for text in changed.pop("channel", ()):
-            name, _, in_file = text.partition("=")
-            if not name or not in_file:
-                raise InputError(f"--channel {text}: expected NAME=CHANNEL, as in emg=EMG_SIGNAL")
-            changed["channels"][name] = in_file
-        return {name: value for name, value in changed.items() if name != "rate" and value != {}}
+        changed = {name: value for name, value in _changed(self).items() if name not in ("rate", "channel")}
+        return changed | ({"channels": channels_typed(self.channel)} if self.channel else {})
 
 
 @dataclass(frozen=True)
@@ -124,14 +120,15 @@ def checked(given: Mapping[str, Any], channels: Collection[str] = ()) -> dict[st
     InputError
         For a channel that is not in the file, a word that is no choice, or what should be a number.
     """
-    for name in ("angle", "torque"):
-        if given[name] is not None and given[name] not in channels:
-            raise InputError(f"{name}: no channel {given[name]!r}; the file holds {', '.join(channels) or 'none'}")
+    further = (given["channel"],) if isinstance(given["channel"], str) else tuple(given["channel"])
+    for name, in_file in {"angle": given["angle"], "torque": given["torque"], **channels_typed(further)}.items():
+        if in_file is not None and in_file not in channels:
+            raise InputError(f"{name}: no channel {in_file!r}; the file holds {', '.join(channels) or 'none'}")
     for name, choices in CHOICES.items():
         if given[name] not in choices:
             raise InputError(f"{name}: expected one of {', '.join(map(str, choices))}, got {given[name]!r}")
     found = {name: _number(given[name], name) for name in ("rate", "start", "period", "decimate", "context")}
-    return {**given, **found}
+    return {**given, **found, "channel": further}
 
 
 def settings_from(said: Mapping[str, Any], source: Mapping[str, Any] | Recording) -> Settings:

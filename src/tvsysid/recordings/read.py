@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -161,6 +161,17 @@ class _Request:
         )
         yield from contradictions(read, recording.sampling_rate, units)
         yield from implausible(recording, self.angle, self.torque, self.angle_unit)
+
+
+def channels_typed(texts: Iterable[str]) -> dict[str, str]:
+    """Further channels of a recording, and their names in the file, of texts NAME=CHANNEL."""
+    found = {}
+    for text in texts:
+        name, _, in_file = text.partition("=")
+        if not name or not in_file:
+            raise InputError(f"--channel {text}: expected NAME=CHANNEL, as in emg=EMG_SIGNAL")
+        found[name] = in_file
+    return found
 
 
 def _scaled(values: Array, factor: float) -> Array:

@@ -253,14 +253,16 @@ def plan(
 
 def _setups(given: Ensemble | Setup | Sequence[Setup]) -> dict[str, Setup]:
     """What is planned, by label; a pilot's ensemble as what it shows."""
-    several = given if isinstance(given, list | tuple) else [given]
+    several: Sequence[object] = given if isinstance(given, Sequence) else [given]
+    found: dict[str, Setup] = {}
     for each in several:
         if not isinstance(each, Ensemble | Setup):
             raise InputError(
                 f"plan: expected a pilot's Ensemble, a Protocol or a Pilot, got {type(each).__name__}; segment a "
                 "Recording first"
             )
-    found = {str(each): each for each in (Pilot.of(one) if isinstance(one, Ensemble) else one for one in several)}
+        made = Pilot.of(each) if isinstance(each, Ensemble) else each
+        found[str(made)] = made
     if not found or len(found) < len(several):
         raise InputError("plan: expected setups that differ in perturbation or amplitude")
     return found

@@ -175,6 +175,14 @@ def test_the_page_is_built(file, recording):
     assert 'id="angle"' not in page("recording", recording, FIRST, {}).ui["html"]
 
 
+def test_a_picture_in_words(found):
+    pytest.importorskip("shiny")
+    from tvsysid.explorer.page import Shown, _figure
+
+    assert "inertia over a realization" in str(_figure(Shown(found), "inertia"))
+    assert "reflex gain is not identified by this method" in str(_figure(Shown(found), "reflex_gain"))
+
+
 def test_without_the_library_it_says_how_to_install_it(monkeypatch, file, tvsysid):
     monkeypatch.setitem(sys.modules, "shiny", None)
     monkeypatch.delitem(sys.modules, "tvsysid.explorer.page", raising=False)

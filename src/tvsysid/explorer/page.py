@@ -10,6 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from shiny import App, reactive, render, ui
 
 from tvsysid.errors import InputError, describe_error
@@ -253,7 +254,10 @@ def _figure(shown: Shown, quantity: str) -> Any:
     if shown.found is None:
         return None
     source = "data:image/svg+xml;base64," + base64.b64encode(shown.picture).decode()
-    text = f"{quantity.replace('_', ' ')} over a realization with its 95 % band; the tables below have the numbers"
+    (model,), words = shown.found.found.models.values(), quantity.replace("_", " ")
+    text = f"{words} over a realization with its 95 % band; the tables below have the numbers"
+    if quantity not in model.estimates or not np.isfinite(model.estimates[quantity].values).any():
+        text = f"{words} is not identified by this method"
     return ui.tags.figure(ui.img(src=source, alt=text, width=614, height=326))
 
 

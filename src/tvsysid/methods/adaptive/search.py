@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,8 @@ STEPS, MOST = 60, 12  # of the search, and switches at most
 GAIN = 50.0  # log evidence that a further switch is taken to bring at most
 EAGER, EAGER_STEPS = 6.0, 12  # log evidence by which others than the best are followed at first, and how long
 NEARLY = 5.0  # log evidence below the best down to which a set counts that is no gain
+FAINT = 1e-12  # share of all precision below which there is none
+PARTED = 6  # switches at most of the best sets of each number
 REACH = 12.0  # log evidence below the best down to which sets are kept
 START = Sizes(0.2, False)
 
@@ -177,6 +180,34 @@ class Walk:
         return products._replace(cross=products.cross - np.linalg.solve(factor, steps.cross) @ less), less
 
 
+def partitions(line: Line, places: tuple[float, ...]) -> Iterator[tuple[float, ...]]:
+    """Best set of each number of switches between levels if noise were white, by dynamic programming (Bellman 1961).
+
+    Step by step, several switches of which none alone is worth much are not found. Where the end goes on at the
+    beginning, what repeats is cut at the first of the ``places``, which is a switch or is not.
+    """
+    times, periodic = line.axis.times, line.axis.periodic
+    cut = round(places[0]) % times if periodic and places else 0
+    weights = np.roll(np.diag(line.precision), -cut)
+    edges = np.append(np.arange(0, times, -(-times // COARSE)), times)
+    sums = [np.append(0.0, np.cumsum(each))[edges] for each in (weights, weights * np.roll(line.seen, -cut))]
+    power, cross = (np.subtract.outer(each, each) for each in sums)  # of all between an edge and one before
+    before = np.tri(len(edges), k=-1, dtype=bool)
+    gains = np.where(before, cross**2 / np.maximum(power, FAINT * power.max()), -np.inf)
+    best, chosen = gains[:, 0], list[NDArray[np.intp]]()
+    for count in range(1, min(PARTED, len(edges) - 2) + 1):
+        whole = best + gains
+        chosen.append(np.argmax(whole, axis=1))
+        best = np.take_along_axis(whole, chosen[-1][:, None], axis=1)[:, 0]
+        switches, last = list[float](), len(edges) - 1
+        for each in reversed(chosen):
+            last = each[last]
+            switches.append(float((edges[last] + cut) % times))
+        yield tuple(sorted(switches))
+        if periodic and count < PARTED:
+            yield tuple(sorted([*switches, float(cut)]))
+
+
 def found_sets(grid: Grid, smooths: tuple[Smooth, ...], states: list[State]) -> list[Found]:
     """Sets of switches near the best score, best first, and the empty one."""
     scores: dict[tuple[float, ...], tuple[float, int]] = {}
@@ -212,6 +243,11 @@ def found_sets(grid: Grid, smooths: tuple[Smooth, ...], states: list[State]) -> 
             closed_at.add(open_ones.pop(key).places)
             continue
         open_ones[key] = after
+    walk = walks.get(0) or Walk(smooths[0], grid)
+    for places in partitions(grid.line, states[0].places):
+        if walk.score(places) > max(scores.values())[0] - GAIN:
+            found = walk.polished(places)
+            note(State(found, walk.score(found)), 0)
     scores.pop((), None)
     best = max([score for score, _ in scores.values()] + [max(smooth.score for smooth in smooths)])
     near = sorted(

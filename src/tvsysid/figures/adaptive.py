@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 HUES = dict(zip(("stiffness", "viscosity", "inertia", "reflex_gain"), style.PALETTE, strict=False))
-LIKELY = 0.05  # probability from which on a switch is drawn
 MOST = 8  # smooth parts that are listed
 WIDE = 0.3  # of the axes, that a switch's label is
 LEAST = 0.2  # range of an axis at least, as a share of its largest value
@@ -42,7 +41,7 @@ def _over_time(axes: Axes, model: AdaptiveModel, name: str) -> None:
     lower, upper = estimate.band()
     axes.fill_between(model.time, lower, upper, color=hue, alpha=0.25, linewidth=0)
     axes.plot(model.time, estimate.values, color=hue, linewidth=1.5)
-    switches = [each for each in model.switches if each.quantity == name and each.probability >= LIKELY]
+    switches = [each for each in model.switches if each.quantity == name]
     axes.set_ylabel(f"{name.replace('_', ' ')}\n({unit_name(estimate.unit)})")
     axes.set_xlim(model.time[0], model.time[-1])
     axes.set_ylim(*_limits(lower, upper, 0.3 * bool(switches)))

@@ -99,8 +99,8 @@ class AdaptiveModel(Model):
 
     .. math:: y(t) = k(t)\,\theta + b(t)\,\dot\theta + I\,\ddot\theta
 
-    ``switches`` and ``smoothness`` are tables of what was found, with probabilities. Where a reflex is shown, the
-    model ``beside`` has its pathway, and the intrinsic response of which stiffness and viscosity are a part.
+    ``switches`` (of a probability of 5 % and more) and ``smoothness`` are tables of what was found. Where a reflex is
+    shown, the model ``beside`` has its pathway, and the intrinsic response of which stiffness and viscosity are a part.
     :meth:`plot` shows it all.
     """
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from heapq import nlargest
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +23,7 @@ GAIN = 50.0  # log evidence that a further switch is taken to bring at most
 EAGER, EAGER_STEPS = 6.0, 12  # log evidence by which others than the best are followed at first, and how long
 NEARLY = 5.0  # log evidence below the best down to which a set counts that is no gain
 FAINT = 1e-12  # share of all precision below which there is none
-PARTED = 6  # switches at most of the best sets of each number
+PARTED, PARTS = 6, 3  # switches at most of the best sets of each number, and how many of these are polished
 REACH = 12.0  # log evidence below the best down to which sets are kept
 START = Sizes(0.2, False)
 
@@ -148,6 +149,12 @@ class Walk:
         score = self.score(found)
         return State(found, score, score - state.score)
 
+    def at_once(self, places: tuple[float, ...]) -> Iterator[State]:
+        """Best of all :func:`partitions`, polished: on the grid their scores say only which these are."""
+        parts = dict.fromkeys(partitions(self.grid.line, places))
+        for each in map(self.polished, nlargest(PARTS, parts, key=self.score)):
+            yield State(each, self.score(each))
+
     def with_pair(self, places: tuple[float, ...]) -> tuple[float, ...]:
         """A set and the best pair of opposite switches more."""
         products, less = self.left(self.grid.coarse[self.grid.pairs], places)
@@ -243,11 +250,10 @@ def found_sets(grid: Grid, smooths: tuple[Smooth, ...], states: list[State]) -> 
             closed_at.add(open_ones.pop(key).places)
             continue
         open_ones[key] = after
-    walk = walks.get(0) or Walk(smooths[0], grid)
-    for places in partitions(grid.line, states[0].places):
-        if walk.score(places) > max(scores.values())[0] - GAIN:
-            found = walk.polished(places)
-            note(State(found, walk.score(found)), 0)
+    walk, best = walks.get(0) or Walk(smooths[0], grid), max(scores.values())[0]
+    for state in walk.at_once(states[0].places):
+        if state.score > best - NEARLY:
+            note(state, 0)
     scores.pop((), None)
     best = max([score for score, _ in scores.values()] + [max(smooth.score for smooth in smooths)])
     near = sorted(

@@ -13,7 +13,7 @@ from tvsysid.methods.adaptive.model import Smoothness, Switch
 from tvsysid.methods.adaptive.placing import CLOSE, distance
 from tvsysid.numerics import Array
 
-WORTH = 0.01  # probability from which on something is listed
+WORTH, NAMED = 0.01, 0.05  # probabilities from which on a smooth part, and a switch, is listed
 
 
 def parameters(found: Averaged) -> float:
@@ -38,7 +38,7 @@ def smoothness(quantity: str, found: Averaged, unit: float, rate: float) -> Iter
 
 
 def switches(quantity: str, found: Averaged, unit: float, missing: int, rate: float) -> Iterator[Switch]:
-    """Switches that are likely, in the order of time."""
+    """Switches that are likely enough to be named, in the order of time."""
     line = found.candidates[0].smooth.line
     seen: list[tuple[float, Switch]] = []
     for candidate in found.candidates:
@@ -56,7 +56,7 @@ def switches(quantity: str, found: Averaged, unit: float, missing: int, rate: fl
             first, early, late = ((float(value) + missing) / rate for value in (position, earliest, latest))
             row = Switch(quantity, first, early, late, size * float(sizes.mean[place]), size * error, weight)
             seen.append((position, row))
-    rows = [row for _, row in seen if row.probability >= WORTH]
+    rows = [row for _, row in seen if row.probability >= NAMED]
     yield from sorted(rows, key=lambda row: row.time)
 
 

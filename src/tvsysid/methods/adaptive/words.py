@@ -8,12 +8,11 @@ if TYPE_CHECKING:
     from tvsysid.methods.adaptive.model import AdaptiveModel, Switch
 
 CERTAIN, LIKELY = 0.995, 0.8  # probabilities from which on they are not mentioned; and below which something is open
-FAINT = 0.05  # below which a switch is not mentioned
 
 
 def changes(model: AdaptiveModel) -> list[str]:
     """When stiffness switches, in the order of time, whether it changes smoothly, and whether a reflex is taken out."""
-    switches = [each for each in model.switches if each.quantity == "stiffness" and each.probability >= FAINT]
+    switches = [each for each in model.switches if each.quantity == "stiffness"]
     constant = sum(row.probability for row in model.smoothness if (row.quantity, row.kind) == ("stiffness", "none"))
     likely = any(each.probability > 0.5 for each in switches)
     reflex = ["a stretch reflex is shown, and taken out of it"] if model.beside is not None else []

@@ -13,7 +13,7 @@ from tvsysid.comparison import Comparison
 from tvsysid.errors import DataQualityWarning
 from tvsysid.figures.words import unit_name
 from tvsysid.methods.adaptive.model import AdaptiveModel, Switch
-from tvsysid.methods.adaptive.words import FAINT, changes
+from tvsysid.methods.adaptive.words import changes
 from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_of
 from tvsysid.quality import Diagnosis
@@ -105,7 +105,7 @@ def _over_variable(found: Comparison, label: str) -> list[str]:
 def switches(model: Model, quantity: str = "stiffness") -> list[Switch]:
     """Sudden changes that were found; none by a method that does not look for them."""
     found = getattr(model, "switches", ())
-    return [each for each in found if each.quantity == quantity and each.probability >= FAINT]
+    return [each for each in found if each.quantity == quantity]
 
 
 def others(found: Comparison) -> str:

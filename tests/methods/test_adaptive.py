@@ -174,6 +174,24 @@ def test_scatter_of_white_and_of_slow_noise_is_that_of_many_draws(random):
             assert np.diag(found, lag).mean() / np.diag(found).mean() == pytest.approx(own, abs=0.08)
 
 
+@pytest.mark.parametrize(("count", "least", "most"), [(4, 80, 105), (20, 180, 209)])
+def test_the_strength_of_noise_is_as_sure_as_its_degrees_of_freedom_say(random, count, least, most):
+    angle = random.choice([-1.0, 1.0], size=(count, 124))  # as much power at all times
+    signals = moments.Derived.of(tv.Ensemble(angle, angle, 100.0, context=12))
+    variances, freedoms = [], []
+    for _ in range(100):
+        other = replace(signals, ensemble=replace(signals.ensemble, torque=random.normal(size=angle.shape)))
+        gram = moments.gram_of(other)
+        seen = gram[:, 0, -1] / gram[:, 0, 0]
+        scores, _ = noise.scores(other, np.stack([seen, 0 * seen, 0 * seen]))
+        found = noise.scatter(gram, scores, (count, count), 100.0, periodic=True)
+        variances.append(np.diag(found.covariance))
+        freedoms.append(found.freedom)
+    assert least < np.mean(freedoms) < most
+    varies = np.mean(np.var(variances, axis=0) / np.mean(variances, axis=0) ** 2)
+    assert varies == pytest.approx(2 / np.mean(freedoms), rel=0.2)
+
+
 def test_bands_are_quantiles_of_the_mixture():
     weights, means = np.array([[0.7, 0.3]]), np.array([[50.0, 150.0]])
     mixed = mixture.Mixture(weights, means, np.array([[1.0, 4.0]]))

@@ -12,6 +12,7 @@ from tvsysid.numerics import Array
 from tvsysid.numerics.moments import diagonal_moments
 
 POOLED = 0.05  # s to either side over which the strength of the noise is pooled; also how far misfit is alike
+TOGETHER = 0.5  # s of all realizations but one together over which it is pooled to either side at least
 COLOUR = 0.25  # s over which the noise of the scores is correlated at most
 LEAST_EIGENVALUE = 0.02  # of the noise's correlation matrix
 TOLD = 1e-6  # determinant of velocity's and acceleration's correlations below which they cannot be told apart
@@ -56,7 +57,8 @@ class Scatter(NamedTuple):
 def scatter(gram: Array, found: Scores, realizations: tuple[int, int], rate: float, periodic: bool) -> Scatter:
     """Sandwich of the scores of a regressor; ``realizations`` are how many there are, and are independent."""
     count, independent = realizations
-    reach, power = round(POOLED * rate), floored(found.regressors[:, 0])
+    wide = max(POOLED, TOGETHER / max(independent - 1, 1))  # few realizations say little of the noise at a time
+    reach, power = round(wide * rate), floored(found.regressors[:, 0])
     left = np.maximum(power - found.powers / floored(gram[:, U, U]), 1e-3 * power) * independent / count
     least = EXACT * float(gram[:, -1, -1].mean()) / count
     strength = pooled(found.products[:, 0], reach, periodic) / pooled(left, reach, periodic)

@@ -42,16 +42,6 @@ settings.register_profile("repeatable", derandomize=True, deadline=None, max_exa
 settings.load_profile("repeatable")
 
 
-def pytest_collection_modifyitems(items):
-    """Either half begins with the files that have most slow tests, so that both workers end with quick ones."""
-    if "PYTEST_XDIST_WORKER" in os.environ:
-        files = {}
-        for item in items:
-            files.setdefault(item.path, []).append(item)
-        ranked = sorted(files.values(), key=lambda tests: -sum(bool(item.get_closest_marker("slow")) for item in tests))
-        items[:] = [item for half in (ranked[::2], ranked[1::2]) for tests in half for item in tests]
-
-
 def pytest_collection_finish():
     """What is loaded by now stays: to look for garbage among it, again and again, takes a tenth of the tests' time."""
     given(none())(lambda _: None)()  # Hypothesis 6.100 looks for what refers to its random numbers, once

@@ -16,7 +16,6 @@ from pathlib import Path
 UNSEEN = {"Cc", "Cf", "Cs", "Zl", "Zp"}
 """Unicode's categories of what is not text to be seen."""
 
-
 PERCENTAGE = re.compile(r"(\d+(?:\.\d+)?) %")
 
 
@@ -69,8 +68,9 @@ def by_text(warned: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
 def _ranged(texts: list[str]) -> str:
     """Text of several that differ in percentages alone, with lowest and highest of each."""
     found = zip(*(PERCENTAGE.findall(text) for text in texts), strict=True)
-    ends = iter([sorted(set(values), key=float) for values in found])
-    return PERCENTAGE.sub(lambda _: f"{' to '.join(dict.fromkeys(((each := next(ends))[0], each[-1])))} %", texts[0])
+    ends = ((min(values, key=float), max(values, key=float)) for values in found)
+    ranges = (" to ".join(dict.fromkeys(each)) for each in ends)
+    return PERCENTAGE.sub(lambda _: f"{next(ranges)} %", texts[0])
 
 
 def describe_error(error: BaseException, file: str | None = None) -> str:

@@ -152,15 +152,17 @@ def shown_warnings() -> Iterator[None]:
         try:
             yield
         finally:
-            parts = (str(warning.message).partition(": ") for warning in caught)
-            told = (
-                (who, text) if text and " " not in who else ("", who + between + text) for who, between, text in parts
-            )
-            for text, names in by_text(told).items():
-                several = len(names) > 1
-                remark(
-                    "warning", f"{text} ({', '.join(names)})" if several else f"{names[0]}: {text}".removeprefix(": ")
-                )
+            for text, names in by_text(_said_by(str(warning.message)) for warning in caught).items():
+                if len(names) > 1:
+                    remark("warning", f"{text} ({', '.join(names)})")
+                else:
+                    remark("warning", f"{names[0]}: {text}" if names[0] else text)
+
+
+def _said_by(message: str) -> tuple[str, str]:
+    """Method that gave a warning, if it begins with one, and the rest."""
+    who, _, text = message.partition(": ")
+    return (who, text) if text and " " not in who else ("", message)
 
 
 def duration_text(seconds: float) -> str:

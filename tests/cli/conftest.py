@@ -2,6 +2,9 @@
 
 import pytest
 
+from tvsysid.errors import InputError
+from tvsysid.recommendation import Recommendation
+
 IDENTIFY = ("--angle", "angle", "--torque", "torque", "--rate", 1000, "--decimate", 100, "--period", 2)
 
 
@@ -9,3 +12,15 @@ IDENTIFY = ("--angle", "angle", "--torque", "torque", "--rate", 1000, "--decimat
 def not_held_out(monkeypatch):
     """Without held-out VAF, which takes five more identifications by each method; other tests have it."""
     monkeypatch.setattr("tvsysid.comparison.Comparison.held_out_vaf", lambda *given, **words: {})
+
+
+@pytest.fixture
+def only_identified(monkeypatch, not_held_out):
+    """Nor with diagnosis and recommendation, which take longer than most methods."""
+
+    def undiagnosed(*given, **words):
+        raise InputError("it is not diagnosed")
+
+    monkeypatch.setattr("tvsysid.quality.diagnose", undiagnosed)
+    recommended = Recommendation(("adaptive",), "for any data", {}, {})
+    monkeypatch.setattr("tvsysid.comparison.recommend", lambda *given, **words: recommended)

@@ -7,12 +7,13 @@ import xarray as xr
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("sketched")
 def test_benchmark(tvsysid, tmp_path, request):
     code, out, err = tvsysid(
-        "benchmark", "--trials", 2, "--duration", 60, "--method", "sds", "--method", "esm:window=0.4", "--workers", 1
+        "benchmark", "--trials", 2, "--duration", 40, "--method", "sds", "--method", "esm:window=0.4", "--workers", 1
     )
     assert (code, err) == (0, "")
-    assert "square wave, filtered noise, 60 s, 10 dB, 2 trials" in out
+    assert "square wave, filtered noise, 40 s, 10 dB, 2 trials" in out
     assert "esm:window=0.4" in out
     assert "s of data per s" in out
     folder = tmp_path / "tvsysid-benchmark"
@@ -26,11 +27,11 @@ def test_benchmark(tvsysid, tmp_path, request):
     assert set(pd.read_csv(folder / "claims.csv").verdict) <= {"holds", "does not hold", "undecided", "not studied"}
     for ending in ("png", "pdf", "svg"):
         for perturbation in ("noise", "prbs"):
-            assert (folder / "figures" / f"comparison-square-{perturbation}.{ending}").stat().st_size > 5000
-        assert (folder / "figures" / f"coverage-square.{ending}").stat().st_size > 5000
+            assert (folder / "figures" / f"comparison-square-{perturbation}.{ending}").stat().st_size > 0
+        assert (folder / "figures" / f"coverage-square.{ending}").stat().st_size > 0
     page = (folder / "report.html").read_text()
     assert "esm:window=0.4" in page
-    assert "tvsysid benchmark --trials 2 --duration 60 --method sds --method esm:window=0.4 --workers 1" in page
+    assert "tvsysid benchmark --trials 2 --duration 40 --method sds --method esm:window=0.4 --workers 1" in page
     before = (folder / "summary.csv").read_text()
     for name in ("summary.csv", "report.html"):
         (folder / name).unlink()
@@ -138,7 +139,7 @@ def test_a_system_a_profile_and_a_perturbation_of_one_s_own(tvsysid, tmp_path, m
     assert "unknown system 'ankle'; expected one of joint, reflex, reflex-sine, reflex-square, compliant, sch" in err
 
 
-@pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_the_titles_of_tables_tell_systems_apart(tvsysid):
     code, out, _ = tvsysid(
         *("benchmark", "--system", "joint", "--system", "reflex", "--trials", "1", "--duration", "20"),

@@ -67,6 +67,7 @@ def recording(tmp_path, monkeypatch):
     return "[red]joint.npz"
 
 
+@pytest.mark.usefixtures("only_identified")
 def test_a_channel_reaches_the_method_that_needs_it(tvsysid, recording, tmp_path):
     words = ("--channel", "emg=EMG_SIGNAL", "--method", "channel_methods:Scheduled", "--method", "birf")
     code, out, err = tvsysid("identify", recording, *IDENTIFY, *words)
@@ -91,6 +92,7 @@ def test_a_channel_reaches_the_method_that_needs_it(tvsysid, recording, tmp_path
         assert "torque_intrinsic" in tree["birf"]
 
 
+@pytest.mark.usefixtures("only_identified")
 def test_an_input_loses_its_mean(tvsysid, recording, tmp_path):
     words = ("--channel", "emg=EMG_SIGNAL", "--method", "channel_methods:Driven")
     code, _, err = tvsysid("identify", recording, *IDENTIFY, *words)
@@ -99,6 +101,7 @@ def test_an_input_loses_its_mean(tvsysid, recording, tmp_path):
     np.testing.assert_allclose(table.emg_level, 0, atol=1e-12)
 
 
+@pytest.mark.usefixtures("only_identified")
 def test_a_method_that_cannot_serve_is_skipped_with_the_reason_and_the_others_go_on(tvsysid, recording, tmp_path):
     words = ("--channel", "emg=EMG_SIGNAL", "--method", "channel_methods:Lazy", "--method", "birf")
     code, _, err = tvsysid("identify", recording, *IDENTIFY, *words)
@@ -113,6 +116,7 @@ def test_a_method_that_cannot_serve_is_skipped_with_the_reason_and_the_others_go
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("sketched")
 def test_a_diagnosis_takes_channels(tvsysid, recording):
     code, out, _ = tvsysid("inspect", recording, "--diagnose", *IDENTIFY, "--channel", "emg=EMG_SIGNAL")
     assert code == 0
@@ -134,6 +138,7 @@ def test_a_channel_has_a_name_and_is_in_the_file(tvsysid, recording, word, messa
     assert err.count("\n") == 1
 
 
+@pytest.mark.usefixtures("only_identified")
 def test_warnings_with_brackets_are_printed_as_they_are(tvsysid, tmp_path):
     angle, noise = np.random.default_rng(0).standard_normal((2, 4000))  # in degrees, it seems
     np.savez("degrees.npz", **{"[/bold]angle": angle, "torque": 100 * angle + noise})

@@ -19,7 +19,8 @@ def test_inspect_lists_and_draws(tvsysid, tmp_path):
 
 
 @pytest.mark.slow
-def test_inspect_diagnoses(tvsysid, tmp_path, request):
+@pytest.mark.usefixtures("sketched")
+def test_inspect_diagnoses(tvsysid, tmp_path):
     tvsysid("simulate", "joint.mat", "--duration", 100)
     code, out, err = tvsysid("inspect", "joint.mat", "--diagnose", *IDENTIFY)
     assert (code, err) == (0, "")
@@ -30,7 +31,6 @@ def test_inspect_diagnoses(tvsysid, tmp_path, request):
     page = (tmp_path / "tvsysid-inspect" / "joint.mat.angle-torque.diagnosis.html").read_text()
     assert "tvsysid inspect joint.mat --diagnose --angle angle" in page
     assert "Diagnosis of joint.mat (angle, torque)" in page
-    request.getfixturevalue("sketched")
     code, out, err = tvsysid("inspect", "joint.mat", "--diagnose", *IDENTIFY, "--torque-sign", "-1", "--period", "1.9")
     assert (code, err) == (0, "")
     assert "reversed-torque (-" in out
@@ -47,7 +47,7 @@ def test_a_reference_that_is_not_read_is_said_at_once(tvsysid, tmp_path):
     assert "add --channel command=CHANNEL, one of angle, torque, cmd" in err
 
 
-@pytest.mark.slow
+@pytest.mark.usefixtures("sketched")
 def test_inspect_of_a_file_with_many_channels_and_none(tvsysid):
     np.savez("many.npz", note=np.array("[red]hello"), **{f"c{number}": np.ones((3, 2)) for number in range(14)})
     code, out, err = tvsysid("inspect", "many.npz")

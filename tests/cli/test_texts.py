@@ -34,6 +34,7 @@ def steering(text):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("not_held_out")
 @pytest.mark.skipif(os.name != "posix", reason="names of files are bytes on POSIX only")
 def test_names_neither_steer_the_terminal_nor_stop_the_work(tvsysid, tmp_path):
     tvsysid("simulate", "joint.csv", "--duration", 40)

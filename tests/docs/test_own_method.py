@@ -82,6 +82,7 @@ def test_the_script_compares_the_object(folder):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_the_method_that_reads_a_channel(tvsysid, folder):
     (folder / "scheduled.py").write_text(SCHEDULED, encoding="utf-8")
     commands, benchmark = blocks("sh")

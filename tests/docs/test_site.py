@@ -23,7 +23,7 @@ def test_the_example_runs(page, tmp_path, monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::tvsysid.DataQualityWarning")
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("undrawn", "sketched")
 def test_five_minutes_from_a_file_to_a_picture(tvsysid, tmp_path):
     _, simulate, inspect, identify, diagnose = blocks("start.md", "")
     for command in (simulate, inspect, f"{identify} --method birf", diagnose):

@@ -121,9 +121,9 @@ def sheet_page(identified, tmp_path_factory):
     """Path of a sheet about as many visits as fit."""
     folder = tmp_path_factory.mktemp("visits")
     folders = [folder / f"visit number {place}" for place in range(1, 7)]
-    for each in folders:
-        models = dict(identified.found.models)
-        tv.recordings.write_models(each / "models.nc", models, about=facts(identified))
+    tv.recordings.write_models(folders[0] / "models.nc", dict(identified.found.models), about=facts(identified))
+    for each in folders[1:]:
+        shutil.copytree(folders[0], each)
     tv.report.write_sheet(folder / "sheet.html", folders)
     return folder / "sheet.html"
 

@@ -127,8 +127,13 @@ class Model(Shown, ABC):
         Raises
         ------
         InputError
-            For another sampling rate or duration than the model's.
+            For anything but an ensemble of the model's sampling rate and duration.
         """
+        if not isinstance(ensemble, Ensemble):
+            raise InputError(
+                f"predict: expected an Ensemble, got {type(ensemble).__name__}; cut a Recording with "
+                "tvsysid.preprocess.segment, as the model's data were"
+            )
         if ensemble.samples != len(self.time) or abs(ensemble.sampling_rate / self.sampling_rate - 1) > 1e-9:
             raise InputError(
                 f"predict: the model has {len(self.time)} samples at {self.sampling_rate:g} Hz, the ensemble "

@@ -303,6 +303,8 @@ def test_prediction_refuses_another_rate_or_duration(method):
     model = model_of(method)
     with pytest.raises(tv.InputError, match=r"200 samples at 100 Hz, the ensemble 100 at 100 Hz"):
         model.predict(ensemble_of(40.0, period=1.0))
+    with pytest.raises(tv.InputError, match=r"expected an Ensemble, got Recording; cut"):
+        model.predict(tv.Recording(np.zeros(200), np.zeros(200), 100.0))
 
 
 @parametrize()

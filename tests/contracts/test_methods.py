@@ -304,7 +304,7 @@ def test_prediction_refuses_another_rate_or_duration(method):
     with pytest.raises(tv.InputError, match=r"200 samples at 100 Hz, the ensemble 100 at 100 Hz"):
         model.predict(ensemble_of(40.0, period=1.0))
     with pytest.raises(tv.InputError, match=r"expected an Ensemble, got Recording; cut"):
-        model.predict(tv.Recording(np.zeros(200), np.zeros(200), 100.0))
+        model.predict(tv.Recording(np.arange(200.0), np.arange(200.0), 100.0))
 
 
 @parametrize()

@@ -104,30 +104,33 @@ def test_comes_back_from_the_file_of_models(toy, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-@every_toy
-def test_takes_part_in_identify(toy, tmp_path, monkeypatch, capsys):
+@pytest.mark.parametrize(
+    ("system", "together"), [("scheduled", (Scheduled, Cascade)), ("compliant", (Instrumental, Recursive))]
+)
+def test_take_part_in_identify(system, together, tmp_path, monkeypatch, capsys):
     (tmp_path / "mytoys.py").write_bytes(Path(toys.__file__).read_bytes())
     monkeypatch.chdir(tmp_path)
-    system = {Cascade: "reflex", Scheduled: "scheduled", Instrumental: "compliant", Recursive: "joint"}[toy]
-    channels = [f"--channel={item.name}={item.name}" for item in getattr(toy, "inputs", ())]
-    signals = ["--angle=angle", "--torque=torque", "--rate=1000", "--decimate=100", "--period=2", *channels]
-    label = f"mytoys:{toy.__name__}"
+    inputs = [item for toy in together for item in getattr(toy, "inputs", ())]
+    signals = ["--angle=angle", "--torque=torque", "--rate=1000", "--decimate=100", "--period=2"]
+    signals += [f"--channel={item.name}={item.name}" for item in inputs]
+    labels = {toy: f"mytoys:{toy.__name__}" for toy in together}
     for words in (
         ["simulate", "ankle.mat", f"--system={system}", "--duration=40"],
-        ["identify", "ankle.mat", *signals, f"--method={label}", "--method=sds"],
+        ["identify", "ankle.mat", *signals, *(f"--method={label}" for label in labels.values()), "--method=sds"],
     ):
         monkeypatch.setattr(sys, "argv", ["tvsysid", *words])
         with pytest.raises(SystemExit) as stopped:
             cli.main()
         assert stopped.value.code == 0, capsys.readouterr().err
     with xr.open_datatree(tmp_path / "tvsysid-identify" / "models.nc") as tree:
-        stored = tree[label].to_dataset().load()
-    assert "torque_intrinsic" in stored
-    assert ("torque_reflex" in stored) == ("reflex_gain" in stored) == (toy is Cascade)
-    assert stored.stiffness.dims == (("time",) if toy in (Cascade, Instrumental) else ("realization", "time"))
-    assert ("stiffness_lower" in stored) == (toy is not Recursive)
+        models = {toy: tree[label].to_dataset().load() for toy, label in labels.items()}
+    for toy, stored in models.items():
+        assert "torque_intrinsic" in stored
+        assert ("torque_reflex" in stored) == ("reflex_gain" in stored) == (toy is Cascade)
+        assert stored.stiffness.dims == (("time",) if toy in (Cascade, Instrumental) else ("realization", "time"))
+        assert ("stiffness_lower" in stored) == (toy is not Recursive)
     table = pd.read_csv(tmp_path / "tvsysid-identify" / "stiffness.csv")
-    assert set(table.method) == {label, "sds"}
+    assert set(table.method) == {*labels.values(), "sds"}
 
 
 @every_toy

@@ -165,6 +165,19 @@ def few_groups(monkeypatch):
     monkeypatch.setattr("tvsysid.study.alignment.GROUPS", 3)  # as in `study/recorded/conftest.py`
 
 
+@pytest.fixture(scope="module")
+def brief_cases():
+    """Joints that `check_method` simulates are half as long: as much is expected of a method, of fewer data."""
+    from tvsysid.check import subject
+
+    subject.simulated_case.cache_clear()
+    with pytest.MonkeyPatch.context() as patch:
+        for name, (duration, *others) in subject.CASES.items():
+            patch.setitem(subject.CASES, name, (duration / 2, *others))
+        yield
+    subject.simulated_case.cache_clear()
+
+
 @pytest.fixture
 def random():
     return np.random.default_rng(12345)

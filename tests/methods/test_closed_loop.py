@@ -279,6 +279,7 @@ def test_the_result_keeps_the_strength_over_time():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("method", [KBR, tv.BasisIRF(reference=D)])
+@pytest.mark.usefixtures("brief_cases")
 def test_every_check_is_passed(method):
     assert [check for check in tv.check_method(method) if not check.passed] == []
 

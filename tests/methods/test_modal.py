@@ -60,5 +60,6 @@ def test_what_it_does_not_serve_is_said_in_words(perturbation, changes, message)
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("brief_cases")
 def test_it_passes_every_check():
     assert [f"{each.name}: {each.message}" for each in tv.check_method(MODAL) if not each.passed] == []

@@ -38,14 +38,14 @@ def test_impulse_responses(ensemble_of, perturbation, context):
 @contexts
 @pytest.mark.parametrize("length", [30, 31])
 def test_frequency_response(ensemble_of, context, length):
-    ensemble = ensemble_of(100.0, "square", "prbs", context=context)
+    ensemble = ensemble_of(60.0, "square", "prbs", context=context)
     found = tv.EnsembleSpectral(window=length / 100).identify(ensemble).frequency_response
     agree(found, plain.esm(ensemble.angle, ensemble.torque, ensemble.context, length), 1e-9)
 
 
 @perturbations
 def test_parametric_regression(ensemble_of, perturbation):
-    ensemble = ensemble_of(100.0, "square", perturbation)
+    ensemble = ensemble_of(60.0, "square", perturbation)
     reach = slice(ensemble.context - HALF_WIDTH, ensemble.context + 200 + HALF_WIDTH)
     signals = differentiate(ensemble.angle[:, reach], 100.0)
     expected = plain.birf_parametric(*signals, ensemble.torque[:, ensemble.core], evaluate(tv.CubicBSplines(10), 200))
@@ -89,7 +89,7 @@ def mean_over_realizations(values):
     ],
 )
 def test_low_rank_kernel_regression_equals_the_dense_one(ensemble_of, monkeypatch, perturbation, method, l2):
-    ensemble = ensemble_of(20.0, "square", perturbation)
+    ensemble = ensemble_of(12.0, "square", perturbation)
     # As it comes: within a few thousandths of N·m/rad.
     model, dense = kernel_solutions(ensemble, method, l2)
     assert np.abs(model.stiffness - mean_over_realizations(dense.stiffness)).max() < 0.01
@@ -118,7 +118,7 @@ def predicted(ensemble, fit):
     ids=repr,
 )
 def test_chunks_of_time_make_no_seam(ensemble_of, monkeypatch, method, context):
-    ensemble = ensemble_of(150.0, "square", "noise", context=context)
+    ensemble = ensemble_of(100.0, "square", "noise", context=context)
     whole = method.identify(ensemble)
     monkeypatch.setattr(moments, "CHUNK", 23 * 25**2)
     np.testing.assert_allclose(method.identify(ensemble).stiffness, whole.stiffness, rtol=1e-8)

@@ -12,6 +12,11 @@ from tests.faults import changed, cut, simulated
 import tvsysid as tv
 
 
+def brief(**settings):
+    """A record in which all but the slowest and the rarest shows as it does in one of 150 s."""
+    return simulated(80.0, **settings)
+
+
 def found(ensemble):
     return {check.name: check for check in tv.diagnose(ensemble).findings}
 
@@ -60,7 +65,7 @@ EVERYWHERE = {
     ("perturbation", "profile"), [("noise", "sine"), pytest.param("prbs", "square", marks=pytest.mark.slow)]
 )
 def test_faults_in_simulated_records_are_named(name, perturbation, profile):
-    recording = simulated(perturbation=perturbation, profile=profile)
+    recording = brief(perturbation=perturbation, profile=profile)
     assert name in found(EVERYWHERE[name](recording, 2.0))
 
 
@@ -73,7 +78,7 @@ def test_faults_in_real_records_are_named(recordings, name, record):
 
 @pytest.mark.parametrize(("perturbation", "profile"), [("noise", "sine"), ("prbs", "square")])
 def test_faults_that_take_a_behaviour_that_varies(perturbation, profile):
-    recording = simulated(perturbation=perturbation, profile=profile)
+    recording = brief(perturbation=perturbation, profile=profile)
     assert "misaligned-realizations" in found(faults.shifted(recording))
     check = found(cut(recording, 1.9))["wrong-period"]
     assert "with 2 s, beside what repeats every 1.9 s" in check.what
@@ -87,12 +92,12 @@ def test_they_are_found_in_walking_too(recordings):
 
 
 def test_a_clipped_angle(recordings):
-    for recording, period in ((simulated(), 2.0), recordings["dorsiflexor"]):
+    for recording, period in ((brief(), 2.0), recordings["dorsiflexor"]):
         assert "clipped-angle" in found(cut(faults.clipped(recording, "angle"), period))
 
 
 def test_clipping_is_seen_earlier_before_decimation():
-    recording = faults.clipped(simulated(), "torque", 2.0)
+    recording = faults.clipped(brief(), "torque", 2.0)
     assert "clipped-torque" in found(uncut(recording, 2.0))
     assert "clipped-torque" not in found(cut(recording, 2.0))
 
@@ -100,7 +105,7 @@ def test_clipping_is_seen_earlier_before_decimation():
 @pytest.mark.parametrize("seconds", [-0.05, -0.02, 0.02, 0.06])
 def test_a_delay_is_measured(seconds):
     for perturbation in ("noise", "prbs"):
-        findings = found(cut(faults.late(simulated(perturbation=perturbation), seconds)))
+        findings = found(cut(faults.late(brief(perturbation=perturbation), seconds)))
         assert list(findings) == ["delay"]
         assert findings["delay"].value == pytest.approx(1000 * seconds, abs=5)
 
@@ -108,7 +113,7 @@ def test_a_delay_is_measured(seconds):
 @pytest.mark.parametrize("perturbation", ["noise", "prbs"])
 @pytest.mark.parametrize(("seconds", "snr_db"), [(0.002, 20.0), (0.004, 30.0), (-0.008, 30.0), (0.012, 30.0)])
 def test_a_small_delay_is_nothing_else(perturbation, seconds, snr_db):
-    findings = found(cut(faults.late(simulated(perturbation=perturbation, snr_db=snr_db), seconds)))
+    findings = found(cut(faults.late(brief(perturbation=perturbation, snr_db=snr_db), seconds)))
     assert set(findings) == {"delay"}
     assert findings["delay"].value == pytest.approx(1000 * seconds, abs=0.4)
 
@@ -117,7 +122,7 @@ def test_a_small_delay_is_nothing_else(perturbation, seconds, snr_db):
 @pytest.mark.parametrize("seconds", [0.007, 0.010, 0.014])
 def test_a_delay_that_takes_a_third_of_the_viscosity_is_told_in_noise(perturbation, seconds):
     """Stiffness over viscosity is 45 per second."""
-    findings = found(cut(faults.late(simulated(perturbation=perturbation, snr_db=5.0), seconds)))
+    findings = found(cut(faults.late(brief(perturbation=perturbation, snr_db=5.0), seconds)))
     assert list(findings) == ["delay"]
     assert findings["delay"].value == pytest.approx(1000 * seconds, abs=2)
 
@@ -125,7 +130,7 @@ def test_a_delay_that_takes_a_third_of_the_viscosity_is_told_in_noise(perturbati
 @pytest.mark.parametrize("which", ["angle", "torque"])
 @pytest.mark.parametrize("perturbation", ["noise", "prbs"])
 def test_an_offset_that_drifts_is_nothing_else(perturbation, which):
-    findings = found(cut(faults.drifting(simulated(perturbation=perturbation), which)))
+    findings = found(cut(faults.drifting(brief(perturbation=perturbation), which)))
     assert list(findings) == [f"{which}-offset"]
     assert findings[f"{which}-offset"].value > 300
 
@@ -144,7 +149,7 @@ def test_clocks_that_run_apart_in_a_real_record(recordings):
 
 @pytest.mark.parametrize("perturbation", ["noise", "prbs"])
 def test_a_sign_that_is_turned_half_way(perturbation):
-    findings = found(cut(faults.turned(simulated(perturbation=perturbation))))
+    findings = found(cut(faults.turned(brief(perturbation=perturbation))))
     assert set(findings) == {"weak-answer", "drift"}
     assert findings["drift"].value == pytest.approx(-200, abs=10)
 
@@ -163,52 +168,52 @@ def test_a_delay_on_top_of_a_real_record_s_own_is_measured(recordings, record):
 
 @pytest.mark.parametrize("perturbation", ["noise", "prbs"])
 def test_a_torque_in_millinewton_metres(perturbation):
-    recording = simulated(perturbation=perturbation)
+    recording = brief(perturbation=perturbation)
     assert "torque-unit" in found(cut(changed(recording, torque=1000 * recording.torque)))
 
 
 def test_a_rate_of_half_the_true_one_is_named_with_the_period():
-    recording = simulated()
+    recording = brief()
     check = found(cut(replace(recording, sampling_rate=500.0)))["wrong-period"]
     assert "4 s" in check.what
     assert check.what.endswith("if that should be 2 s, the sampling rate is 2 times higher than stated")
 
 
 def test_a_coarse_angle_is_no_wrong_rate():
-    recording = simulated()
+    recording = brief()
     findings = found(cut(faults.coarse(recording, 0.5)))
     assert "sampling-rate" not in findings
     assert "delay" not in findings
 
 
 def test_a_torque_that_is_held_briefly_shows_at_the_recorded_rate():
-    assert "lost-torque" in found(uncut(faults.held(simulated(), "torque", length=0.1), 2.0))
-    kept = tv.preprocess.segment(faults.zero(simulated(perturbation="prbs"), "torque", length=0.1), 2.0)
+    assert "lost-torque" in found(uncut(faults.held(brief(), "torque", length=0.1), 2.0))
+    kept = tv.preprocess.segment(faults.zero(brief(perturbation="prbs"), "torque", length=0.1), 2.0)
     assert "lost-torque" in found(kept)
 
 
 @pytest.mark.parametrize(("perturbation", "profile"), [("noise", "sine"), ("prbs", "square")])
 @pytest.mark.parametrize(("order", "cutoff", "both_ways"), [(2, 10, False), (4, 20, True)])
 def test_equal_filters_of_both_channels_are_no_fault(perturbation, profile, order, cutoff, both_ways):
-    recording = simulated(perturbation=perturbation, profile=profile)
+    recording = brief(perturbation=perturbation, profile=profile)
     assert not found(cut(faults.filtered(recording, order, cutoff, both_ways)))
 
 
 def test_a_coarse_angle_is_no_feedback():
-    ensemble = cut(faults.coarse(tv.preprocess.decimate(simulated(), 100)))
+    ensemble = cut(faults.coarse(tv.preprocess.decimate(brief(), 100)))
     checks = {check.name: check for check in tv.diagnose(ensemble).checks}
     assert not checks["feedback"].judged
     assert "in steps so coarse" in checks["feedback"].what
 
 
 def test_a_torque_smoothed_both_ways_is_no_feedback():
-    recording = simulated()
+    recording = brief()
     smooth = sosfiltfilt(butter(2, 5.0, fs=1000, output="sos"), recording.torque)
     assert "feedback" not in found(cut(changed(recording, torque=smooth)))
 
 
 def test_one_channel_as_both():
-    recording = simulated()
+    recording = brief()
     for factor in (1.0, -1000.0):
         findings = found(cut(changed(recording, torque=factor * recording.angle)))
         assert list(findings) == ["same-channel"]
@@ -217,20 +222,20 @@ def test_one_channel_as_both():
 @pytest.mark.parametrize(("which", "other"), [("angle", "torque"), ("torque", "angle")])
 @pytest.mark.parametrize("perturbation", ["noise", "prbs"])
 def test_spikes_are_no_losses_of_the_other_signal(perturbation, which, other):
-    findings = found(cut(faults.spiked(simulated(perturbation=perturbation), which, height=20.0)))
+    findings = found(cut(faults.spiked(brief(perturbation=perturbation), which, height=20.0)))
     assert f"{which}-spikes" in findings
     assert f"lost-{other}" not in findings
 
 
 def test_a_drift_is_no_other_period():
-    recording = simulated(profile="square")
+    recording = brief(profile="square")
     late = np.arange(len(recording)) > len(recording) / 2
     findings = found(cut(changed(recording, torque=np.where(late, 1.6, 1.0) * recording.torque)))
     assert list(findings) == ["drift"]
 
 
 def test_swapped_channels_are_hinted_at():
-    recording = simulated()
+    recording = brief()
     check = found(cut(changed(recording, angle=recording.torque, torque=recording.angle)))["angle-unit"]
     assert "the other way round" in check.fault.remedy
 
@@ -275,12 +280,12 @@ def test_a_reflex():
 
 
 def test_a_torque_that_is_zero_for_a_while():
-    check = found(cut(faults.zero(simulated(), "torque")))["lost-torque"]
+    check = found(cut(faults.zero(brief(), "torque")))["lost-torque"]
     assert "first in realization" in check.what
 
 
 def test_a_torque_that_is_zero_for_a_while_without_subtracted_mean():
-    ensemble = tv.preprocess.segment(tv.preprocess.decimate(faults.zero(simulated(), "torque"), 100), 2.0)
+    ensemble = tv.preprocess.segment(tv.preprocess.decimate(faults.zero(brief(), "torque"), 100), 2.0)
     assert "lost-torque" in found(ensemble)
 
 
@@ -292,7 +297,7 @@ def test_a_slow_perturbation_leaves_impedance_undetermined(random):
 
 
 def test_the_same_perturbation_with_its_mean():
-    findings = found(faults.repeated(simulated()))
+    findings = found(faults.repeated(brief()))
     assert {"same-perturbation", "mean-torque", "mean-angle"} <= set(findings)
 
 
@@ -320,7 +325,7 @@ def test_half_of_the_realizations_of_another_behaviour(perturbation, differently
 
 
 def test_strengths_grow_with_the_fault():
-    strengths = [tv.diagnose(cut(faults.softening(simulated(), share))).checks for share in (0.0, 0.2, 0.4, 0.6)]
+    strengths = [tv.diagnose(cut(faults.softening(brief(), share))).checks for share in (0.0, 0.2, 0.4, 0.6)]
     drifts = [next(check.value for check in checks if check.name == "drift") for checks in strengths]
     assert drifts == sorted(drifts, reverse=True)
     # A torque that falls by 60 % in a straight line: 85 % of it in the first half, 55 % in the second.
@@ -328,7 +333,7 @@ def test_strengths_grow_with_the_fault():
 
 
 def test_the_realizations_that_differ_are_named():
-    ensemble = cut(simulated())
+    ensemble = cut(brief())
     factors = np.ones(len(ensemble))
     factors[[7, 30]] = 2.0
     check = found(replace(ensemble, torque=ensemble.torque * factors[:, None]))["unlike-realizations"]

@@ -13,6 +13,8 @@ def test_inspect_lists_and_draws(tvsysid, tmp_path):
     assert ["angle", "4000 x 1", "float64", "-", "1000"] in rows
     assert ["sampling_rate", "1 x 1", "float64", "-", "-"] in rows
     assert "wrote tvsysid-inspect/joint.mat.png" in out
+    options = "--angle CHANNEL --torque CHANNEL --rate 1000 --decimate 100 --period SECONDS"
+    assert f"identify it with\ntvsysid identify joint.mat {options}" in out
     assert (tmp_path / "tvsysid-inspect" / "joint.mat.png").stat().st_size > 5000
     assert tvsysid("inspect", "joint.mat", "--plot", "deep/joint.svg")[0] == 0
     assert "torque" in (tmp_path / "deep" / "joint.svg").read_text()

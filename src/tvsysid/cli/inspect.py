@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,7 +11,7 @@ import typer
 
 from tvsysid.cli import options
 from tvsysid.cli.console import remark, say, show_table, shown_warnings, waiting
-from tvsysid.cli.identify import PIECES
+from tvsysid.cli.identify import PIECES, SLOW_RATE
 from tvsysid.cli.running import command_line
 from tvsysid.errors import InputError
 
@@ -121,6 +122,7 @@ def inspect(
     else:
         say("no signals to draw")
     if angle is None or torque is None or rate is None:
+        _show_next(file, channels)
         return
     if period is None:
         remark("note", f"no --period: the record is cut into pieces of {PIECES:g} s, which are not taken to repeat")
@@ -190,3 +192,12 @@ def _outlines(channels: dict[str, Channel]) -> dict[str, Any]:
             columns = [values.ravel()] if min(values.shape) == 1 or values.ndim == 1 else list(values.T[:MOST_COLUMNS])
             drawn[name] = (channels[name], [outline(np.asarray(column, dtype=float)) for column in columns])
     return drawn
+
+
+def _show_next(file: Path, channels: dict[str, Channel]) -> None:
+    """Print how the file is identified, with the rate that it states; decimated where that is usual."""
+    rates = {each.sampling_rate for each in channels.values() if each.sampling_rate}
+    rate = f"{rates.pop():g}" if len(rates) == 1 else "HZ"
+    decimated = " --decimate 100" if rate != "HZ" and float(rate) > SLOW_RATE and float(rate) % 100 == 0 else ""
+    words = f"--angle CHANNEL --torque CHANNEL --rate {rate}{decimated} --period SECONDS"
+    say(f"identify it with\ntvsysid identify {shlex.quote(str(file))} {words}")

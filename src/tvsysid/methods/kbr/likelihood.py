@@ -64,6 +64,8 @@ class Likelihood(NamedTuple):
 
     ``statistics`` are of N numbers, the external terms eliminated about the ``noise`` variance, of which also the prior
     of the constants is. ``coefficient`` and ``harmonic`` are those of each column; the ``fixed`` ones have no prior.
+    ``recent`` keeps the statistics of the columns last chosen, which seldom change from one step of a search to the
+    next.
     """
 
     statistics: Statistics
@@ -73,6 +75,7 @@ class Likelihood(NamedTuple):
     noise: float
     lag: float
     decay: float
+    recent: dict[bytes, Statistics]
 
     @classmethod
     def of(
@@ -89,7 +92,7 @@ class Likelihood(NamedTuple):
         coefficient, column = np.nonzero(kept)
         harmonic = np.array(kernel.products)[column, 0]
         statistics = without_nuisance(record.statistics(kernel, kept), record.weak_prior, noise)
-        return cls(of_share(statistics, share), coefficient, harmonic, column == 0, noise, lag, decay)
+        return cls(of_share(statistics, share), coefficient, harmonic, column == 0, noise, lag, decay, {})
 
     def up_to(self, order: int) -> Likelihood:
         """Likelihood of the model without the higher derivatives."""
@@ -99,6 +102,7 @@ class Likelihood(NamedTuple):
             coefficient=self.coefficient[mask],
             harmonic=self.harmonic[mask],
             fixed=self.fixed[mask],
+            recent={},
         )
 
     @property
@@ -114,7 +118,12 @@ class Likelihood(NamedTuple):
             strength = variances + np.log(np.diag(self.statistics.gram)) - theta[4]
         seen = self.fixed | (strength > math.log(FAINT))
         precision = np.where(self.fixed, 0.0, np.exp(-np.where(seen, variances, 0.0)))[seen]
-        found = log_evidence(of_columns(self.statistics, seen), precision, 1.0, math.exp(theta[4]))
+        chosen = self.recent.get(seen.tobytes())
+        if chosen is None:
+            chosen = of_columns(self.statistics, seen)
+            self.recent.clear()
+            self.recent[seen.tobytes()] = chosen
+        found = log_evidence(chosen, precision, 1.0, math.exp(theta[4]))
         by_gamma = np.bincount(self.coefficient[seen], found.by_variances, minlength=3)
         by_length = float(found.by_variances @ slopes[self.harmonic[seen]])
         return found.value, np.array([by_length, *by_gamma, found.by_noise])

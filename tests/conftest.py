@@ -6,6 +6,7 @@ import os
 import shutil
 import signal
 import sys
+import tempfile
 from contextlib import nullcontext
 from functools import cache
 from pathlib import Path
@@ -33,6 +34,8 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 MEMORY = "/dev/shm"
 if os.access(MEMORY, os.W_OK) and shutil.disk_usage(MEMORY).free > 2 * 2**30:
     os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", MEMORY)
+    os.environ.setdefault("TMPDIR", MEMORY)
+    tempfile.tempdir = None  # it may have been asked for already
 
 # What processes of studies, experiments and commands use.
 PRELOADED = ["tvsysid.check", "tvsysid.simulate", "tvsysid.figures", "matplotlib.figure"]

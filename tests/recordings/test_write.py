@@ -45,7 +45,7 @@ def test_an_unknown_ending_is_refused(tmp_path):
 @pytest.mark.filterwarnings("ignore::tvsysid.errors.DataQualityWarning")  # of few realizations, and no reflex
 @pytest.mark.slow
 def test_models_are_read_back(tmp_path, ensemble_of):
-    ensemble = ensemble_of()
+    ensemble = ensemble_of(duration=20.0)
     rising = np.broadcast_to(np.linspace(0.0, 1.0, ensemble.angle.shape[1]), ensemble.angle.shape)
     ensemble = dataclasses.replace(ensemble, channels={"scheduling": rising})
     methods = {key: tv.methods.create(key) for key, kind in tv.methods.METHODS.items() if not kind.perturbation}

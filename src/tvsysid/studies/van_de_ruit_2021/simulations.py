@@ -70,7 +70,9 @@ class Scores:
             if as_there and scores.system.values[place] == "joint"
         }
         self.all_there = set(FIVE) <= set(map(str, scores.method_key.values))
-        self._scores = scores
+        self._trials = scores.trials.transpose("scenario", "method_key", ...).values
+        self._methods, self._metrics = (scores.indexes[name] for name in ("method_key", "metric"))
+        self._values, self._replicates = scores.value.values, scores.replicates.values
 
     def where(self, where: Where, least_s: float = 0.0) -> list[Scenario]:
         """Scenarios with these settings, and so many seconds of data."""
@@ -82,13 +84,12 @@ class Scores:
 
     def of(self, scenario: Scenario, method: str, metric: str) -> Array:
         """A metric and its replicates behind it, so that what is done with the one is done with the others."""
-        indexes = self._scores.indexes
-        place = self.scenarios[scenario], indexes["method_key"].get_loc(method), indexes["metric"].get_loc(metric)
-        return np.append(self._scores.value.values[place], self._scores.replicates.values[place])
+        place = self.scenarios[scenario], self._methods.get_loc(method), self._metrics.get_loc(metric)
+        return np.append(self._values[place], self._replicates[place])
 
     def trials(self, scenario: Scenario, method: str) -> int:
         """Trials that count."""
-        return int(self._scores.trials.sel(method_key=method).values[self.scenarios[scenario]])
+        return int(self._trials[self.scenarios[scenario], self._methods.get_loc(method)])
 
 
 @dataclass(frozen=True)

@@ -150,14 +150,21 @@ def undrawn(monkeypatch):
     monkeypatch.setattr("tvsysid.report.write_identification", lambda *given: None)
 
 
+@cache
+def _empty_figure():
+    from matplotlib.figure import Figure
+
+    from tvsysid.figures.saving import drawn
+
+    return {ending: drawn(Figure((3, 2)), ending) for ending in ("svg", "pdf", "png")}
+
+
 @pytest.fixture
 def sketched(monkeypatch):
     """Each file of a figure is that of an empty one: other tests look at what is in them."""
-    from matplotlib.figure import Figure
-
     from tvsysid.figures import saving
 
-    empty = {ending: saving.drawn(Figure((3, 2)), ending) for ending in ("svg", "pdf", "png")}
+    empty = _empty_figure()
     monkeypatch.setattr(saving, "drawn", lambda figure, format: empty[format])
     monkeypatch.setattr("tvsysid.studies.van_de_ruit_2021.folder.helpers", lambda workers: nullcontext())
 

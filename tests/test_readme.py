@@ -61,7 +61,7 @@ def test_python_study_runs(tmp_path, monkeypatch, capsys):
     assert "..." not in shown
 
 
-@pytest.mark.slow
+@pytest.mark.usefixtures("sketched")
 def test_a_recording_is_diagnosed_as_told(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     recording = (

@@ -28,7 +28,7 @@ def test_each_has_its_limit_effect_and_remedy(name):
     assert f"Remedy: {kind.remedy}." in told
 
 
-@pytest.mark.slow
+@pytest.mark.usefixtures("sketched")
 def test_the_example_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     recording = tv.simulate.Joint().simulate(60, perturbation=tv.simulate.FilteredNoise(), snr_db=20, seed=0).recording

@@ -115,6 +115,7 @@ def test_what_follows_a_variable_comes_first_and_an_impossible_sign_is_said(tmp_
     assert "in fifths of the record that it was not identified from, and" in methods_paragraph(account)
 
 
+@pytest.mark.usefixtures("sketched")
 def test_a_single_realization_has_a_page_too(tmp_path):
     ensemble = ensemble_of(20.0).select([0])
     found = tv.compare(ensemble, ["kbr"])

@@ -2,7 +2,6 @@ import pytest
 from tests.drawing import draw
 from tests.synthetic import SINE, SQUARE, responses_of, results_of, summary_of
 
-from tvsysid.figures.saving import drawn
 from tvsysid.studies.van_de_ruit_2021 import study_figures
 
 
@@ -16,7 +15,7 @@ def test_all_figures_of_a_study():
     ]  # fmt: skip
     for illustration in shown.values():
         figure = illustration.draw()
-        drawn(figure, "png")
+        draw(figure)
         assert figure.get_suptitle() == illustration.title
         assert illustration.description.endswith(".")
 
@@ -29,16 +28,15 @@ def test_descriptions_hold_the_main_figures(results, summary):
     assert "mean and two standard deviations over 6 trials" in text
 
 
-@pytest.mark.slow
+NOISES = [("constant", "noise", 40.0, snr) for snr in (0.0, 10.0, float("inf"))]
+
+
 @pytest.mark.parametrize(
     ("scenarios", "stems"),
     [
         (SQUARE[:2], ["comparison-square-noise", "amount-square", "coverage-square"]),
         (SINE[1:], ["comparison-sine-prbs", "coverage-sine"]),
-        (
-            [("constant", "noise", 40.0, snr) for snr in (0.0, 10.0, float("inf"))],
-            ["comparison-constant-noise", "amount-constant-snr", "coverage-constant"],
-        ),
+        (NOISES, ["comparison-constant-noise", "amount-constant-snr", "coverage-constant"]),
         (
             [("square", "noise", duration, snr) for duration in (40.0, 80.0) for snr in (0.0, 10.0)],
             ["comparison-square-noise", "amount-square", "amount-square-snr", "coverage-square"],
@@ -47,9 +45,13 @@ def test_descriptions_hold_the_main_figures(results, summary):
 )
 def test_what_a_study_has_decides_on_its_figures(scenarios, stems):
     results = results_of(scenarios, ("sds", "esm"), trials=2)
-    shown = study_figures(results, summary_of(results))
-    assert list(shown) == stems
-    for illustration in shown.values():
+    assert list(study_figures(results, summary_of(results))) == stems
+
+
+@pytest.mark.slow
+def test_one_perturbation_and_several_noises_are_drawn():
+    results = results_of(NOISES, ("sds", "esm"), trials=2)
+    for illustration in study_figures(results, summary_of(results)).values():
         draw(illustration.draw())
 
 

@@ -81,8 +81,8 @@ def test_more_methods_trials_and_scenarios_change_no_number(results):
     )
     part = more.sel(scenario=results.scenario.values, trial=[0, 1, 2], method_key=["sds", "kbr"])
     xr.testing.assert_equal(part.drop_vars(TIMES), results.drop_vars(TIMES))
-    other = run(Study(**SMALL | {"seed": 1}), workers=1)
-    assert not np.array_equal(other.estimate, results.estimate)
+    other = run(Study(**SMALL | {"seed": 1, "trials": 1}), workers=1)
+    assert not np.array_equal(other.estimate, results.estimate.isel(trial=[0]))
 
 
 def test_progress_is_reported():
@@ -109,7 +109,7 @@ def test_few_trials_are_under_way_at_a_time():
             return future
 
     executor = Counting()
-    run(Study(duration_s=40, perturbation="prbs", trials=20, methods="sds"), executor=executor, workers=2)
+    run(Study(duration_s=40, perturbation="prbs", trials=12, methods="birf"), executor=executor, workers=2)
     assert 2 <= executor.most <= 6
 
 
@@ -200,7 +200,7 @@ def test_a_trial_gives_the_same_numbers_whenever_and_however_often_it_is_run():
 
 @pytest.mark.slow
 def test_threads_keep_each_trial_s_doubts():
-    study = Study(duration_s=[40, 80], trials=4, methods=["eirf", "sds"])
+    study = Study(duration_s=[40, 80], trials=2, methods=["eirf", "sds"])
     with ThreadPoolExecutor(4) as executor:
         same(run(study, executor=executor), run(study, workers=1))
 

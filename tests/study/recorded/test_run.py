@@ -14,7 +14,7 @@ from tests.study.recorded.conftest import READING, SHORT, SMALL, trial, write_tr
 
 import tvsysid as tv
 from tvsysid.preprocess import block_weights, bootstrap_weights
-from tvsysid.study import Experiment, of_quantity, prepared_recordings, read_results, run, summarize
+from tvsysid.study import Experiment, of_quantity, read_results, run, summarize
 from tvsysid.study.contents import RECORDINGS
 
 pytestmark = pytest.mark.usefixtures("few_groups")
@@ -245,7 +245,7 @@ def test_the_recordings_are_prepared_if_they_are_not_given(small):
     experiment = Experiment(**SMALL | {"methods": "birf", "perturbation": "prbs"})
     results = run(experiment, workers=1)
     np.testing.assert_array_equal(results.estimate[0, 0], small.results.estimate[1, 0])
-    assert len(prepared_recordings(experiment)) == 1
+    assert results.sizes["recording"] == 1
 
 
 def moved(tmp_path):

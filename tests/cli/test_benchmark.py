@@ -82,8 +82,7 @@ def test_an_own_method_that_fails_is_told_and_the_others_are_kept(tvsysid, tmp_p
     assert np.isfinite(table["sds", "bias_error"])
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("undrawn", "sketched")  # claims about reflexes have figures of their own
 def test_methods_of_one_and_of_two_pathways_side_by_side(tvsysid, tmp_path):
     words = ("--system", "reflex-sine", "--stiffness", "sine", "--perturbation", "noise", "--duration", 20)
     words += ("--trials", 1, "--method", "birf", "--method", "cascade", "--workers", 1)

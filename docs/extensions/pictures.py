@@ -1,14 +1,18 @@
-"""The picture of an example: the ``figure`` that it makes, drawn as the package saves it."""
+"""Pictures: that of an example is the ``figure`` that it makes, as the package saves it; each opens by itself."""
 
 import ast
+import re
 from pathlib import Path
 from typing import Any
 
 import matplotlib
+from sphinx.application import Sphinx
 from sphinx_gallery.scrapers import figure_rst
 
 import tvsysid as tv
 from tvsysid.figures.style import PALETTE
+
+PICTURE = re.compile(r'<img (?=[^>]*alt="[^"])[^>]*src="([^"]+)"[^>]*>')  # a thumbnail has no text
 
 
 def use_palette(settings: dict[str, Any], file: str) -> None:
@@ -26,3 +30,15 @@ def scrape(block: tuple[Any, ...], found: dict[str, Any], settings: dict[str, An
     source = ast.parse(Path(found["src_file"]).read_text(encoding="utf-8"))
     title = (ast.get_docstring(source) or "").strip().splitlines()[0]
     return str(figure_rst([path], settings["src_dir"], f"Picture of this example: {title}"))
+
+
+def link(app: Sphinx, page: str, template: str, context: dict[str, Any], doctree: Any) -> None:
+    """Make each picture a link to itself: a page shows it smaller than it is, above all on a phone."""
+    if "body" in context:
+        context["body"] = PICTURE.sub(r'<a class="picture" href="\1">\g<0></a>', context["body"])
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Register what is done to pages with pictures."""
+    app.connect("html-page-context", link)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

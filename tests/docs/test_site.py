@@ -1,5 +1,6 @@
 """The site's own pages: what they tell you to type works, and each is in a section."""
 
+import importlib
 import re
 import shlex
 from pathlib import Path
@@ -57,3 +58,12 @@ def test_every_page_is_in_a_section():
     )
     listed = {line for tree in re.findall(r"```{toctree}\n(.+?)```", lists, re.DOTALL) for line in tree.split("\n")}
     assert {page.stem for page in DOCS.glob("*.md")} - listed == {"index"}
+
+
+def test_each_picture_opens_by_itself_but_a_thumbnail(monkeypatch):
+    monkeypatch.syspath_prepend(DOCS / "extensions")
+    pictures = importlib.import_module("pictures")
+    image, thumbnail = '<img alt="two" src="../_images/a.png" />', '<img alt="" src="b.png" />'
+    context = {"body": f"<p>{image}</p>{thumbnail}"}
+    pictures.link(None, "", "", context, None)
+    assert context["body"] == f'<p><a class="picture" href="../_images/a.png">{image}</a></p>{thumbnail}'

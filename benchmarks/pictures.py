@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 import tvsysid as tv
 from tvsysid.figures.comparison import BARS
-from tvsysid.figures.style import TRUE_LINE
+from tvsysid.figures.style import TRUE_LINE, line_key
 from tvsysid.methods import DEFAULT_METHODS
 from tvsysid.methods.plugins import STUDIED_METHODS
 from tvsysid.studies.closed_loop import loop_figures
@@ -60,6 +60,7 @@ def adaptive() -> Figure:
     ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))
     figure = tv.compare(ensemble, DEFAULT_METHODS).plot()
     figure.axes[0].plot(ensemble.time, wave(ensemble.time), zorder=1.3, **TRUE_LINE)
+    figure.axes[0].legend(handles=[line_key(**TRUE_LINE)], loc="upper right", fontsize=8, frameon=False)
     return figure
 
 

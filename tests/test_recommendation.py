@@ -12,7 +12,7 @@ import tvsysid as tv
 from tvsysid.recommendation import RULES, rule_of
 from tvsysid.recommendation.properties import shape_over_level
 
-SOUND = {"realizations": 20, "scheduling variable": 0, "information": 200, "slow noise": 0, "switches": 0}
+SOUND = {"realizations": 20, "information": 200, "slow noise": 0, "switches": 0}
 SOUND |= {"mean stiffness": 100, "noise bias": 1, "constant": 0, "evidence of few harmonics": -3}
 BY_VARIABLE = {"scheduling variable": 1, "realizations": 1, "reflex held out": 0.2, "curvature held out": 0.3}
 LPVKBI = "lpvkbi:variable={scheduling}"

@@ -12,6 +12,7 @@ import tvsysid as tv
 from tvsysid.methods import METHODS
 from tvsysid.methods.references import REFERENCES
 from tvsysid.report.answer import answer
+from tvsysid.report.identification import _illustrations
 from tvsysid.report.page import typeset
 from tvsysid.report.paragraph import methods_bibliography, methods_paragraph
 
@@ -42,6 +43,7 @@ def test_it_says_how_it_was_found_and_what_is_wrong(elements):
     ):
         assert text in told
     assert "realizations left out 2: no context" in told
+    assert "scheduling" not in section(elements, "suited")  # there is none
     diagnosis = section(elements, "diagnosis")
     assert "No fault found in " in diagnosis
     assert "Not judged: mean-torque" in diagnosis
@@ -137,7 +139,11 @@ def test_the_paragraph_says_whose_stiffness_includes_the_reflex():
         tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 2.0)
     )
     diagnosis = tv.diagnose(ensemble)
-    told = methods_paragraph(tv.report.Account(tv.compare(ensemble, ["cascade", "sds"]), diagnosis=diagnosis))
+    account = tv.report.Account(tv.compare(ensemble, ["cascade", "sds"]), diagnosis=diagnosis)
+    captions = [each.description for each in _illustrations(account).values()]
+    assert captions[0].startswith("Stiffness, viscosity, inertia and reflex gain by the method to go by, with 95 %")
+    assert captions[1].startswith("Each method’s stiffness, viscosity, inertia and reflex gain, with 95 % bands")
+    told = methods_paragraph(account)
     assert "This stiffness is the intrinsic one: a stretch reflex was estimated beside it. That of sds includes" in told
     assert "A diagnosis of the data found: " in told
     told = methods_paragraph(tv.report.Account(tv.compare(ensemble, ["sds"]), diagnosis=diagnosis))

@@ -165,7 +165,7 @@ def identify(
         remark("warning", f"{label} is skipped: {reason}")
     for label, reason in found.failed.items():
         remark("error", f"{label} failed: {reason}")
-    turned = f", in {torque_unit}" + (", with its sign reversed" if torque_sign == -1 else "")
+    turned = f", in {torque_unit.replace('N', 'N·')}" + (", with its sign reversed" if torque_sign == -1 else "")
     source = {"file": file.name, "angle": f"channel {angle}, in {angle_unit}", "torque": f"channel {torque}{turned}"}
     known = [angle, torque, *(text.partition("=")[2] for text in channel)]
     as_read = (rate, columns, torque_sign, angle_unit, start)

@@ -44,9 +44,7 @@ def identified_impedance(
     but_over
         Variable over which nothing is drawn, because :func:`scheduled_estimates` does.
     """
-    every = [each for model in models.values() for each in model.estimates.items()]
-    further = [name for name, estimate in every if name not in IMPEDANCE and estimate.axes != (but_over,)]
-    beside = [*IMPEDANCE[1:], *dict.fromkeys(further)]
+    beside = drawn_quantities(models, but_over)[1:]
     figure = style.blank(11.0, max(6.0, 2.2 * len(beside) + 0.8), title)
     grid = figure.add_gridspec(3 * len(beside), 2, width_ratios=[1.6, 1])
     largest = figure.add_subplot(grid[: 2 * len(beside) if vaf else 3 * len(beside), 0])
@@ -68,6 +66,13 @@ def identified_impedance(
                 axes.tick_params(labelbottom=False)
     style.legend_below(figure, [style.line_key(label, **look.line) for label, look in looks.items()])
     return figure
+
+
+def drawn_quantities(models: Mapping[str, Model], but_over: str = "") -> list[str]:
+    """Names of what :func:`identified_impedance` draws, stiffness first."""
+    every = [each for model in models.values() for each in model.estimates.items()]
+    further = [name for name, estimate in every if name not in IMPEDANCE and estimate.axes != (but_over,)]
+    return [*IMPEDANCE, *dict.fromkeys(further)]
 
 
 def _varying_vaf(axes: Axes, models: Mapping[str, Model], vaf: Mapping[str, Array]) -> None:

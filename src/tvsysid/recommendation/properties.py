@@ -29,8 +29,8 @@ def measured_in(
 ) -> dict[str, tuple[float, str]]:
     """Properties that the rules ask for, and those that explain them."""
     measured = {"realizations": (float(len(ensemble)), ""), "duration": (ensemble.duration, "s")}
-    measured["scheduling variable"] = (float(scheduling is not None), "")
     if scheduling is not None:
+        measured["scheduling variable"] = (1.0, "")
         measured |= _held_out(ensemble, scheduling)
     if diagnosis is None:
         return measured

@@ -10,6 +10,7 @@ import numpy as np
 
 from tvsysid.errors import by_text
 from tvsysid.figures import Illustration, draw_all, identified_impedance, scheduled_estimates, variable_of
+from tvsysid.figures.identification import drawn_quantities
 from tvsysid.figures.words import count, unit_name
 from tvsysid.methods.adaptive.model import AdaptiveModel
 from tvsysid.numerics.bands import mean_of
@@ -97,22 +98,17 @@ def write_identification(path: str | Path, account: Account, command: str = "") 
 def _illustrations(account: Account) -> dict[str, Illustration]:
     """The answer alone, what was estimated over a variable, and all methods side by side if there are several."""
     found, label = account.found, account.found.leading
-    shown = {"answer": [label]} | ({"methods": list(found.models)} if len(found.models) > 1 else {})
+    shown = {"answer": {label: found.models[label]}} | ({"methods": found.models} if len(found.models) > 1 else {})
     titles = {"answer": f"Impedance over time by {label}", "methods": "Impedance over time by all methods"}
     vaf, variable = found.vaf_over_time(), variable_of(found.models, found.ensemble)
     below = ", and the time-varying VAF" if vaf else ""
-    texts = {
-        "answer": f"Stiffness, viscosity and inertia by the method to go by, with 95 % bands{below}.",
-        "methods": f"Each method’s stiffness, viscosity and inertia, with 95 % bands{below}.",
-    }
-    drawn = {
-        stem: Illustration(
-            partial(identified_impedance, {each: found.models[each] for each in labels}, vaf, but_over=variable),
-            titles[stem],
-            texts[stem],
-        )
-        for stem, labels in shown.items()
-    }
+    drawn = {}
+    for stem, models in shown.items():
+        *names, last = (name.replace("_", " ") for name in drawn_quantities(models, variable))
+        what = f"{', '.join(names)} and {last}"
+        text = f"{what.capitalize()} by the method to go by" if stem == "answer" else f"Each method’s {what}"
+        picture = partial(identified_impedance, models, vaf, but_over=variable)
+        drawn[stem] = Illustration(picture, titles[stem], f"{text}, with 95 % bands{below}.")
     if not variable:
         return drawn
     text = f"Quantities that follow {variable}, with 95 % bands, above how long {variable} was near each of its values."
@@ -272,7 +268,9 @@ def _suited(account: Account) -> page.Section:
     """Which method suits the data, whether it was run or not, and by which properties."""
     suited = account.found.recommendation
     rows = [
-        page.Row((name, page.number(value, decimals=0 if value.is_integer() else None), unit))
+        page.Row(
+            (name, page.number(value, decimals=0 if value.is_integer() else None), "" if math.isnan(value) else unit)
+        )
         for name, (value, unit) in suited.measured.items()
     ]
     columns = [page.Column("property"), page.Column("value", kind="number"), page.Column("unit")]

@@ -115,7 +115,7 @@ def test_is_skipped_with_the_reason_where_its_channel_is_missing_and_not_tried_a
 @every_toy
 def test_takes_part_in_an_experiment(toy, tmp_path):
     (item,) = getattr(toy, "inputs", None) or (None,)
-    simulation = SYSTEMS[toy].simulate(150, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=3)
+    simulation = SYSTEMS[toy].simulate(100, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=3)
     tv.recordings.write_recording(tmp_path / "ankle.mat", simulation.recording)
     experiment = tv.study.Experiment(
         folder=tmp_path,

@@ -105,7 +105,7 @@ def test_the_seed_deals_the_halves(few_deals):
 @pytest.mark.parametrize(("perturbation", "limit"), [("noise", 1.2), ("prbs", 2.0)])
 def test_a_sine_wave_is_followed_nearly_as_if_its_shape_were_known(perturbation, limit):
     truth = tv.simulate.SineWave()
-    ensemble = ensemble_of(150.0, "sine", perturbation)
+    ensemble = ensemble_of(100.0, "sine", perturbation)
     for method in (tv.BasisIRF(), tv.KernelRegression()):
         model = method.tuned(ensemble).method.identify(ensemble)
         assert np.sqrt(np.mean((model.stiffness - truth(model.time)) ** 2)) < limit
@@ -263,7 +263,7 @@ def test_a_lag_of_the_torque_is_found():
     assert model.inertia.mean() == pytest.approx(0.02, rel=0.1)
     # One that is given is kept, or goes where there is none.
     assert tv.KernelRegression(lag=tuned.lag).tuned(ensemble).method.lag == tuned.lag
-    assert tv.KernelRegression(lag=0.02).tuned(joint_of(40)).method.lag == 0.0
+    assert tv.KernelRegression(lag=0.02).tuned(joint_of(20)).method.lag == 0.0
 
 
 @slow

@@ -63,7 +63,7 @@ def test_slow_voluntary_torque_is_no_other_period(profile, perturbation, share):
 @pytest.mark.parametrize("loudness", [1.0, 2.0])
 def test_bursts_of_voluntary_torque_are_no_losses(perturbation, loudness):
     """Noise during a tenth of each cycle, as large as the torque or twice that."""
-    ensemble = cut(simulated(perturbation=perturbation, snr_db=20.0))
+    ensemble = cut(simulated(100.0, perturbation, snr_db=20.0))
     taps, burst = butter(2, 10, fs=100), np.zeros(ensemble.torque.shape[1])
     burst[100:120] = 1
     noise = lfilter(*taps, np.random.default_rng(3).standard_normal(ensemble.torque.shape), axis=1)
@@ -74,7 +74,7 @@ def test_bursts_of_voluntary_torque_are_no_losses(perturbation, loudness):
 
 @pytest.mark.parametrize("perturbation", ["noise", "prbs"])
 def test_the_loudest_of_many_realizations_is_not_unlike_them(perturbation):
-    ensemble = cut(simulated(perturbation=perturbation, snr_db=40.0))
+    ensemble = cut(simulated(100.0, perturbation, snr_db=40.0))
     random = np.random.default_rng(4)
     levels = np.exp(0.5 * random.standard_normal((len(ensemble), 1)))
     noise = lfilter(*butter(2, 10, fs=100), random.standard_normal(ensemble.torque.shape), axis=1)
@@ -147,7 +147,7 @@ def test_real_records_have_only_true_findings(recordings, record, expected):
 
 
 def test_a_constant_joint_cannot_be_misaligned():
-    checks = {check.name: check for check in tv.diagnose(cut(simulated(profile="constant"))).checks}
+    checks = {check.name: check for check in tv.diagnose(cut(simulated(60.0, profile="constant"))).checks}
     assert not checks["misaligned-realizations"].judged
     assert "stiffness hardly varies" in checks["misaligned-realizations"].what
 

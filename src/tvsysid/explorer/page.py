@@ -62,7 +62,7 @@ def page(
     reading = [] if isinstance(source, Recording) else [_reading(given, channels)]
     title = f"{name} · tvsysid explore"
     controls = ui.div(*reading, _cutting(given), _method(key, typed, every), _picture())
-    widths: Any = {"sm": 12, "lg": (4, 8)}
+    widths: Any = {"sm": 12, "md": (4, 8)}
     layout = ui.layout_columns(controls, _results(), col_widths=widths)
     body = ui.tags.main(ui.h1(name, class_="h3"), layout, class_="container-fluid")
     header = ui.tags.header(ui.input_dark_mode(), class_="container-fluid text-end")

@@ -14,6 +14,10 @@ def test_traits_in_words():
     assert [trait(*pair) for pair in pairs] == ["40 s", "PRBS", "b covarying"]
     assert differing([SCENARIO, SCENARIO | {"perturbation": "prbs"}]) == ["noise", "PRBS"]
     assert differing([SCENARIO]) == ["150 s"]
+    variants = ["reflex:reflex_gain=4,noise_bandwidth=1", "reflex:reflex_gain=8,noise_bandwidth=1", "reflex"]
+    told = differing([SCENARIO | {"system": each} for each in variants[:2]])
+    assert told == ["reflex gain=4", "reflex gain=8"]  # what all share says nothing
+    assert differing([SCENARIO | {"system": each} for each in variants[1:]]) == ["reflex gain=8, noise bandwidth=1", ""]
     assert described(SCENARIO) == "square-wave stiffness, filtered noise, 150 s, 10 dB"
     own = SCENARIO | {"system": "mine:Ankle", "profile": "own"}
     assert described(own) == "mine:Ankle, filtered noise, 150 s, 10 dB"
@@ -21,3 +25,4 @@ def test_traits_in_words():
 
 def test_labels_are_broken_behind_punctuation():
     assert wrapped("sds:window=0.2,max_lag=0.1", 16) == "sds:window=0.2,\nmax_lag=0.1"
+    assert wrapped("kbr:weighting=residual", 17) == "kbr:weighting=\nresidual"

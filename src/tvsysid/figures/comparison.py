@@ -71,7 +71,9 @@ def method_comparison(
     quantities = unique(results.quantity.values) if "quantity" in results.dims else ["stiffness"]
     over_time, crowd = (len(quantities) + 1) * len(shown), len(methods) > 5
     width = max((1.4 if crowd else 1.6) * len(methods), 3.2) + 0.8
-    figure = style.blank(width, 1.25 * over_time + 1.0 * len(names) + 1.4, title)
+    ticks = differing(_traits(results, bars))
+    upright = 0.065 * max(map(len, ticks)) if names and _crowded(ticks) else 0.0  # inches
+    figure = style.blank(width, 1.25 * over_time + 1.0 * len(names) + 1.4 + upright, title)
     spec = figure.add_gridspec(
         over_time + len(names), len(methods), height_ratios=[1.25] * over_time + [1.0] * len(names)
     )
@@ -92,7 +94,7 @@ def method_comparison(
         _bars(below[-1], metrics[name], *table[name], methods)
         below[-1].tick_params(labelbottom=name == names[-1])
     if below:
-        _label_bars(below[0], len(methods), differing(_traits(results, bars)))
+        _label_bars(below[0], len(methods), ticks)
     figure.align_ylabels([*grid[:, 0], *below])
     trials = results.sizes["trial"]
     keys = [style.line_key(**style.TRUE_LINE), *style.band_keys(trials, "trial")]
@@ -189,10 +191,14 @@ def _label_bars(axes: Axes, methods: int, ticks: list[str]) -> None:
     axes.set_xticks(places.ravel(), ticks * methods)
     axes.set_xlim(0, places[-1, -1] + places[0, 0])
     axes.grid(visible=False, axis="x")
-    crowded = sum(map(len, ticks)) + 2 * len(ticks) > 20
     for each in axes.get_shared_x_axes().get_siblings(axes):
         each.grid(visible=False, axis="x")
-        each.tick_params(axis="x", labelrotation=90 if crowded else 0)
+        each.tick_params(axis="x", labelrotation=90 if _crowded(ticks) else 0)
+
+
+def _crowded(ticks: list[str]) -> bool:
+    """Whether labels have no room side by side."""
+    return sum(map(len, ticks)) + 2 * len(ticks) > 20
 
 
 def _bars(axes: Axes, label: str, values: Array, errors: Array, methods: Sequence[str]) -> None:

@@ -149,7 +149,7 @@ def _realizations(axes: Axes, curves: Curves) -> None:
     low = min(0.0, float(np.clip(curves.stiffness.min(), 1 - FARTHEST, 0)) - 0.1)
     axes.set_ylim(low, max(2.0, min(FARTHEST, float(max(curves.stiffness.max(), curves.noise.max()))) + 0.6))
     look: dict[str, Any] = {"loc": "upper right", "ncols": 2, "handletextpad": 0.1, "columnspacing": 1}
-    _name(axes, "each realization over what is usual", "realization, as recorded", **look)
+    _name(axes, "each realization over what is usual", "realization, as recorded", "ratio", **look)
 
 
 def _lags(axes: Axes, curves: Curves) -> None:
@@ -165,5 +165,5 @@ def _lags(axes: Axes, curves: Curves) -> None:
     highest = max(float(np.abs(curves.correlation).max()), 3 * limit)
     axes.set_ylim(-1.1 * highest, 1.5 * highest)
     look: dict[str, Any] = {"loc": "upper right", "ncols": 3, "columnspacing": 1, "handlelength": 1.2}
-    _name(axes, "correlation of the torque left over", "lag of the torque (ms)", **look)
+    _name(axes, "correlation of the torque left over", "lag of the torque (ms)", "correlation", **look)
     axes.margins(x=0.01)

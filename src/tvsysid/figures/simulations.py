@@ -85,7 +85,7 @@ def error_against(
     and standard_error.
     """
     looks = lines(unique(rows.method))
-    figure, grid = panels(1, 1, 4.6, max(3.8, 2.6 + 0.22 * len(looks)), title)
+    figure, grid = panels(1, 1, 4.6, 3.8, title)
     axes = grid[0, 0]
     axes.axhline(0, color=INK, linestyle="--", linewidth=1.0)
     for method, look in looks.items():

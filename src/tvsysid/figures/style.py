@@ -235,6 +235,8 @@ def legend_below(figure: Figure, handles: Sequence[Artist]) -> None:
             break
         columns -= 1
     columns = -(-len(handles) // -(-len(handles) // max(columns, 1)))  # rows of the same length
+    rows = -(-len(handles) // columns)
+    figure.set_figheight(figure.get_figheight() + 0.17 * max(rows - 2, 0))  # which the axes would lose
     figure.legend(
         handles=list(handles), fontsize=8, frameon=False, loc="outside lower center", ncols=columns, columnspacing=1.4
     )

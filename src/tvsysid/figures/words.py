@@ -42,11 +42,11 @@ def differing(scenarios: Sequence[Mapping[str, Any]]) -> list[str]:
     """Texts that tell scenarios apart, like "noise": the traits they do not share, or the duration of a single one."""
     names = [name for name in TRAITS if len({scenario[name] for scenario in scenarios}) > 1] or ["duration_s"]
     if len({str(scenario["system"]).partition(":")[0] for scenario in scenarios}) == 1:
-        # Settings alone tell variants of one system apart; and one that has none from all others.
-        scenarios = [
-            {**scenario, "system": str(scenario["system"]).partition(":")[2].replace("_", " ")}
-            for scenario in scenarios
-        ]
+        # Settings alone that differ tell variants of one system apart; and one that has none from all others.
+        settings = [re.split(r",(?![^(]*\))", str(scenario["system"]).partition(":")[2]) for scenario in scenarios]
+        own = [[each for each in one if any(each not in other for other in settings)] for one in settings]
+        texts = [", ".join(each).replace("_", " ") for each in own]
+        scenarios = [{**scenario, "system": text} for scenario, text in zip(scenarios, texts, strict=True)]
     return [", ".join(filter(None, (trait(name, each[name]) for name in names))) for each in scenarios]
 
 
@@ -67,7 +67,9 @@ def described(scenario: Mapping[str, Any], names: Sequence[str] = TRAITS) -> str
 def wrapped(label: str, width: int = 20, rows: int = 4) -> str:
     """Label of a method in lines of at most so many characters, broken behind its punctuation where that can be."""
     lines = [""]
-    for piece in re.findall(r"[^:,(]*[:,(] ?|[^:,(]+", label):
+    pieces = re.findall(r"[^:,(]*[:,(] ?|[^:,(]+", label)
+    short = [part for each in pieces for part in (re.findall("[^=]*=|[^=]+", each) if len(each) > width else [each])]
+    for piece in short:
         for start in range(0, len(piece), width):
             part = piece[start : start + width]
             if len(lines[-1]) + len(part.rstrip()) > width:

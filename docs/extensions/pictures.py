@@ -1,16 +1,19 @@
 """Pictures: that of an example is the ``figure`` that it makes, as the package saves it; each opens by itself."""
 
+from __future__ import annotations
+
 import ast
 import re
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import matplotlib
-from sphinx.application import Sphinx
-from sphinx_gallery.scrapers import figure_rst
 
 import tvsysid as tv
 from tvsysid.figures.style import PALETTE
+
+if TYPE_CHECKING:  # its test has no Sphinx
+    from sphinx.application import Sphinx
 
 PICTURE = re.compile(r'<img (?=[^>]*alt="[^"])[^>]*src="([^"]+)"[^>]*>')  # a thumbnail has no text
 
@@ -22,6 +25,8 @@ def use_palette(settings: dict[str, Any], file: str) -> None:
 
 def scrape(block: tuple[Any, ...], found: dict[str, Any], settings: dict[str, Any]) -> str:
     """Save the ``figure`` of a block of code, if it made one; its text is the example's title."""
+    from sphinx_gallery.scrapers import figure_rst
+
     figure = found["example_globals"].pop("figure", None)
     if figure is None:
         return ""

@@ -25,7 +25,7 @@ def use_palette(settings: dict[str, Any], file: str) -> None:
 
 def scrape(block: tuple[Any, ...], found: dict[str, Any], settings: dict[str, Any]) -> str:
     """Save the ``figure`` of a block of code, if it made one; its text is the example's title."""
-    from sphinx_gallery.scrapers import figure_rst
+    from sphinx_gallery.scrapers import figure_rst  # noqa: PLC0415
 
     figure = found["example_globals"].pop("figure", None)
     if figure is None:

@@ -32,6 +32,8 @@ legend, h2 { font-size: 1.15rem; font-weight: 600 }
 :focus-visible { outline: 3px solid #c2410c !important; outline-offset: 2px }
 [data-bs-theme=dark] :focus-visible { outline-color: #ff9d4d !important }
 figure img { background: #fff; width: 100%; height: auto }
+@media (max-width: 576px) { figure img { width: 38rem } }
+[data-bs-theme=dark] figure img { filter: brightness(.8) contrast(1.2) }
 textarea { font: .85rem var(--bs-font-monospace); width: 100%; margin-bottom: .75rem; field-sizing: content }
 .unseen { position: absolute; width: 1px; height: 1px; overflow: hidden; clip-path: inset(50%) }
 .scroll { overflow-x: auto; position: relative }
@@ -258,7 +260,8 @@ def _figure(shown: Shown, quantity: str) -> Any:
     text = f"{words} over a realization with its 95 % band; the tables below have the numbers"
     if quantity not in model.estimates or not np.isfinite(model.estimates[quantity].values).any():
         text = f"{words} is not identified by this method"
-    return ui.tags.figure(ui.img(src=source, alt=text, width=614, height=326))
+    image = ui.img(src=source, alt=text, width=614, height=326)
+    return ui.tags.figure(image, class_="scroll", tabindex="0", aria_label="picture, scrolling")
 
 
 def _tables(found: Outcome | None) -> str:

@@ -224,6 +224,7 @@ def by_hand(raw, method, folds):
     return out
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:eirf. 45 realizations are less than twice the 25 lags")
 def test_vaf_of_realizations_held_out_is_that_of_the_raw_data_less_means_of_the_others():
     raw = ensemble_of(120.0)
@@ -254,6 +255,7 @@ def test_nothing_of_what_is_held_out_is_seen(monkeypatch):
         assert len(every) == 40
 
 
+@pytest.mark.slow
 def test_held_out_vaf_says_where_a_method_cannot_do_without_a_fold():
     ensemble = tv.preprocess.subtract_mean(ensemble_of(20.0).select([0, 1, 2, 3]))
     with pytest.warns(tv.DataQualityWarning, match="leave open whether there is a stretch reflex"):

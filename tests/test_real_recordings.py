@@ -184,6 +184,7 @@ def test_walking_stiffness_is_smooth_and_falls_fast_without_settings(walking):
     assert np.abs(np.diff(model.stiffness)).max() < 8
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:cascade. the (intrinsic response|reflex gain):tvsysid.errors.DataQualityWarning")
 def test_walking_has_a_small_reflex(walking):
     with pytest.warns(tv.DataQualityWarning, match="viscosity is negative over"):

@@ -75,6 +75,7 @@ def test_every_rule_can_be_read():
         assert all(condition.split()[-2] in "<>" for condition in rule.conditions)
 
 
+@pytest.mark.slow
 def test_few_realizations_and_what_leads_then():
     ensemble = ensemble_of().select([0, 1])  # of a sine
     found = tv.recommend(ensemble)
@@ -116,6 +117,7 @@ def test_how_stiffness_by_a_reference_differs_in_shape_and_on_average(closed_loo
     assert shape_over_level(closed_loop, "disturbance", other) == pytest.approx(np.sqrt(50) / 5, rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_loop_by_its_reference(closed_loop):
     named = tv.recommend(closed_loop, "disturbance")
     assert named.suited[0] == "kbr:reference=disturbance,weighting=residual,tuned=true"

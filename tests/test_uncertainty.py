@@ -60,6 +60,7 @@ def test_draws_repeat_and_only_grow():
     assert (narrow[1] - narrow[0] < wide[1] - wide[0]).all()
 
 
+@pytest.mark.slow
 def test_it_agrees_with_the_closed_form():
     # Without a prior; a sparse one counts what it prunes as known, which draws do not.
     found = tv.uncertainty.bootstrap(tv.BasisIRF(prior="none"), ensemble_of(150.0), 150, seed=2)

@@ -82,6 +82,7 @@ def test_an_own_method_that_fails_is_told_and_the_others_are_kept(tvsysid, tmp_p
     assert np.isfinite(table["sds", "bias_error"])
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "sketched")  # claims about reflexes have figures of their own
 def test_methods_of_one_and_of_two_pathways_side_by_side(tvsysid, tmp_path):
     words = ("--system", "reflex-sine", "--stiffness", "sine", "--perturbation", "noise", "--duration", 20)
@@ -110,6 +111,7 @@ def test_the_same_seed_gives_the_same_table(tvsysid, tmp_path):
     assert not np.array_equal(one, values("three", "--seed", 7))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_doubts_in_a_benchmark_are_told(tvsysid):
     code, _, err = tvsysid("benchmark", "--trials", 2, "--duration", 40, "--method", "eirf", "--workers", 1)
@@ -138,6 +140,7 @@ def test_a_system_a_profile_and_a_perturbation_of_one_s_own(tvsysid, tmp_path, m
     assert "unknown system 'ankle'; expected one of joint, reflex, reflex-sine, reflex-square, compliant, sch" in err
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_the_titles_of_tables_tell_systems_apart(tvsysid):
     code, out, _ = tvsysid(

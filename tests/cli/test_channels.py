@@ -67,6 +67,7 @@ def recording(tmp_path, monkeypatch):
     return "[red]joint.npz"
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("only_identified")
 def test_a_channel_reaches_the_method_that_needs_it(tvsysid, recording, tmp_path):
     words = ("--channel", "emg=EMG_SIGNAL", "--method", "channel_methods:Scheduled", "--method", "birf")
@@ -101,6 +102,7 @@ def test_an_input_loses_its_mean(tvsysid, recording, tmp_path):
     np.testing.assert_allclose(table.emg_level, 0, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("only_identified")
 def test_a_method_that_cannot_serve_is_skipped_with_the_reason_and_the_others_go_on(tvsysid, recording, tmp_path):
     words = ("--channel", "emg=EMG_SIGNAL", "--method", "channel_methods:Lazy", "--method", "birf")

@@ -45,6 +45,7 @@ def test_identify_by_an_own_method(tvsysid, tmp_path, monkeypatch):
     assert set(pd.read_csv(tmp_path / "others" / "stiffness.csv").method) == {"sds"}
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_what_was_found_is_kept_when_holding_out_is_interrupted(tvsysid, tmp_path, monkeypatch):
     def interrupted(*_, **__):
@@ -112,6 +113,7 @@ def test_by_default_the_answer_comes_first(tvsysid, tmp_path):
     assert list(dict.fromkeys(frame.method)) == list(DEFAULT_METHODS)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "only_identified")
 def test_reversed_torque_warns_in_one_line_whatever_the_number_of_methods(tvsysid):
     tvsysid("simulate", "joint.mat", "--duration", 40)
@@ -130,6 +132,7 @@ def test_a_high_rate_is_said_before_the_work_begins(tvsysid):
     assert note.startswith("note: identifying at 1000 Hz takes minutes, where seconds do; --decimate 100 is usual")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "only_identified")
 def test_trials_and_degrees(tvsysid, tmp_path):
     tvsysid("simulate", "joint.mat", "--duration", 60, "--snr", 30)
@@ -149,6 +152,7 @@ def test_trials_and_degrees(tvsysid, tmp_path):
     assert table.stiffness.mean() == pytest.approx(100, abs=3)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "only_identified")
 def test_identify_takes_other_formats(tvsysid, tmp_path):
     code, out, _ = tvsysid("simulate", "joint.csv", "--duration", 40)
@@ -225,6 +229,7 @@ def test_a_method_of_ones_own_cannot_be_tuned(tvsysid, tmp_path):
     assert "leave out tune (--tune), and write key:tuned=true" in err
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "only_identified")
 def test_a_reflex_that_methods_take_for_stiffness_is_warned_of(tvsysid):
     tvsysid("simulate", "reflex.mat", "--system", "reflex", "--stiffness", "constant", "--duration", 40)

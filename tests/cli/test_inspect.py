@@ -49,6 +49,7 @@ def test_a_reference_that_is_not_read_is_said_at_once(tvsysid, tmp_path):
     assert "add --channel command=CHANNEL, one of angle, torque, cmd" in err
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("sketched")
 def test_inspect_of_a_file_with_many_channels_and_none(tvsysid):
     np.savez("many.npz", note=np.array("[red]hello"), **{f"c{number}": np.ones((3, 2)) for number in range(14)})

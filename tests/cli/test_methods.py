@@ -78,6 +78,7 @@ class Hangs:
 """
 
 
+@pytest.mark.slow
 def test_check_method_says_what_is_wrong(tvsysid, tmp_path):
     (tmp_path / "own_for_cli.py").write_text(OWN)
     code, out, err = tvsysid("check-method", "own_for_cli:Constant")

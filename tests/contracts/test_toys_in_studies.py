@@ -186,6 +186,7 @@ def test_pathways_of_a_virtual_participant_are_compared_with_what_is_known(tmp_p
     assert np.isfinite(gain.value).all()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_a_joint_a_profile_and_a_perturbation_of_ones_own_enter_a_benchmark(tvsysid, tmp_path):
     (tmp_path / "myobjects.py").write_text(OBJECTS, encoding="utf-8")

@@ -40,6 +40,7 @@ def words_of(command):
     return words
 
 
+@pytest.mark.slow
 def test_the_method_passes_as_the_page_shows(tvsysid, folder):
     code, out, err = tvsysid(*words_of(CHECK))
     assert code == 0, out + err
@@ -50,6 +51,7 @@ def test_the_method_passes_as_the_page_shows(tvsysid, folder):
         assert "✗" not in line
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_the_method_is_in_the_benchmark(tvsysid, folder):
     command = re.sub(r"--trials \d+", "--trials 2", BENCHMARK)

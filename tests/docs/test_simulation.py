@@ -39,6 +39,7 @@ def test_the_table_says_what_each_system_gives():
         assert [f"`{name}`" for name in simulation.recording.channels] == channel.split()[:1]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("sketched")
 @pytest.mark.parametrize("number", [0, 1])
 def test_ones_own_profile_perturbation_and_joint_are_simulated(tvsysid, tmp_path, monkeypatch, number):

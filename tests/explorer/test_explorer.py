@@ -61,6 +61,7 @@ def found(file):
     return outcome(settings_from(SAID, {"file": file, "channel": ("command=cmd",)}))
 
 
+@pytest.mark.slow
 def test_the_command_shown_finds_the_same(found, tvsysid, monkeypatch):
     for name in ("save", "identified_impedance"):
         monkeypatch.setattr(f"tvsysid.figures.{name}", lambda *given: None)
@@ -118,6 +119,7 @@ def test_what_was_chosen_meanwhile_is_not_begun():
     assert done == [2]
 
 
+@pytest.mark.slow
 def test_an_outcome_in_words_and_in_a_picture(found):
     assert found.lines[0].startswith("stiffness by sds:window=0.2")
     assert found.diagnosis.verdict

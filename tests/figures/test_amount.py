@@ -7,6 +7,7 @@ from tvsysid.errors import InputError
 from tvsysid.figures import error_against_amount
 
 
+@pytest.mark.slow
 def test_lines_over_seconds_of_data(summary):
     rows = summary[summary.stiffness == "square"]
     figure = error_against_amount(rows, "Square wave")

@@ -96,6 +96,7 @@ def test_bars_of_a_method_stand_below_its_column(figure):
             assert box.x0 <= extent.x0 < extent.x1 <= box.x1
 
 
+@pytest.mark.slow
 def test_both_perturbations_of_the_sine_wave(results, summary):
     figure = method_comparison(results, summary, SINE, SINE)
     grid, metrics = over_time(figure, 5, 4), bars(figure, 5, 4)
@@ -163,6 +164,7 @@ def test_eight_methods_with_long_labels_do_not_overlap():
     assert figure.axes[2].get_title() == "sds:window=0.2,\nmax_lag=0.1"
 
 
+@pytest.mark.slow
 def test_dollar_signs_are_no_mathematics():
     results = results_of([("square", "prbs", 150.0, 10.0)], ("mine:a$\\frac$b",), 2)
     labels = list(results.scenario.values)

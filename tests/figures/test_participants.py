@@ -35,6 +35,7 @@ def legend(figure):
     return [text.get_text() for text in figure.legends[0].texts]
 
 
+@pytest.mark.slow
 def test_every_participant_has_a_column_and_every_perturbation_a_row(results):
     figure = stiffness_of_participants(results, "All")
     draw(figure)
@@ -72,6 +73,7 @@ def test_torque_below(results):
     np.testing.assert_array_equal(labelled(axes, "target")[0].get_ydata(), results.target_torque.values[2])
 
 
+@pytest.mark.slow
 def test_of_a_failed_recording_nothing_is_drawn():
     failed = fail(results_of(methods=("sds", "esm")), "InputError: too short", recording="P2-noise")
     figure = stiffness_of_participants(failed)
@@ -96,6 +98,7 @@ def test_a_recording_that_was_never_made_says_so(results):
     assert texts(figure.axes[1]) == ["not recorded"]
 
 
+@pytest.mark.slow
 def test_without_truth_and_target_neither_is_mentioned():
     results = results_of(("S1",), ("noise",), ("sds", "esm"), truth=False, target=False)
     for figure in (stiffness_of_participants(results), participant_in_detail(results, "S1")):

@@ -24,6 +24,7 @@ def die_in_a_worker(parent):
     return Figure()
 
 
+@pytest.mark.slow
 def test_every_form_is_saved_and_the_svg_returned(tmp_path):
     pictures = draw_all(illustrations(1), tmp_path)
     (picture,) = pictures.values()

@@ -100,6 +100,7 @@ def test_thirty_participants():
     draw(error_against_truth(many.results, many.summary))
 
 
+@pytest.mark.slow
 def test_error_over_time_and_by_method(experiment):
     results = experiment.results
     figure = error_against_truth(results, experiment.summary, "Error")
@@ -151,6 +152,7 @@ def test_long_labels_and_many_amounts_do_not_overlap():
         assert axes.get_xticklabels()[0].get_text() == "eirf\n30 | 75 | 150 | 300"
 
 
+@pytest.mark.slow
 def test_an_axis_holds_the_whiskers_but_not_what_is_far_out(experiment):
     for factor, cut in ((1.0, False), (1000.0, True)):
         summary = experiment.summary.copy()

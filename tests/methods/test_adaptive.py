@@ -274,6 +274,7 @@ def test_what_does_not_change_is_constant_and_what_is_smooth_has_no_switch():
     assert sine.diagnostics.details["periodic"] == 1.0
 
 
+@pytest.mark.slow
 def test_a_recording_without_a_low_pass_is_told_by_its_steps(random):
     time = np.arange(200) / 100
     angle = np.cumsum(random.normal(size=(80, 260)), axis=1) * 0.1 + random.normal(size=(80, 260))
@@ -287,6 +288,7 @@ def test_a_recording_without_a_low_pass_is_told_by_its_steps(random):
     assert model.diagnostics.details["periodic"] == 0.0  # none follows another
 
 
+@pytest.mark.slow
 def test_a_reflex_is_taken_out_of_the_stiffness():
     joint = tv.simulate.ReflexJoint(stiffness=tv.simulate.SineWave(), reflex_gain=8.0)
     recording = joint.simulate(60.0, perturbation=tv.simulate.FilteredNoise(), snr_db=15, seed=4).recording
@@ -392,6 +394,7 @@ def test_the_search_finds_the_best_of_all_pairs(random):
     assert score - len(found.positions) * np.log(40) >= smooths[0].score + best - 2 * np.log(40) - 1e-9
 
 
+@pytest.mark.slow
 def test_the_search_finds_stairs_of_which_no_step_alone_is_worth_much():
     axis, edges = prior.Axis(200, periodic=True), np.array([21.3, 57.7, 98.1, 133.4, 171.3])
     stairs = 1.0 + axis.seen(edges) @ [0.2, 0.2, 0.2, 0.2, -0.8]

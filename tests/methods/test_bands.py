@@ -113,6 +113,7 @@ def correlations_of(*moments):
     return truncated(*moments)
 
 
+@pytest.mark.slow
 def test_regression_without_prior_has_the_variance_of_least_squares_times_the_colour():
     ensemble = ensemble_of(150.0, "sine", "noise")
     model = tv.BasisIRF(prior="none").identify(ensemble)

@@ -240,6 +240,7 @@ def test_covariance_is_the_sandwich_of_the_samples(problem, random):
     np.testing.assert_allclose(sure.matrix / np.outer(size, size), expected / np.outer(size, size), atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", ["A", "E", "N", "T"])
 def test_both_pathways_are_found(case):
     ensemble, truth = simulated(case, 150 if case == "E" else 40)
@@ -288,6 +289,7 @@ def test_no_reflex_is_invented():
     assert (upper - lower < 3).all()
 
 
+@pytest.mark.slow
 def test_of_few_realizations_the_evidence_decides():
     few = np.arange(5)
     shown = tv.JointCascade().identify(simulated("A", 40)[0].select(few))
@@ -314,6 +316,7 @@ def test_an_angle_at_the_low_rate_only_serves_with_a_warning():
     assert abs(np.mean(model.stiffness - truth["stiffness"])) < 4
 
 
+@pytest.mark.slow
 def test_a_model_predicts_as_it_was_fitted():
     ensemble, _ = simulated("A", 40)
     ensemble = tv.preprocess.subtract_mean(ensemble)

@@ -205,6 +205,7 @@ def test_smoothed_power_is_a_mirrored_mean():
     np.testing.assert_allclose(found, expected)
 
 
+@pytest.mark.slow
 def test_closed_loop_estimates_are_right_where_open_ones_are_not():
     truth = np.asarray(tv.simulate.SineWave()(loop().time))
     for method, mean, random in ((KBR, 4.0, 11.0), (ESM, 5.0, 16.0), (tv.BasisIRF(reference=D), 4.0, 12.0)):

@@ -72,6 +72,7 @@ def test_noise_is_no_higher_order(method):
     assert all(told for _, _, told in with_reflexes)
 
 
+@pytest.mark.slow
 def test_the_agreement_error_is_its_scatter(monkeypatch):
     def uncut(fitted, beyond, chance):
         return 100 - 100 * np.sum(beyond - chance) / np.sum(fitted + beyond)

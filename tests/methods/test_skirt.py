@@ -89,6 +89,7 @@ def test_settings_that_make_no_sense_are_refused(settings):
         tv.SkirtDecomposition(**settings)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("brief_cases")
 def test_it_passes_every_check():
     assert [f"{each.name}: {each.message}" for each in tv.check_method(SKIRT) if not each.passed] == []

@@ -108,6 +108,7 @@ def test_a_constant_joint_with_a_reflex(perturbation):
         assert share(ensemble.channels[name][:, ensemble.core], torque) > (98 if perturbation == "noise" else 95)
 
 
+@pytest.mark.slow
 def test_without_a_reflex_none_is_found():
     ensemble, _ = simulated(gain=0.0)
     model = tv.SubspaceCascade().identify(ensemble)
@@ -115,6 +116,7 @@ def test_without_a_reflex_none_is_found():
     assert abs(model.estimates["reflex_gain"].values[0]) < 0.3
 
 
+@pytest.mark.slow
 def test_stiffness_and_gain_that_change_are_followed_in_a_window():
     sine = tv.simulate.SineWave
     ensemble, truth = simulated(150.0, sine(), sine(8, 4), snr_db=10)
@@ -128,6 +130,7 @@ def test_stiffness_and_gain_that_change_are_followed_in_a_window():
     assert share(ensemble.torque[:, ensemble.core], model.predict(ensemble)) > 90
 
 
+@pytest.mark.slow
 def test_segments_that_do_not_follow_each_other_are_pooled():
     ensemble, _ = simulated()
     apart = replace(ensemble, onsets=None, trials=None)
@@ -138,6 +141,7 @@ def test_segments_that_do_not_follow_each_other_are_pooled():
     assert 0.9 * error[0] < error[1] < 1.3 * error[0]
 
 
+@pytest.mark.slow
 @settings(max_examples=3)
 @given(torque=st.floats(-20, 20), angle=st.floats(-20, 20))
 def test_units_scale_everything_and_change_nothing(torque, angle):

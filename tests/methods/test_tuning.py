@@ -80,6 +80,7 @@ def test_a_tuned_method_is_the_method_with_other_settings_and_the_evidence_for_t
     assert errors[1] <= 1.05 * errors[0]
 
 
+@pytest.mark.slow
 @each_method
 def test_tuning_repeats_and_leaves_its_input_alone(few_deals, method):
     ensemble = ensemble_of(40.0, "square", "noise")
@@ -517,6 +518,7 @@ def test_a_method_that_tunes_itself():
     assert begun == tv.KernelRegression.preset("experiment")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("brief_cases")
 def test_a_method_that_tunes_itself_keeps_the_contract():
     checks = tv.check_method(tv.methods.Tuned(tv.BasisIRF()))

@@ -128,6 +128,7 @@ def test_pilot_with_another_perturbation_and_amplitude():
     assert str(pilot) == "prbs of 0.02 rad"
 
 
+@pytest.mark.slow
 def test_realizations_that_differ_need_more_of_them():
     # Each third realization is of a joint that is half as stiff again: as much scatter as no noise alone gives.
     ensemble = ensemble_of(40.0, "sine", "noise")
@@ -178,6 +179,7 @@ def test_code_of_the_page_runs(capsys, monkeypatch):
     assert "with birf and prbs of 0.0087 rad:" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_verified():
     plan = tv.plan(ensemble_of(40.0, "sine", "noise"), 8.0, methods=["birf"])
     assert plan.best.method == "birf"

@@ -66,6 +66,7 @@ def test_a_delay_under_a_perturbation_is_found_within_a_few_samples():
     assert 0.002 < shifts.std() < 0.010
 
 
+@pytest.mark.slow
 def test_simulated_trials_have_their_voluntary_torque_aligned_to_the_sample():
     simulation = simulated(1)
     voluntary = tv.preprocess.prepare(

@@ -23,6 +23,7 @@ def test_the_torque_is_taken_so_much_earlier(delay):
         np.testing.assert_array_equal(np.diff(mended.channels["emg"][trial]).round(9), 0.001)
 
 
+@pytest.mark.slow
 def test_what_was_done_is_stated_from_recording_to_model(tmp_path):
     noise = tv.simulate.FilteredNoise()
     recording = tv.simulate.Joint().simulate(40, perturbation=noise, snr_db=20, seed=1).recording

@@ -95,6 +95,7 @@ def test_prepared_ensembles_identify_with_stiffness_near_the_truth(which):
     assert abs(np.mean(unmoved_biases)) < 0.5 * abs(np.mean(biases))
 
 
+@pytest.mark.slow
 def test_the_recording_is_untouched_and_the_result_repeatable():
     recording = simulated(3).recording
     torque = recording.torque.copy()

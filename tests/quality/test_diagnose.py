@@ -167,6 +167,7 @@ def test_what_was_given_is_not_altered(clean):
     np.testing.assert_array_equal(clean.torque, before)
 
 
+@pytest.mark.slow
 @given(
     st.integers(0, 10_000), st.integers(2, 20), st.integers(60, 150), st.sampled_from([0, 12, 30]),
     st.sampled_from([20.0, 100.0, 500.0]), st.integers(0, 4),

@@ -275,6 +275,7 @@ def test_slow_noise_that_moves_the_angle_is_found_with_the_reference(actuator, w
         assert "hardly moves the angle" in unrelated["loop-bias"].what
 
 
+@pytest.mark.slow
 def test_a_reflex():
     assert set(found(faults.reflexive(8.0))) >= {"reflex"}
 
@@ -324,6 +325,7 @@ def test_half_of_the_realizations_of_another_behaviour(perturbation, differently
     assert findings["scattered-realizations"].value > least
 
 
+@pytest.mark.slow
 def test_strengths_grow_with_the_fault():
     strengths = [tv.diagnose(cut(faults.softening(brief(), share))).checks for share in (0.0, 0.2, 0.4, 0.6)]
     drifts = [next(check.value for check in checks if check.name == "drift") for checks in strengths]

@@ -87,6 +87,7 @@ print(1024 * used.ru_maxrss, used.ru_utime + used.ru_stime)
     assert seconds < 20  # all six; a loaded machine is no excuse, for this is processor time
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_a_library_that_does_not_answer(sound):
     pytest.importorskip("ezc3d", reason="ezc3d is not installed")
     assert_sound(sound)
@@ -130,6 +131,7 @@ def test_sigterm_ends_the_command_and_what_it_started():
     ends_within(child[0], 10.0)
 
 
+@pytest.mark.slow
 def test_it_starts_again_after_its_end_and_for_a_fork(sound):
     assert_sound(sound)
     first = process._reader.process
@@ -149,6 +151,7 @@ def test_a_wedged_process_is_ended_by_the_clock(sound, monkeypatch):
         describe_file(sound)
 
 
+@pytest.mark.slow
 def test_paths_are_those_of_the_one_who_asks(sound, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert_sound(Path("sound.npz"))

@@ -149,6 +149,7 @@ def assert_same(one, two):
             np.testing.assert_array_equal(values, getattr(two, name), strict=isinstance(values, np.ndarray))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", [".nc", ".mat"])
 @given(recording=recordings())
 def test_a_recording_is_read_back_unchanged(tmp_path_factory, ending, recording):
@@ -157,6 +158,7 @@ def test_a_recording_is_read_back_unchanged(tmp_path_factory, ending, recording)
     assert_same(load_recording(file), recording)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", [".nc", ".mat"])
 @given(ensemble=ensembles())
 def test_an_ensemble_is_read_back_unchanged(tmp_path_factory, ending, ensemble):

@@ -130,6 +130,7 @@ def test_a_single_realization_has_a_page_too(tmp_path):
     assert found.vaf_over_time() == {}  # and no axes for it
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::tvsysid.errors.DataQualityWarning")
 def test_the_paragraph_says_whose_stiffness_includes_the_reflex():
     simulation = tv.simulate.ReflexJoint(reflex_gain=8.0).simulate(

@@ -115,6 +115,7 @@ def test_what_was_run_can_be_run_again(elements, study):
     assert "9 of 36" in table(elements, "Settings of the study")
 
 
+@pytest.mark.slow
 def test_no_file_is_shown_that_could_not_name_an_object(tmp_path, study):
     results, summary = study
     for setting, shown in (

@@ -20,6 +20,7 @@ def test_visits_stand_in_their_order_with_their_bands(sheet_page, identified):
     assert told.endswith("–none none")  # the held-out VAF of adaptive is not known here; no fault of the data
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("sketched")
 def test_one_visit_says_its_answer(identified, tmp_path):
     tv.recordings.write_models(tmp_path / "models.nc", dict(identified.found.models), about=facts(identified))

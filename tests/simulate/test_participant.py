@@ -9,6 +9,7 @@ from tests.virtual import perfect, prepared, simulated
 import tvsysid as tv
 
 
+@pytest.mark.slow
 def test_the_papers_protocol():
     maximal_torque = tv.simulate.Traits.of(1).maximal_torque
     for perturbation in tv.simulate.PERTURBATIONS:

@@ -161,6 +161,7 @@ def tiny(installed, monkeypatch):
     monkeypatch.setattr(leaderboard, "study_of", lambda *given, **also: version.study_of(*given, **TINY | also))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("tiny")
 def test_the_command_ranks_entries_of_packages_in_scenarios_of_packages(tvsysid, tmp_path):
     secret = 3**50
@@ -184,6 +185,7 @@ def test_the_command_ranks_entries_of_packages_in_scenarios_of_packages(tvsysid,
     assert "Not leaderboard 1: its scenarios or trials were changed." in text
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("tiny")
 def test_the_page_is_the_same_whenever_and_wherever_it_is_made(tvsysid, tmp_path, monkeypatch):
     monkeypatch.setitem(TINY, "methods", ("birf", "sds"))

@@ -84,6 +84,7 @@ def test_a_study_is_held_against_what_was_published_of_it(results):
     assert reflex.published(joint) is not reflex.LITERATURE
 
 
+@pytest.mark.slow
 def test_both_pathways_are_drawn_with_their_truth(results):
     scores = score(results)
     assert (

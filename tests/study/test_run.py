@@ -113,6 +113,7 @@ def test_few_trials_are_under_way_at_a_time():
     assert 2 <= executor.most <= 6
 
 
+@pytest.mark.slow
 def test_own_method_enters(results):
     both = run(Study(**SMALL | {"methods": ["sds", Mine()]}), workers=1)
     assert list(both.method_key.values) == ["sds", "Mine(fault='')"]
@@ -124,6 +125,7 @@ def test_own_method_enters(results):
     assert len(table[table.method == "Mine(fault='')"]) == len(table[table.method == "sds"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "reason"),
     [
@@ -150,6 +152,7 @@ def test_a_method_that_fails_is_marked_and_spoils_no_other(fault, reason):
         ).all()
 
 
+@pytest.mark.slow
 def test_a_method_that_ends_its_process_spoils_no_other():
     study = Study(duration_s=40, trials=3, perturbation="prbs", methods=["sds", Mine("dies"), "birf"])
     found = run(study, workers=1)
@@ -212,6 +215,7 @@ def test_an_executor_that_was_shut_down_gives_up_plainly():
         run(Study(duration_s=40, trials=1, methods="sds"), executor=executor)
 
 
+@pytest.mark.slow
 def test_a_method_that_finds_nothing_has_failed():
     found = run(Study(duration_s=40, trials=1, perturbation="prbs", methods=["sds", Mine("nothing")]), workers=1)
     assert found.failure.values.ravel()[1] == "it found no stiffness at any time"

@@ -45,6 +45,7 @@ def noisy(random, trials, spread=3.0, bias=2.0):
     return truth + bias + spread * random.normal(size=(trials, 200))
 
 
+@pytest.mark.slow
 def test_summary_holds_every_metric(results):
     table = summarize(score(results))
     assert tuple(table.columns) == COLUMNS

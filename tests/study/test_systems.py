@@ -193,6 +193,7 @@ class Halves:
         return self
 
 
+@pytest.mark.slow
 def test_each_pathway_is_scored():
     methods = [Halves(), "birf"]
     found = run(Study(system="reflex", duration_s=20, **SHORT | {"methods": methods, "trials": 2}), workers=1)
@@ -205,6 +206,7 @@ def test_each_pathway_is_scored():
     assert (table.standard_error > 0).all()
 
 
+@pytest.mark.slow
 def test_further_scenarios_may_have_methods_of_their_own(tmp_path):
     also = [{"duration_s": 12, "methods": ["sds", "eirf"]}, {"perturbation": "pulses"}]
     study = Study(system="reflex", duration_s=20, **SHORT | {"methods": ["birf", "sds"]}, also=also)

@@ -76,6 +76,7 @@ class Counting:
         return tv.BasisIRF().identify(ensemble)
 
 
+@pytest.mark.slow
 def test_the_same_draw_is_identified_once(tmp_path):
     write_trials(tmp_path)
     log = tmp_path / "asked.txt"
@@ -259,6 +260,7 @@ def moved(tmp_path):
     }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_recording_that_is_mended_is_done_and_the_others_are_kept(tmp_path):
     folder, settings = moved(tmp_path)
     first = run(Experiment(**settings, folder=folder), store=folder / "r.zarr", workers=1).load()
@@ -281,6 +283,7 @@ def test_a_recording_that_is_mended_is_done_and_the_others_are_kept(tmp_path):
         read_results(folder / "r.zarr")
 
 
+@pytest.mark.slow
 def test_what_is_known_of_the_recordings_is_verified_too(tmp_path):
     folder, settings = moved(tmp_path)
     experiment, store = Experiment(**settings, folder=folder), folder / "r.zarr"

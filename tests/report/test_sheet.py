@@ -23,7 +23,8 @@ def test_visits_stand_in_their_order_with_their_bands(sheet_page, identified):
 @pytest.mark.slow
 @pytest.mark.usefixtures("sketched")
 def test_one_visit_says_its_answer(identified, tmp_path):
-    tv.recordings.write_models(tmp_path / "models.nc", dict(identified.found.models), about=facts(identified))
+    tv.recordings.write_models(tmp_path / "models.nc", dict(identified.found.models))
+    tv.recordings.describe_models(tmp_path / "models.nc", facts(identified))
     tv.report.write_sheet(tmp_path / "sheet.html", [tmp_path])
     told = " ".join(text for _, text in Elements((tmp_path / "sheet.html").read_text()).of("p"))
     assert "stiffness by adaptive, the one to go by: " in told

@@ -10,8 +10,6 @@ from tvsysid.cli.console import say
 from tvsysid.cli.running import command_line
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from matplotlib.figure import Figure
 
     from tvsysid.comparison import Comparison
@@ -21,31 +19,25 @@ if TYPE_CHECKING:
 def write_results(found: Comparison, out: Path, name: str) -> list[str]:
     """Write models and estimates, and draw these; returns the files' names but ``models.nc``, not final yet."""
     from tvsysid.figures import identified_impedance, variable_of
-    from tvsysid.recordings import whole_file
+    from tvsysid.recordings import whole_file, write_models
 
     title = _title(name, found)
     with whole_file(out / "stiffness.csv") as table:
         found.over_time().to_csv(table, index=False, float_format="%.6g")
-    _write_models(found, out, {})
+    models = {label.replace("/", "_"): each for label, each in found.models.items()}
+    write_models(out / "models.nc", models, found.ensemble)
     over = variable_of(found.models, found.ensemble)
     _save(identified_impedance(found.models, found.vaf_over_time(), title, over), out / "stiffness")
     return ["stiffness.csv", "stiffness.png", "stiffness.pdf", *_write_scheduled(found, out, title)]
 
 
-def _write_models(found: Comparison, out: Path, about: Mapping[str, str | float]) -> None:
-    """Write the models, and what is said about them."""
-    from tvsysid.recordings import write_models
-
-    models = {label.replace("/", "_"): each for label, each in found.models.items()}
-    write_models(out / "models.nc", models, found.ensemble, about)
-
-
 def write_account(account: Account, out: Path, sheet: bool) -> list[str]:
-    """Write models with what is known of them, the page, and a sheet if it was asked for; returns the files' names."""
+    """Add what is known to the models' file, and write the page, and a sheet if asked for; returns the files' names."""
+    from tvsysid.recordings import describe_models
     from tvsysid.report import write_identification, write_sheet
     from tvsysid.report.sheet import facts
 
-    _write_models(account.found, out, facts(account))
+    describe_models(out / "models.nc", facts(account))
     write_identification(out / "report.html", account, command_line())
     if sheet:
         write_sheet(out / "sheet.html", [out])

@@ -25,6 +25,8 @@ def warn_of_references(
 
     The file is read anew with each of them, by ``read`` of a list of NAME=CHANNEL.
     """
+    from threadpoolctl import threadpool_limits
+
     from tvsysid import preprocess
     from tvsysid.methods.base import inputs_of
     from tvsysid.recommendation import moving
@@ -37,7 +39,7 @@ def warn_of_references(
     shapes = {channels[name].shape for name in known if name in channels}
     others = [name for name in channels if name not in known and channels[name].shape in shapes]
     for name in others[:MOST]:
-        with suppress(InputError), warnings.catch_warnings():
+        with suppress(InputError), warnings.catch_warnings(), threadpool_limits(1):
             warnings.simplefilter("ignore")  # what is doubtful in a channel that is not used
             cut = preprocess.segment(
                 read([f"{name}={name}"]), ensemble.duration, ensemble.context / ensemble.sampling_rate

@@ -9,8 +9,8 @@ import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields
+from io import BytesIO
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -73,12 +73,7 @@ def write_simulation(path: str | Path, columns: Mapping[str, NDArray[np.float64]
             pd.DataFrame(dict(columns)).to_csv(temporary, sep=separator, index=False, float_format="%.9g")
 
 
-def write_models(
-    path: str | Path,
-    models: Mapping[str, Model],
-    ensemble: Ensemble | None = None,
-    about: Mapping[str, str | float] = MappingProxyType({}),
-) -> None:
+def write_models(path: str | Path, models: Mapping[str, Model], ensemble: Ensemble | None = None) -> None:
     """Write models to a NetCDF file, one group for each; ``xarray.open_datatree`` reads it.
 
     A group holds what :meth:`tvsysid.Model.to_xarray` returns: every estimate, its standard error, degrees of freedom
@@ -87,8 +82,8 @@ def write_models(
 
     Parameters
     ----------
-    path, models, ensemble, about
-        File to write; models by name of the group; the ensemble whose torque is written too; attributes of the file.
+    path, models, ensemble
+        File to write; models by name of the group; the ensemble whose torque is written too.
 
     Examples
     --------
@@ -108,12 +103,20 @@ def write_models(
     import xarray as xr  # noqa: PLC0415  # heavy
 
     groups = {name: _without_complex(model.to_xarray(ensemble)) for name, model in models.items()}
-    attributes = {name: printable(each) if isinstance(each, str) else each for name, each in about.items()}
-    content = xr.DataTree.from_dict({"/": xr.Dataset(attrs=attributes), **groups}).to_netcdf(
-        engine="h5netcdf"
-    )  # HDF5 itself crashes where a disk is full
+    content = xr.DataTree.from_dict(groups).to_netcdf(engine="h5netcdf")  # HDF5 itself crashes where a disk is full
     with whole_file(path) as temporary:
         temporary.write_bytes(content)
+
+
+def describe_models(path: str | Path, about: Mapping[str, str | float]) -> None:
+    """Add what is known of models, as attributes, to a file of :func:`write_models`."""
+    import h5py  # noqa: PLC0415  # heavy
+
+    content = BytesIO(Path(path).read_bytes())
+    with h5py.File(content, "r+") as root:
+        root.attrs.update({name: printable(each) if isinstance(each, str) else each for name, each in about.items()})
+    with whole_file(path) as temporary:
+        temporary.write_bytes(content.getvalue())
 
 
 def _without_complex(dataset: xr.Dataset) -> xr.Dataset:

@@ -29,6 +29,7 @@ DEFAULT_METHODS = ["adaptive", "eirf", "sds", "birf", "esm", "kbr"]  # of tvsysi
 SCHEDULED_METHODS = ["lpv", "lpvkbi"]  # with a scheduling variable
 SHOWN = 7  # values of a variable at which estimates are printed
 PIECES = 2.0  # seconds of the pieces that are diagnosed, and searched for a delay, where there is no period
+USUAL_RATE = 100.0  # Hz
 SLOW_RATE = 250.0  # Hz from which on identifying without decimation takes minutes
 
 
@@ -152,8 +153,9 @@ def identify(
         if decimate is not None:
             recording = preprocess.decimate(recording, decimate, sharp=period is None)
         if recording.sampling_rate > SLOW_RATE:
-            text = "takes minutes, where seconds do; --decimate 100 is usual, and enough for a joint"
-            remark("note", f"identifying at {recording.sampling_rate:g} Hz {text} (Ctrl-C, and give it)")
+            slow = f"identifying at {recording.sampling_rate:g} Hz takes minutes, where seconds do"
+            better = f"--decimate {usual_rate(recording.sampling_rate)} is usual, and enough for a joint"
+            remark("note", f"{slow}; {better} (Ctrl-C, and give it)")
         deviating = [name for name in deviating_channels(chosen) if name in recording.channels]
         ensemble = preprocess.segment(recording, period, context)
         if len(ensemble) > 1 or period is not None:
@@ -191,6 +193,13 @@ def identify(
     say_written(out, [*written, *write_tuning(found, out)])
     if found.failed:
         raise typer.Exit(1)
+
+
+def usual_rate(recorded: float) -> str:
+    """Rate in Hz to decimate to, in words of an option."""
+    from tvsysid.preprocess.segment import fitting_rates
+
+    return f"{fitting_rates(recorded, USUAL_RATE)[0]:g}"
 
 
 def _aligned(recording: Recording, period: float, context: float) -> Recording:

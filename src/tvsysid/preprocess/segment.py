@@ -53,6 +53,13 @@ def check_seconds(step: str, *, positive: bool = False, **durations: float) -> N
             raise InputError(f"{step}: {name} must be {expected}, got {seconds!r}")
 
 
+def fitting_rates(recorded: float, rate: float) -> list[float]:
+    """Rates in Hz to which one can decimate, in whole Hz where there are such, the nearest to ``rate`` first."""
+    every = [recorded / r for r in range(1, max(2, int(recorded)))]
+    whole = [fit for fit in every if fit == round(fit)] or every
+    return sorted(whole, key=lambda fit: abs(fit - rate))
+
+
 def decimate(recording: Recording, rate: float, *, sharp: bool = False) -> Recording:
     r"""Low-pass and keep every r-th sample, r being the ratio of the rates.
 
@@ -81,9 +88,7 @@ def decimate(recording: Recording, rate: float, *, sharp: bool = False) -> Recor
     ratio = recording.sampling_rate / rate
     factor = round(ratio)
     if factor < 1 or abs(ratio - factor) > 1e-9 * ratio:
-        every = [recording.sampling_rate / r for r in range(1, max(2, int(recording.sampling_rate)))]
-        whole = [fit for fit in every if fit == round(fit)] or every
-        fits = sorted(sorted(whole, key=lambda fit: abs(fit - rate))[:4])
+        fits = sorted(fitting_rates(recording.sampling_rate, rate)[:4])
         raise InputError(
             f"decimate: {recording.sampling_rate:g} Hz is not a whole multiple of {rate:g} Hz; "
             f"rates that fit nearby: {', '.join(f'{fit:g}' for fit in fits)} Hz"

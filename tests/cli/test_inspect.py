@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from tests.cli.conftest import IDENTIFY
 
+from tvsysid.cli.identify import usual_rate
+
 
 def test_inspect_lists_and_draws(tvsysid, tmp_path):
     tvsysid("simulate", "joint.mat", "--duration", 4)
@@ -58,3 +60,8 @@ def test_inspect_of_a_file_with_many_channels_and_none(tvsysid):
     assert "text" in out
     np.savez("none.npz", note=np.array("hello"))
     assert "no signals to draw" in tvsysid("inspect", "none.npz")[1]
+
+
+@pytest.mark.parametrize(("recorded", "usual"), [(1000, "100"), (1024, "128"), (2048, "128"), (960, "96"), (80, "80")])
+def test_the_usual_rate_divides_that_of_the_recording(recorded, usual):
+    assert usual_rate(recorded) == usual

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 OVER_TIME = (("time",), ("realization", "time"))
 LETTERS = 44  # of a title above axes of 3.6 inches
+REMARK_LETTERS = 64  # of a line of a remark within these axes
 WIDE = 1.6  # multiple of the upper quartile of the methods' reaches beyond which one is drawn by thin lines
 
 
@@ -185,11 +186,14 @@ def _limit(axes: Axes, found: Mapping[str, Found], wide: set[str]) -> None:
     # What hardly changes shall not look as if it did.
     room = max(0.15 * (high - low), (0.15 * max(abs(low), abs(high)) - (high - low)) / 2) or 1.0
     axes.set_ylim(low - room, high + room)
-    far = {label: found[label].extent for label in found if label in wide}
-    cut = [label for label, (least, most) in far.items() if least < low - room or most > high + room]
+    reached = {label: (np.nanmin(each.values), np.nanmax(each.values)) for label, each in found.items()}
+    cut = [
+        f"{label} ({least:.4g} to {most:.4g})"
+        for label, (least, most) in reached.items()
+        if least < low - room or most > high + room
+    ]
     if cut:
-        least, most = far[cut[0]]
-        text = f"cut off: {', '.join(cut)}" + (f" ({least:.3g} to {most:.3g})" if len(cut) == 1 else "")
+        text = fill(f"cut off: {', '.join(cut)}", REMARK_LETTERS)
         paper = {"facecolor": "white", "alpha": 0.8, "edgecolor": "none", "pad": 1.5}
         told = axes.text(0.01, 0.99, text.replace("-", "−"), transform=axes.transAxes, va="top", fontsize=7, bbox=paper)
         told.set_in_layout(False)

@@ -27,6 +27,7 @@ CASES = [
     (BY_VARIABLE | {"reflex held out": -0.1, "curvature held out": -0.1}, f"{LPVKBI},reflex=false,order=1"),
     (BY_VARIABLE | {"curvature held out": -0.1}, LPVKBI),
     (BY_VARIABLE | {"reflex held out": math.nan}, LPVKBI),
+    ({"wrong period": 47, "evidence of few harmonics": 9}, None),
     ({"information": 1}, None),
     ({"feedback": 30}, None),
     ({"mean stiffness": -60}, None),

@@ -123,6 +123,19 @@ def test_reversed_torque_warns_in_one_line_whatever_the_number_of_methods(tvsysi
     assert re.fullmatch(r"warning: stiffness is negative at [\d to]+ % of the samples: .* \(sds, birf\)\n", err)
 
 
+@pytest.mark.slow
+@pytest.mark.usefixtures("undrawn", "not_held_out")
+def test_a_wrong_period_is_said_right_under_the_answer(tvsysid):
+    tvsysid("simulate", "joint.mat", "--duration", 60)
+    options = [1.9 if each == 2 else each for each in IDENTIFY]
+    code, out, _ = tvsysid("identify", "joint.mat", *options, "--method", "birf")
+    assert code == 0
+    _, first, warning, *rest = out.splitlines()
+    assert first.startswith("stiffness by birf: ")
+    assert warning.startswith("  the behaviour does not repeat every 1.9 s (wrong-period: stiffness varies by ")
+    assert any(line.startswith("method for these data: no method is right: the behaviour does not") for line in rest)
+
+
 def test_a_high_rate_is_said_before_the_work_begins(tvsysid):
     tvsysid("simulate", "joint.mat", "--duration", 10)
     _, _, err = tvsysid(

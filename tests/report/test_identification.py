@@ -118,6 +118,23 @@ def test_what_follows_a_variable_comes_first_and_an_impossible_sign_is_said(tmp_
 
 
 @pytest.mark.usefixtures("sketched")
+def test_a_wrong_period_is_said_with_the_answer_and_no_method_is_recommended(tmp_path):
+    simulation = tv.simulate.Joint().simulate(80, perturbation=tv.simulate.PRBS(), snr_db=10, seed=1)
+    ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 1.9)  # of 2 s
+    found = tv.compare(tv.preprocess.subtract_mean(ensemble), ["sds", "birf"])
+    account = tv.report.Account(found, diagnosis=found.recommendation.diagnosis)
+    assert not any("wrong-period" in line for line in answer(found))
+    warning = answer(found, account.diagnosis)[1]
+    assert warning.startswith("the behaviour does not repeat every 1.9 s (wrong-period: stiffness varies by ")
+    assert "of its mean with 2 s, beside what repeats every 1.9 s), so that its time variation averages out" in warning
+    tv.report.write_identification(tmp_path / "report.html", account)
+    told = Elements((tmp_path / "report.html").read_text())
+    assert "The behaviour does not repeat every 1.9 s (wrong-period: " in section(told, "outcome")
+    assert "no method is right: the behaviour does not repeat every 1.9 s" in section(told, "suited")
+    assert found.recommendation.suited == ()
+
+
+@pytest.mark.usefixtures("sketched")
 def test_a_single_realization_has_a_page_too(tmp_path):
     ensemble = ensemble_of(20.0).select([0])
     found = tv.compare(ensemble, ["kbr"])

@@ -222,7 +222,7 @@ def _show_impedance(account: Account) -> None:
     from tvsysid.report.answer import answer
 
     found = account.found
-    if len(lines := answer(found)) > 1:  # more than the table says
+    if len(lines := answer(found, account.diagnosis)) > 1:  # more than the table says
         say("\n  ".join(lines))
     headings = ["method", "mean", "95 %\nband", "lowest, at", "highest, at", "inertia", "VAF", "VAF\nheld\nout"]
     rows = [

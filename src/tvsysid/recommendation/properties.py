@@ -39,7 +39,7 @@ def measured_in(
     measured["information"] = (information, "realizations at 0 dB")
     seen = {check.name: abs(check.value) for check in diagnosis.checks if check.found}
     seen |= {check.name: abs(check.value) for check in diagnosis.uncertain if check.name == "loop-bias"}
-    for name in ("reflex", "feedback", "loop-bias", "scattered-realizations"):
+    for name in ("reflex", "feedback", "loop-bias", "wrong-period", "scattered-realizations"):
         measured[name.replace("-", " ")] = (seen.get(name, math.nan), "%")
     measured["slow noise"] = (_slowness(diagnosis), "dB")
     low = lowered(ensemble)

@@ -20,7 +20,7 @@ class Rule(NamedTuple):
     ``conditions`` are ``property > limit`` or ``property < limit``, in the property's unit. The first of the
     ``methods``, as typed on the command line, that applies is recommended; there is none where none is right. ``why``
     is a sentence, with values of properties in it; ``scenario`` is the kind of data in ``benchmarks/recommend.py`` that
-    shows it.
+    shows it, empty where none does.
     """
 
     conditions: tuple[str, ...]
@@ -45,6 +45,13 @@ RULES = (
         "follows a variable",
     ),
     Rule(("scheduling variable > 0",), BY_VARIABLE, FOLLOWS, "follows a variable"),
+    Rule(
+        ("wrong period > 0",),
+        (),
+        "the behaviour does not repeat every {duration:g} s, so that its time variation averages out whatever the "
+        "method; cut with the true period, if it has one",
+        "",
+    ),
     Rule(
         ("information < 2",),
         (),

@@ -66,8 +66,8 @@ class Further(NamedTuple):
     half_band: float
 
 
-def answer(found: Comparison) -> list[str]:
-    """Stiffness by the method to go by: over a variable, over time; an impossible sign; how it changes."""
+def answer(found: Comparison, diagnosis: Diagnosis | None = None) -> list[str]:
+    """Stiffness by the method to go by: over a variable, over time; an impossible sign, a wrong period; its changes."""
     label = found.leading
     model = found.models[label]
     lines = _over_variable(found, label)
@@ -88,6 +88,12 @@ def answer(found: Comparison) -> list[str]:
             "no joint has a negative stiffness: the torque's sign is probably reversed; read it with --torque-sign -1 "
             "(in Python torque_sign=-1), or without that"
         )
+    lines += [
+        f"the behaviour does not repeat every {found.ensemble.duration:g} s ({each.name}: {each.what}), so that its "
+        f"time variation averages out; {each.fault.remedy}"
+        for each in (() if diagnosis is None else diagnosis.findings)
+        if each.name == "wrong-period"
+    ]
     return lines + (changes(model) if isinstance(model, AdaptiveModel) else [])
 
 

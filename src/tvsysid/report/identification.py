@@ -122,8 +122,8 @@ def _illustrations(account: Account) -> dict[str, Illustration]:
 def _outcome(account: Account, figures: list[page.Block]) -> page.Section:
     """The answer in a box, in pictures and in numbers."""
     found, label = account.found, account.found.leading
-    first, *rest = answer(found)
-    lines = [_sentence(first), *([_sentence("; ".join(rest))] if rest else [])]
+    first, *rest = answer(found, account.diagnosis)
+    lines = [_sentence(first), *([" ".join(map(_sentence, rest))] if rest else [])]
     reflex = reflex_found(account)
     if reflex and label in one_pathway(found):
         lines.append(f"Part of this stiffness is a reflex: {reflex}.")

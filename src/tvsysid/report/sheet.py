@@ -47,7 +47,7 @@ def facts(account: Account) -> dict[str, str | float]:
     return {
         "tvsysid": __version__,
         "leading": _group(label),
-        "answer": "; ".join(answer(found)),
+        "answer": "; ".join(answer(found, account.diagnosis)),
         "file": account.source.get("file", ""),
         "data": f"{len(found.ensemble)} × {found.ensemble.duration:g} s",
         "faults": "not diagnosed" if names is None else names or "none",

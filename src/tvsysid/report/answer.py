@@ -76,7 +76,8 @@ def answer(found: Comparison, diagnosis: Diagnosis | None = None) -> list[str]:
         return lines or [f"{label} estimates no stiffness over time"]
     lower, upper = found.bands[label]["stiffness"]
     band = mean_of(upper - lower) / 2
-    role = ", the one to go by" if isinstance(model, AdaptiveModel) else ""
+    wrong = [each for each in (() if diagnosis is None else diagnosis.findings) if each.name == "wrong-period"]
+    role = ", the one to go by" if isinstance(model, AdaptiveModel) and not wrong else ""
     single = len(found.ensemble) > 1 and "realization" in model.estimates["stiffness"].axes
     without = "a mean over realizations, of which each has a band of its own" if single else "without a band"
     lines.append(
@@ -91,8 +92,7 @@ def answer(found: Comparison, diagnosis: Diagnosis | None = None) -> list[str]:
     lines += [
         f"the behaviour does not repeat every {found.ensemble.duration:g} s ({each.name}: {each.what}), so that its "
         f"time variation averages out; {each.fault.remedy}"
-        for each in (() if diagnosis is None else diagnosis.findings)
-        if each.name == "wrong-period"
+        for each in wrong
     ]
     return lines + (changes(model) if isinstance(model, AdaptiveModel) else [])
 

@@ -12,9 +12,10 @@ from tests.drawing import draw
 import tvsysid as tv
 from tvsysid.errors import InputError
 from tvsysid.methods.travel import pickled
-from tvsysid.planning import Curve, Pilot, Protocol
+from tvsysid.planning import Answer, Curve, Pilot, Plan, Protocol
 from tvsysid.planning.answers import HALF
 from tvsysid.planning.curves import Errors, excesses, sizes, uncertainty
+from tvsysid.planning.setups import seconds_of
 
 COUNTS = np.array([5.0, 10.0, 20.0, 40.0, 80.0, 160.0, 320.0])
 
@@ -162,6 +163,31 @@ def test_answers(planned):
     few, many = (planned.curves[setup, "esm:stiffness=fit"].at(80).random for setup in reversed(planned.setups))
     assert many / few == pytest.approx(0.02 / Protocol().amplitude, rel=0.15)
     assert "<table>" in planned._repr_html_()
+
+
+@pytest.mark.parametrize(("context", "period"), [(0.0, 2.0), (0.5, 2.0), (0.5, 1.5), (0.5, 0.3)])
+def test_recording_that_is_planned_holds_its_realizations(context, period):
+    ensemble = ensemble_of(40.0, "sine", "noise")
+    pilot = replace(
+        Pilot.of(ensemble.select(np.arange(3))), context=round(100 * context), stiffness=np.ones(round(100 * period))
+    )
+    seconds = seconds_of(pilot, 19)
+    recording = tv.Recording(*np.random.default_rng(0).normal(size=(2, round(100 * seconds))), 100.0)
+    assert len(tv.preprocess.segment(recording, period, context)) == 19
+    less = tv.Recording(recording.angle[: -round(100 * period)], recording.torque[: -round(100 * period)], 100.0)
+    assert len(tv.preprocess.segment(less, period, context)) < 19
+    if context:
+        assert seconds_of(Protocol(period=period), 19) == seconds
+
+
+def test_duration_is_never_rounded_down():
+    setup = Protocol(period=1.5)
+    answer = Answer(str(setup), "birf", 19, seconds_of(setup, 19), 4.0, 1.0, 0.1)
+    plan = Plan(5.0, None, {str(setup): setup}, {}, {}, (answer,))
+    assert str(plan).endswith("19 realizations of 1.5 s; record 31.5 s, as those at both ends lack context.")
+    assert plan.table()["minutes"].item() == 31.5 / 60
+    texts = [answer._replace(seconds=seconds).duration for seconds in (28.51, 3 * 0.1, 119.99, 120.0, 121.0)]
+    assert texts == ["28.6 s", "0.3 s", "120 s", "2 min", "2.1 min"]
 
 
 def test_picture(planned):

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from tvsysid.signals import Ensemble
 
 METHODS = ["adaptive", "sds", "birf", "kbr"]  # of tvsysid.planning, which takes long to import
+TRUSTED = 20  # realizations from which on plans and bands are no best case
 TOLD = 1.1  # times as much scatter as simulated, from which on it is said
 STATED = ("system", "stiffness", "noise", "snr")  # what a pilot shows by itself
 
@@ -74,9 +75,10 @@ def plan(
     how many realizations it needs. A second simulation, of a joint whose stiffness steps, says how fast a change each
     method can follow.
 
-    Prints the shortest recording that suffices, and for each method: realizations and minutes, half the width of the
-    95 % band that they give, bias (which no band counts), and the time in which it follows a step. Where no number
-    suffices, it says why. Writes `plan.png` and `plan.csv` to the folder.
+    Prints the shortest recording that suffices, and for each method: realizations, how long to record (with those at
+    both ends that lack context), half the width of the 95 % band that they give, bias (which no band counts), and the
+    time in which it follows a step. Where no number suffices, it says why. Writes `plan.png` and `plan.csv` to the
+    folder.
 
     Example: `tvsysid plan --precision 5 --perturbation noise --perturbation prbs --amplitude 0.01 --noise 0.3`
 
@@ -146,14 +148,16 @@ def _cut(recording: Any, decimate: float | None, period: float, context: float) 
 def _show(found: Plan) -> None:
     """Print the answer, for each setup a row for each method, and why some do not suffice."""
     say((str(found), "bold"))
-    headings = ["method", "realizations", "minutes", "± reached", "bias", "follows a\nstep in"]
+    if found.best and (found.best.realizations or 0) < TRUSTED:
+        say(f"with fewer than {TRUSTED} realizations this is the best case: record {TRUSTED}")
+    headings = ["method", "realizations", "record", "± reached", "bias", "follows a\nstep in"]
     for setup in found.setups:
         answers = [each for each in found.answers if each.setup == setup]
         rows = [
             (
                 each.method,
-                "none" if each.realizations is None else str(each.realizations),
-                "-" if each.realizations is None else _number(each.seconds / 60),
+                f"{each.realizations or 'none'}{' *' if each.why else ''}",
+                "-" if each.realizations is None else each.duration,
                 _number(each.half_width),
                 _number(each.bias),
                 _number(each.rise_time, "{:.2f} s"),
@@ -163,7 +167,7 @@ def _show(found: Plan) -> None:
         show_table(setup, headings, rows)
         for each in answers:
             if each.why:
-                say(f"  {each.method} does not suffice: {each.why}")
+                say(f"  * {each.method} does not suffice: {each.why}")
             if each.excess > TOLD:
                 say(f"  {each.method} scatters {each.excess:.2g} times as much in the pilot as simulated: counted")
     say("± reached: half the 95 % band that so many realizations give; bias is not in it (N·m/rad)")
@@ -173,21 +177,20 @@ def _verify(found: Plan) -> None:
     with progress("verifying") as advance:
         verified = found.verify(progress=advance)
     bias = {(each.setup, each.method): each.bias for each in found.answers}
-    rows = [
-        (
-            f"{each.method}, {each.setup}" if len(found.setups) > 1 else each.method,
-            str(each.realizations),
-            f"{each.predicted:.2f}",
-            f"{each.reached:.2f}",
-            f"{100 * (each.predicted / each.reached - 1):+.0f} %",
-            f"{found.multiple * math.hypot(each.reached, bias[each.setup, each.method]):.1f}",
-        )
-        for each in verified
-    ]
+    rows, missed = [], []
+    for each in verified:
+        name = f"{each.method}, {each.setup}" if len(found.setups) > 1 else each.method
+        total = found.multiple * math.hypot(each.reached, bias[each.setup, each.method])
+        difference = f"{100 * (each.predicted / each.reached - 1):+.0f} %"
+        errors = f"{each.predicted:.2f}", f"{each.reached:.2f}", difference, f"{total:.2f}"
+        rows.append((name, str(each.realizations), *errors))
+        if total > found.precision:
+            missed.append(f"{name} misses the wish: ± {total:.2f} with {each.realizations} realizations")
     headings = ["method", "realizations", "predicted", "reached", "difference"]
     headings.append(f"± with bias,\nwish ± {found.precision:g}")
     if rows:
         show_table(f"random error (N·m/rad), {verified[0].trials} trials", headings, rows)
+        say("\n".join(["difference: predicted over reached, less 1", *missed]))
 
 
 def _number(value: float, text: str = "{:.1f}") -> str:

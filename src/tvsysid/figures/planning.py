@@ -10,6 +10,7 @@ import numpy as np
 
 from tvsysid.figures import style
 from tvsysid.planning import Plan
+from tvsysid.planning.setups import seconds_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -41,17 +42,17 @@ def planned_recording(plan: Plan, title: str = "") -> Figure:
 def _against_minutes(axes: Axes, plan: Plan, setup: str, looks: dict[str, style.Look]) -> None:
     from matplotlib.ticker import LogLocator  # noqa: PLC0415  # heavy
 
-    minutes = plan.setups[setup].period / 60
     for answer in (each for each in plan.answers if each.setup == setup):
         curve, look = plan.curves[setup, answer.method], looks[answer.method]
         if not curve.realizations.size:
             continue
         counts = np.geomspace(curve.realizations[0], curve.realizations[-1], SAMPLES)
         half = [plan.multiple * curve.at(each).total for each in counts]
-        axes.loglog(counts * minutes, half, **look.curve(SAMPLES, 0, 1), linewidth=1.4)
+        minutes = [seconds_of(plan.setups[setup], each) / 60 for each in counts]
+        axes.loglog(minutes, half, **look.curve(SAMPLES, 0, 1), linewidth=1.4)
         if answer.realizations is not None:
             shown = look.line | {"markersize": 9.0, "linestyle": "none"}
-            axes.loglog(answer.realizations * minutes, plan.precision, **shown)
+            axes.loglog(answer.seconds / 60, plan.precision, **shown)
     axes.axhline(plan.precision, color=style.INK, linestyle=":")
     axes.set_xlabel("minutes recorded")
     axes.set_ylabel("stiffness: ± at 95 %, bias included (N·m/rad)")

@@ -16,7 +16,7 @@ from tvsysid.methods.apply import Identifies
 from tvsysid.methods.travel import pickled
 from tvsysid.numerics.bands import critical_value
 from tvsysid.planning.curves import RECORDS, Curve, answered, curves_of, excesses, identified, rises, scatter, sizes
-from tvsysid.planning.setups import Pilot, Setup, positive
+from tvsysid.planning.setups import Pilot, Setup, positive, seconds_of
 from tvsysid.showing import Progress, Shown, reported, summary_html
 from tvsysid.signals import Ensemble
 
@@ -34,6 +34,7 @@ TRIALS = 40  # by which a plan is verified
 class Answer(NamedTuple):
     """What one method needs in one setup, or why no number of realizations suffices.
 
+    ``seconds`` are to be recorded for ``realizations``, with those at both ends that lack context.
     ``half_width`` is half of the 95 % band (N·m/rad) that ``realizations`` give, and ``bias`` (N·m/rad) the root mean
     square over time of what no band counts; where none suffice, those of the most that were simulated. ``rise_time``
     is the time in s from 10 to 90 % of a step. In the pilot, the method scatters ``excess`` times as much as in
@@ -49,6 +50,12 @@ class Answer(NamedTuple):
     rise_time: float
     excess: float = 1.0
     why: str = ""
+
+    @property
+    def duration(self) -> str:
+        """Seconds or minutes to record, never rounded down."""
+        unit, size = ("s", 1) if self.seconds < 120 else ("min", 60)
+        return f"{math.ceil(round(10 * self.seconds / size, 6)) / 10:g} {unit}"
 
 
 class Verified(NamedTuple):
@@ -94,9 +101,11 @@ class Plan(Shown, Frozen):
         if self.best is None:
             return f"{wish}: no method suffices, of those tried; see why in the table."
         best, period = self.best, self.setups[self.best.setup].period
+        assert best.realizations is not None
+        more = ", as those at both ends lack context" if best.seconds > best.realizations * period else ""
         return (
-            f"{wish}, with {best.method} and {best.setup}: {best.realizations} realizations of {period:g} s, "
-            f"{_seconds(best.seconds)} of recording."
+            f"{wish}, with {best.method} and {best.setup}: {best.realizations} realizations of {period:g} s; "
+            f"record {best.duration}{more}."
         )
 
     def __repr__(self) -> str:
@@ -208,7 +217,7 @@ def plan(
     >>> import tvsysid as tv
     >>> setup = tv.planning.Protocol(perturbation="prbs", amplitude=0.01)
     >>> print(tv.plan(setup, precision=8, methods=["birf"], draws=6))
-    To know stiffness to ± 8 N·m/rad at 95 %, with birf and prbs of 0.01 rad: ... realizations of 2 s, ... of recording.
+    To know stiffness to ± 8 N·m/rad at 95 %, with birf and prbs of 0.01 rad: ... realizations of 2 s; record ...
     """
     positive("precision", precision)
     if resolution is not None:
@@ -244,7 +253,7 @@ def plan(
             counts = {name: min(number or most[label], most[label]) for name, number in needed.items()}
             risen = rises(each, every, counts, STEPS, seed + RECORDS, advance)
             answers += [
-                _answer(label, name, curve, needed[name], counts[name], each.period, risen[name], precision, resolution)
+                _answer(each, name, curve, needed[name], counts[name], risen[name], precision, resolution)
                 for name, curve in found.items()
             ]
         told(total, total)
@@ -276,7 +285,7 @@ def _most(setup: Setup) -> int:
 
 
 def _answer(
-    setup: str, method: str, curve: Curve, needed: int | None, tried: int, period: float, rise: float,
+    setup: Setup, method: str, curve: Curve, needed: int | None, tried: int, rise: float,
     precision: float, resolution: float | None,
 ) -> Answer:  # fmt: skip
     """What a curve says of the wish."""
@@ -289,11 +298,7 @@ def _answer(
         why = [f"{BEYOND * tried} realizations are too few"]
     if resolution is not None and not rise <= resolution:
         why += [f"it takes {rise:.2g} s to follow a step" if math.isfinite(rise) else "it does not follow a step"]
-    count = needed or tried
+    seconds = seconds_of(setup, needed or tried)
     return Answer(
-        setup, method, needed, count * period, HALF * errors.random, errors.bias, rise, curve.excess, "; ".join(why)
+        str(setup), method, needed, seconds, HALF * errors.random, errors.bias, rise, curve.excess, "; ".join(why)
     )
-
-
-def _seconds(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.1f} min"

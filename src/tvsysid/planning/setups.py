@@ -253,6 +253,13 @@ class Pilot:
 Setup = Protocol | Pilot
 
 
+def seconds_of(setup: Setup, count: float) -> float:
+    """Seconds to record for so many realizations: those at both ends that lack context are left out."""
+    context = setup.context / setup.sampling_rate if isinstance(setup, Pilot) else CONTEXT
+    lost = 2 * math.ceil(round(context / setup.period, 6))
+    return (count + lost) * setup.period
+
+
 def positive(name: str, value: object) -> float:
     """Return the value as a float, if it is a positive finite number."""
     if isinstance(value, bool) or not isinstance(value, (int, float, np.number)) or not 0 < value < math.inf:

@@ -68,7 +68,8 @@ def _rise_times(axes: Axes, plan: Plan, looks: dict[str, style.Look]) -> None:
     for place, each in enumerate(answers):
         label = f"{each.rise_time:.2g} s" if math.isfinite(each.rise_time) else "unknown"
         axes.barh(place, np.nan_to_num(each.rise_time), color=looks[each.method].hue)
-        axes.annotate(f" {label}", (np.nan_to_num(each.rise_time), place), va="center", fontsize=7)
+        at, clear = (np.nan_to_num(each.rise_time), place), {"facecolor": "white", "edgecolor": "none", "pad": 1}
+        axes.annotate(label, at, (3, 0), textcoords="offset points", va="center", fontsize=7, bbox=clear)
     several = len(answers) > len(labels)
     axes.set_yticks(
         range(len(answers)), [f"{each.method}, {each.setup}" if several else each.method for each in answers]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tests.cli.conftest import IDENTIFY
 
-from tvsysid.cli.identify import usual_rate
+from tvsysid.cli.identify import decimation
 
 
 def test_inspect_lists_and_draws(tvsysid, tmp_path):
@@ -62,6 +62,10 @@ def test_inspect_of_a_file_with_many_channels_and_none(tvsysid):
     assert "no signals to draw" in tvsysid("inspect", "none.npz")[1]
 
 
-@pytest.mark.parametrize(("recorded", "usual"), [(1000, "100"), (1024, "128"), (2048, "128"), (960, "96"), (80, "80")])
+@pytest.mark.parametrize(("recorded", "usual"), [(1000, "100"), (1024, "128"), (2048, "128"), (960, "96")])
 def test_the_usual_rate_divides_that_of_the_recording(recorded, usual):
-    assert usual_rate(recorded) == usual
+    assert decimation(recorded) == f"--decimate {usual}"
+
+
+def test_what_is_quick_is_not_decimated():
+    assert decimation(200.0) == ""

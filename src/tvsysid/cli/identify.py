@@ -154,7 +154,7 @@ def identify(
             recording = preprocess.decimate(recording, decimate, sharp=period is None)
         if recording.sampling_rate > SLOW_RATE:
             slow = f"identifying at {recording.sampling_rate:g} Hz takes minutes, where seconds do"
-            better = f"--decimate {usual_rate(recording.sampling_rate)} is usual, and enough for a joint"
+            better = f"{decimation(recording.sampling_rate)} is usual, and enough for a joint"
             remark("note", f"{slow}; {better} (Ctrl-C, and give it)")
         deviating = [name for name in deviating_channels(chosen) if name in recording.channels]
         ensemble = preprocess.segment(recording, period, context)
@@ -195,11 +195,11 @@ def identify(
         raise typer.Exit(1)
 
 
-def usual_rate(recorded: float) -> str:
-    """Rate in Hz to decimate to, in words of an option."""
+def decimation(rate: float) -> str:
+    """Option that makes a recording at a rate in Hz quick to identify; empty where it is."""
     from tvsysid.preprocess.segment import fitting_rates
 
-    return f"{fitting_rates(recorded, USUAL_RATE)[0]:g}"
+    return f"--decimate {fitting_rates(rate, USUAL_RATE)[0]:g}" if rate > SLOW_RATE else ""
 
 
 def _aligned(recording: Recording, period: float, context: float) -> Recording:

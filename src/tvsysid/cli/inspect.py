@@ -11,7 +11,7 @@ import typer
 
 from tvsysid.cli import options
 from tvsysid.cli.console import remark, say, show_table, shown_warnings, waiting
-from tvsysid.cli.identify import PIECES, SLOW_RATE, USUAL_RATE, usual_rate
+from tvsysid.cli.identify import PIECES, USUAL_RATE, decimation
 from tvsysid.cli.running import command_line
 from tvsysid.errors import InputError
 
@@ -198,9 +198,8 @@ def _show_next(file: Path, channels: dict[str, Channel]) -> None:
     """Print how the file is identified, at the rate that it states, decimated where that is usual."""
     stated = {each.sampling_rate for each in channels.values() if each.sampling_rate}
     rate = stated.pop() if len(stated) == 1 else None
-    known, lower = ("HZ", f"{USUAL_RATE:g}") if rate is None else (f"{rate:g}", usual_rate(rate))
-    decimated = "" if rate is not None and rate <= SLOW_RATE else f" --decimate {lower}"
-    words = f"--angle CHANNEL --torque CHANNEL --rate {known}{decimated} --period SECONDS"
+    at = f"HZ --decimate {USUAL_RATE:g}" if rate is None else f"{rate:g} {decimation(rate)}".rstrip()
+    words = f"--angle CHANNEL --torque CHANNEL --rate {at} --period SECONDS"
     say(f"identify it with\ntvsysid identify {shlex.quote(str(file))} {words}")
     if any(len(each.shape) == 2 and min(each.shape) > 1 for each in channels.values()):
         say("where each column of a matrix is a trial by itself, add --columns trials")

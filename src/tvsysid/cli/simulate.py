@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from tvsysid.cli.console import say
+from tvsysid.cli.identify import decimation
 from tvsysid.cli.options import option
 from tvsysid.errors import InputError, describe_error
 
@@ -116,11 +117,11 @@ def simulate(
     first = round(-simulation.recording.start * rate)
     inner = slice(first, first + round(duration * rate))
     write_simulation(file, {name: values[inner] for name, values in _columns(simulation).items()}, rate)
-    decimate = " --decimate 100" if rate > 100 and rate % 100 == 0 else ""
+    at = f"{rate:g} {decimation(rate)}".rstrip()
     channels = "".join(f" --channel {name}={name}" for name in simulation.recording.channels)
     say(
         f"wrote {file}: {duration:g} s at {rate:g} Hz; identify it with\ntvsysid identify {file} --angle angle "
-        f"--torque torque --rate {rate:g}{decimate} --period {period:g}{channels}"
+        f"--torque torque --rate {at} --period {period:g}{channels}"
     )
     if "disturbance" in simulation.recording.channels:
         say("in closed loop with its reference: add --method kbr:reference=disturbance,weighting=residual")

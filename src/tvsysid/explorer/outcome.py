@@ -48,7 +48,7 @@ class Outcome:
 
     @property
     def lines(self) -> list[str]:
-        """The answer in words, as ``tvsysid identify`` prints it."""
+        """The answer in words, as ``tvsysid identify`` prints it, but for what takes a diagnosis."""
         return answer(self.found)
 
     @property

@@ -109,7 +109,13 @@ def write_models(path: str | Path, models: Mapping[str, Model], ensemble: Ensemb
 
 
 def describe_models(path: str | Path, about: Mapping[str, str | float]) -> None:
-    """Add what is known of models, as attributes, to a file of :func:`write_models`."""
+    """Add what is known of models to their file, which stays whole or as it was.
+
+    Parameters
+    ----------
+    path, about
+        File of :func:`write_models`, and its attributes by name.
+    """
     import h5py  # noqa: PLC0415  # heavy
 
     content = BytesIO(Path(path).read_bytes())

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import tvsysid as tv
+from tvsysid.methods.adaptive.words import changes
 
 reflexes_are_told = pytest.mark.filterwarnings("ignore:.*not of second order:tvsysid.errors.DataQualityWarning")
 MUSCLES = ("plantarflexor", "dorsiflexor", "dorsiflexor_2")
@@ -177,6 +178,7 @@ def test_walking_stiffness_is_smooth_and_falls_fast_without_settings(walking):
     doubts = "the intrinsic response is not", "the reflex gain runs from -7.1 to 12", "viscosity is negative over 8 %"
     for each, doubt in zip(warned, doubts, strict=True):  # all as by cascade
         assert f"adaptive: {doubt}" in str(each.message)
+    assert changes(model)[-1] == "what was modelled as a stretch reflex is taken out of it"
     at = dict(zip(np.round(model.time, 2), model.stiffness, strict=True))
     assert 55 < at[0.7] < 70  # the reflex taken out: with it some 77
     assert at[0.72] - at[0.82] > 30

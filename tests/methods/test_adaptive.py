@@ -253,7 +253,12 @@ def test_what_it_says_is_as_sure_as_it_is():
         "it may switch by -8.0 ± 3.9 N·m/rad at 1.000 s, but more likely does not (probability 33 %)",
         "it is constant between switches (probability 90 %)",
     ]
+    error = tv.StandardError(np.ones(2), np.array(100.0))
+    gain, negative = (tv.Estimate(np.array([first, 5.0]), "N m s/rad", error=error) for first in (3.0, -3.0))
     probable = SimpleNamespace(switches=[switches[0]._replace(probability=0.7)], smoothness=[], beside=True)
+    probable.estimates = {"reflex_gain": negative}
+    assert changes(probable)[-1] == "what was modelled as a stretch reflex is taken out of it"
+    probable.estimates = {"reflex_gain": gain}
     assert changes(probable) == [
         "it probably switches by +100.0 ± 2.0 N·m/rad at 0.500 s (probability 70 %)",
         "it changes smoothly between switches",

@@ -14,6 +14,7 @@ from tvsysid.errors import DataQualityWarning
 from tvsysid.figures.words import unit_name
 from tvsysid.methods.adaptive.model import AdaptiveModel, Switch
 from tvsysid.methods.adaptive.words import changes
+from tvsysid.methods.cascade.result import negative_share
 from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_of
 from tvsysid.quality import Diagnosis
@@ -67,7 +68,7 @@ class Further(NamedTuple):
 
 
 def answer(found: Comparison, diagnosis: Diagnosis | None = None) -> list[str]:
-    """Stiffness by the method to go by: over a variable, over time; an impossible sign, a wrong period; its changes."""
+    """Stiffness by the method to go by: over a variable, over time; an impossible sign, what is doubtful; changes."""
     label = found.leading
     model = found.models[label]
     lines = _over_variable(found, label)
@@ -76,8 +77,8 @@ def answer(found: Comparison, diagnosis: Diagnosis | None = None) -> list[str]:
         return lines or [f"{label} estimates no stiffness over time"]
     lower, upper = found.bands[label]["stiffness"]
     band = mean_of(upper - lower) / 2
-    wrong = [each for each in (() if diagnosis is None else diagnosis.findings) if each.name == "wrong-period"]
-    role = ", the one to go by" if isinstance(model, AdaptiveModel) and not wrong else ""
+    doubtful = doubts(found, diagnosis)
+    role = ", the one to go by" if isinstance(model, AdaptiveModel) and not doubtful else ""
     single = len(found.ensemble) > 1 and "realization" in model.estimates["stiffness"].axes
     without = "a mean over realizations, of which each has a band of its own" if single else "without a band"
     lines.append(
@@ -89,12 +90,30 @@ def answer(found: Comparison, diagnosis: Diagnosis | None = None) -> list[str]:
             "no joint has a negative stiffness: the torque's sign is probably reversed; read it with --torque-sign -1 "
             "(in Python torque_sign=-1), or without that"
         )
-    lines += [
+    return [*lines, *doubtful, *(changes(model) if isinstance(model, AdaptiveModel) else [])]
+
+
+def doubts(found: Comparison, diagnosis: Diagnosis | None = None) -> list[str]:
+    """Why the stiffness by the method to go by is not to be trusted: a wrong period, a reflex that is none."""
+    lines = [
         f"the behaviour does not repeat every {found.ensemble.duration:g} s ({each.name}: {each.what}), so that its "
-        f"time variation averages out; {each.fault.remedy}"
-        for each in wrong
+        f"time variation averages out whatever the method; {each.fault.remedy}"
+        for each in (() if diagnosis is None else diagnosis.findings)
+        if each.name == "wrong-period"
     ]
-    return lines + (changes(model) if isinstance(model, AdaptiveModel) else [])
+    if share := doubtful_reflex(found):
+        lines.append(
+            f"the reflex gain is negative over {share}, as no stretch reflex's is: this stiffness is doubtful by what "
+            "it differs from that of one pathway (kbr)"
+        )
+    return lines
+
+
+def doubtful_reflex(found: Comparison) -> str:
+    """Over how much of the time the reflex gain beside the stiffness is one of no reflex; empty if that is not seen."""
+    gain = found.models[found.leading].estimates.get("reflex_gain")
+    share = 0.0 if gain is None else negative_share(gain)
+    return f"{100 * share:.0f} % of the time, band and all" if share else ""
 
 
 def _over_variable(found: Comparison, label: str) -> list[str]:

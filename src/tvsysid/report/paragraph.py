@@ -14,7 +14,7 @@ from tvsysid.methods.apply import Identifies
 from tvsysid.methods.references import bibliography, cited
 from tvsysid.methods.tuning.evidence import Tuned
 from tvsysid.numerics.bands import mean_of
-from tvsysid.report.answer import Account, one_pathway, reflex_found
+from tvsysid.report.answer import Account, doubtful_reflex, one_pathway, reflex_found
 from tvsysid.signals import Ensemble
 
 
@@ -119,6 +119,12 @@ def _pathways(account: Account, label: str) -> list[str]:
     blamed = one_pathway(account.found)
     if label not in blamed:
         intrinsic = ["This stiffness is the intrinsic one: a stretch reflex was estimated beside it."]
+        if share := doubtful_reflex(account.found):
+            intrinsic = [
+                f"A stretch reflex was modelled beside this stiffness, but its gain was negative over {share}, as no "
+                "stretch reflex's is: the estimate is doubtful by what it differs from that of methods with one "
+                "pathway."
+            ]
         taken = [f"That of {', '.join(blamed)} includes the reflex."] if blamed else []
         return intrinsic + taken
     return ["This stiffness includes a stretch reflex, which the data show."] if reflex_found(account) else []

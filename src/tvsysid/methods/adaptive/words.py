@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from tvsysid.methods.cascade.result import negative_share
+
 if TYPE_CHECKING:
     from tvsysid.methods.adaptive.model import AdaptiveModel, Switch
 
@@ -15,8 +17,12 @@ def changes(model: AdaptiveModel) -> list[str]:
     switches = [each for each in model.switches if each.quantity == "stiffness"]
     constant = sum(row.probability for row in model.smoothness if (row.quantity, row.kind) == ("stiffness", "none"))
     likely = any(each.probability > 0.5 for each in switches)
-    reflex = ["a stretch reflex is shown, and taken out of it"] if model.beside is not None else []
-    return [*map(_switch, switches), _smoothly(constant, " between switches" if likely else ""), *reflex]
+    lines = [*map(_switch, switches), _smoothly(constant, " between switches" if likely else "")]
+    if model.beside is not None:
+        doubtful = negative_share(model.estimates["reflex_gain"])
+        what = "what was modelled as a stretch reflex is" if doubtful else "a stretch reflex is shown, and"
+        lines.append(f"{what} taken out of it")
+    return lines
 
 
 def _switch(switch: Switch) -> str:

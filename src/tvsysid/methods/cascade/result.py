@@ -239,14 +239,21 @@ def doubtful_gain(gain: Estimate, constant: bool) -> Iterator[str]:
         yield (
             "the reflex gain's change over time is not identified: its band is wider than its range; only its mean is"
         )
-    upper = gain.band()[1]
-    share = np.mean(upper[np.isfinite(upper)] < 0)
-    if gain.unit == UNITS["reflex_gain"] and share > CHANCE:
+    if share := negative_share(gain):
         yield (
             f"the reflex gain runs from {known.min():.1f} to {known.max():.1f} N·m·s/rad and is negative over "
             f"{100 * share:.0f} % of the time, band and all, as no stretch reflex's is: there it stands for something "
             "else that follows a movement, and stiffness is unsure by what it differs from that of one pathway (kbr)"
         )
+
+
+def negative_share(gain: Estimate) -> float:
+    """Share of the time over which a stretch reflex's gain is negative, band and all; zero if chance explains it."""
+    if gain.unit != UNITS["reflex_gain"] or gain.standard_error is None:
+        return 0.0
+    upper = gain.band()[1]
+    share = float(np.sum(upper < 0)) / max(1, int(np.isfinite(upper).sum()))
+    return share if share > CHANCE else 0.0
 
 
 def not_of_second_order(mean: float, fitted: float) -> Iterator[str]:

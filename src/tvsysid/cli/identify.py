@@ -188,8 +188,7 @@ def identify(
     _show_further(found)
     _show_reflex(found)
     _show_diagnosis(account)
-    if found.leading not in found.recommendation.suited[:1]:
-        say(f"method for these data: {found.recommendation.sentence}")
+    _show_recommendation(found)
     say_written(out, [*written, *write_tuning(found, out)])
     if found.failed:
         raise typer.Exit(1)
@@ -329,6 +328,16 @@ def _show_diagnosis(account: Account) -> None:
     if account.diagnosis is not None:
         names = ", ".join(each.name for each in account.diagnosis.findings)
         say(f"diagnosis: {account.diagnosis.verdict}{f': {names} (report.html says what to do)' if names else ''}")
+
+
+def _show_recommendation(found: Comparison) -> None:
+    """Say which method suits the data, unless it is the leading one, or none does for what the answer says."""
+    from tvsysid.recommendation.rules import holds
+
+    best = found.recommendation
+    told = not best.suited and holds("wrong period > 0", best.measured)
+    if found.leading not in best.suited[:1] and not told:
+        say(f"method for these data: {best.sentence}")
 
 
 def _show_reflex(found: Comparison) -> None:

@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import fields
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -67,7 +66,7 @@ class Frozen:
             if isinstance(value := getattr(self, item.name), Mapping):
                 object.__setattr__(self, item.name, MappingProxyType(dict(value)))
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         # A read-only mapping, unlike a dict, cannot be pickled.
         values = (getattr(self, item.name) for item in fields(self))  # type: ignore[arg-type]
         return type(self), tuple(dict(each) if isinstance(each, MappingProxyType) else each for each in values)

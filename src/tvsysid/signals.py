@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +16,9 @@ from tvsysid.errors import InputError
 from tvsysid.numerics import Array as Array  # noqa: PLC0414  # most rooms take both from here
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.showing import Shown
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 SMALLEST, LARGEST = 1e-30, 1e30  # of an ensemble's largest angle and torque; squares of squares end beyond
 
@@ -341,7 +344,7 @@ class Ensemble(_Signals):
         changes: dict[str, Any] = {name: getattr(self, name)[index] for name in names}
         return replace(self, **changes, channels={name: values[index] for name, values in self.channels.items()})
 
-    def to_xarray(self) -> Any:
+    def to_xarray(self) -> xr.Dataset:
         """Return the signals as an xarray.Dataset with dimensions realization and time, units as attributes."""
         import xarray as xr  # noqa: PLC0415  # heavy
 

@@ -7,14 +7,13 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
 from tvsysid.checked import Frozen
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.estimates import read_only
-from tvsysid.methods.apply import apply
+from tvsysid.methods.apply import Identifies, apply
 from tvsysid.models import Model
 from tvsysid.numerics.bands import critical_value, mean_and_spread
 from tvsysid.preprocess.bootstrap import bootstrap_weights
@@ -105,7 +104,9 @@ class Bootstrap(Frozen):
         return estimate - multiple * deviation, estimate + multiple * deviation
 
 
-def bootstrap(method: Any, ensemble: Ensemble, count: int, seed: int, progress: Progress | None = None) -> Bootstrap:
+def bootstrap(
+    method: Identifies, ensemble: Ensemble, count: int, seed: int, progress: Progress | None = None
+) -> Bootstrap:
     r"""Identify again and again from realizations drawn with replacement.
 
     .. math:: \hat k(t) \pm t_{R - 1}\, \sqrt{\frac{R}{R - 1}}\, s(t), \qquad

@@ -31,7 +31,7 @@ class Stream(Console):
     def __init__(self, stderr: bool = False) -> None:
         super().__init__(markup=False, emoji=False, highlight=False, stderr=stderr)
 
-    def print(self, *objects: Any, **how: Any) -> None:
+    def print(self, *objects: object, **how: Any) -> None:
         """Print, as long as that can be done."""
         try:
             super().print(*objects, **how)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from tvsysid.planning import Plan, Protocol
     from tvsysid.planning.setups import Setup
-    from tvsysid.signals import Ensemble
+    from tvsysid.signals import Ensemble, Recording
 
 METHODS = ["adaptive", "sds", "birf", "kbr"]  # of tvsysid.planning, which takes long to import
 TRUSTED = 20  # realizations from which on plans and bands are no best case
@@ -116,7 +116,7 @@ def plan(
             remark("warning", note)
         setups = [
             replace(first, perturbation=name, amplitude=size)
-            for name in (perturbation or [first.perturbation])
+            for name in (perturbation or (first.perturbation,))
             for size in amplitude or [first.amplitude]
         ]
     with progress("planning") as advance:
@@ -134,11 +134,11 @@ def plan(
 def _stated(perturbations: list[str], amplitudes: list[float], stated: dict[str, Any]) -> list[Protocol]:
     from tvsysid.planning import Protocol
 
-    sizes = [{"amplitude": each} for each in amplitudes] or [{}]
-    return [Protocol(perturbation=name, **size, **stated) for name in perturbations for size in sizes]
+    sizes = amplitudes or [Protocol.amplitude]
+    return [Protocol(perturbation=name, amplitude=size, **stated) for name in perturbations for size in sizes]
 
 
-def _cut(recording: Any, decimate: float | None, period: float, context: float) -> Ensemble:
+def _cut(recording: Recording, decimate: float | None, period: float, context: float) -> Ensemble:
     from tvsysid import preprocess
 
     recording = preprocess.decimate(recording, decimate) if decimate is not None else recording

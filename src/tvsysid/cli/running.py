@@ -14,6 +14,8 @@ from tvsysid.cli.console import errors, progress, remark, show_table
 from tvsysid.errors import InputError
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     import pandas as pd
     import xarray as xr
 
@@ -74,7 +76,7 @@ def run_in(
 
 
 @contextmanager
-def _executor(scheduler: str | None) -> Iterator[tuple[Any, int | None]]:
+def _executor(scheduler: str | None) -> Iterator[tuple[Executor | None, int | None]]:
     """Executor of a Dask cluster and the number of its threads; without a scheduler, None for both."""
     if scheduler is None:
         yield None, None

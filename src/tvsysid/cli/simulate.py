@@ -15,6 +15,7 @@ from tvsysid.cli.options import option
 from tvsysid.errors import InputError, describe_error
 
 if TYPE_CHECKING:
+    from tvsysid.signals import Array
     from tvsysid.simulate import Perturbation, Simulation, System
 
 
@@ -132,7 +133,7 @@ def simulate(
         )
 
 
-def _columns(simulation: Simulation) -> dict[str, Any]:
+def _columns(simulation: Simulation) -> dict[str, Array]:
     """Signals and truth, by their names in the file."""
     recording = simulation.recording
     several = simulation.pathways if len(simulation.pathways) > 1 else {}

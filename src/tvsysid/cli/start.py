@@ -13,8 +13,8 @@ from contextlib import suppress
 
 TYPE_CHECKING = False  # importing typing takes a while, in which Ctrl-C would show a traceback
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from types import FrameType
-    from typing import Any
 
 INTERRUPTED = 130  # exit code after Ctrl-C; 128 and the signal's number after any other that ends a program
 TWICE_S = 1.0  # seconds within which a second signal is the same request: a job's end is often announced twice
@@ -72,7 +72,7 @@ def _open_standard_streams() -> None:
             stream.reconfigure(errors="replace")
 
 
-def _on_signals(do: Any) -> None:
+def _on_signals(do: Callable[[int, FrameType | None], object]) -> None:
     """Handle what ends a program, unless it was started such that it ignores that (nohup, or behind &)."""
     for name in ("SIGINT", "SIGTERM", "SIGHUP"):
         number = getattr(signal, name, None)  # Windows has no SIGHUP

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from threading import Lock
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 from threadpoolctl import threadpool_limits
 
@@ -76,7 +76,7 @@ class Outcome:
             return drawn(identified_quantity(self.found.models, quantity, simultaneous=simultaneous), "svg")
 
 
-async def in_turn(work: Callable[..., T], *given: Any) -> T:
+async def in_turn(work: Callable[..., T], *given: object) -> T:
     """What some work returns, in a thread of its own, when nothing else is at work; not begun if cancelled before."""
     while ONE_AT_A_TIME.locked():
         await asyncio.sleep(TURN_S)

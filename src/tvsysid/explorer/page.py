@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from shiny import App, reactive, render, ui
+from shiny import App, Inputs, Outputs, Session, reactive, render, ui
 
 from tvsysid.errors import InputError, describe_error
 from tvsysid.explorer.outcome import Outcome, in_turn, outcome
-from tvsysid.explorer.settings import CHOICES, method_parts, method_settings, settings_from
+from tvsysid.explorer.settings import CHOICES, Source, method_parts, method_settings, settings_from
 from tvsysid.methods import describe, names
 from tvsysid.report.page import Column, Fold, Row, Table, html, number
 from tvsysid.signals import Recording
@@ -55,9 +55,7 @@ class Shown:
     kind: str = "danger"
 
 
-def page(
-    name: str, source: Mapping[str, Any] | Recording, given: Mapping[str, Any], channels: Mapping[str, str]
-) -> App:
+def page(name: str, source: Source, given: Mapping[str, Any], channels: Mapping[str, str]) -> App:
     """Application for a recording, or a file and its ``channels`` with labels; ``given`` are the controls' values."""
     key, typed = method_parts(given["method"])
     every = _methods(key)
@@ -81,7 +79,7 @@ def _methods(first: str) -> dict[str, dict[str, str]]:
     return found
 
 
-def _reading(given: Mapping[str, Any], channels: Mapping[str, str]) -> Any:
+def _reading(given: Mapping[str, Any], channels: Mapping[str, str]) -> ui.Tag:
     choices = {"": "choose a channel", **channels}
     more = {"angle_unit": "Unit of the angle", "torque_unit": "Unit of the torque", "columns": "Columns of a matrix"}
     return _group(
@@ -97,7 +95,7 @@ def _reading(given: Mapping[str, Any], channels: Mapping[str, str]) -> Any:
     )
 
 
-def _cutting(given: Mapping[str, Any]) -> Any:
+def _cutting(given: Mapping[str, Any]) -> ui.Tag:
     return _group(
         "Realizations",
         _number("period", "Period (s)", given["period"]),
@@ -107,7 +105,7 @@ def _cutting(given: Mapping[str, Any]) -> Any:
     )
 
 
-def _method(key: str, typed: Mapping[str, str], every: Mapping[str, Mapping[str, str]]) -> Any:
+def _method(key: str, typed: Mapping[str, str], every: Mapping[str, Mapping[str, str]]) -> ui.Tag:
     groups: dict[str, dict[str, str]] = {}
     for name in every:
         about = describe(name)
@@ -134,7 +132,7 @@ def _unless(usual: str) -> str:
     return {"": "must be given", "None": "optional"}.get(usual, f"{usual} unless given")
 
 
-def _picture() -> Any:
+def _picture() -> ui.Tag:
     quantities = {name: name.replace("_", " ") for name in QUANTITIES}
     return _group(
         "Picture", ui.input_select("quantity", "Quantity", quantities), ui.input_select("band", "Band", BANDS)
@@ -146,16 +144,16 @@ def _setting(place: int, name: str) -> str:
     return f"setting_{place}_{name}"
 
 
-def _group(legend: str, *controls: Any) -> Any:
+def _group(legend: str, *controls: ui.TagChild) -> ui.Tag:
     return ui.tags.fieldset(ui.tags.legend(legend), *controls)
 
 
-def _number(name: str, label: str, value: float | None) -> Any:
+def _number(name: str, label: str, value: float | None) -> ui.Tag:
     value = int(value) if value is not None and float(value).is_integer() else value
     return ui.input_numeric(name, label, value, update_on="blur")  # type: ignore[arg-type]  # None leaves it empty
 
 
-def _results() -> Any:
+def _results() -> ui.Tag:
     """What is shown of an outcome; only the answer and the diagnosis are announced when they change."""
     silent = [ui.output_ui(name) for name in ("picture", "numbers", "again")]
     for each in silent:
@@ -166,13 +164,13 @@ def _results() -> Any:
     )
 
 
-def _server(source: Mapping[str, Any] | Recording, every: Mapping[str, Mapping[str, str]]) -> Callable[..., None]:
+def _server(source: Source, every: Mapping[str, Mapping[str, str]]) -> Callable[..., None]:
     places = {name: place for place, name in enumerate(every)}
     controls = ["period", "decimate", "context", "align_channels", "method"]
     if not isinstance(source, Recording):
         controls += ["angle", "torque", "angle_unit", "torque_unit", "columns", "rate", "reversed"]
 
-    def server(input: Any, output: Any, session: Any) -> None:
+    def server(input: Inputs, output: Outputs, session: Session) -> None:
         @reactive.extended_task
         async def work(said: dict[str, Any], quantity: str, simultaneous: bool) -> Shown:
             await asyncio.sleep(PAUSE_S)
@@ -197,7 +195,7 @@ def _server(source: Mapping[str, Any] | Recording, every: Mapping[str, Mapping[s
             judge.invoke(shown)
 
         @render.ui
-        def answer() -> Any:
+        def answer() -> ui.Tag | ui.TagList:
             if work.status() == "running":
                 return ui.p(f"Identifying by {input.method()} …")
             shown = work.result()
@@ -207,25 +205,25 @@ def _server(source: Mapping[str, Any] | Recording, every: Mapping[str, Mapping[s
             return ui.TagList(*(ui.p(line) for line in shown.found.lines), *notes)
 
         @render.ui
-        def picture() -> Any:
+        def picture() -> ui.Tag | None:
             return _figure(work.result(), input.quantity())
 
         @render.ui
-        def judged() -> Any:
+        def judged() -> ui.HTML:
             return ui.HTML(judge.result())
 
         @render.ui
-        def numbers() -> Any:
+        def numbers() -> ui.HTML:
             return ui.HTML(_tables(work.result().found))
 
         @render.ui
-        def again() -> Any:
+        def again() -> ui.TagList | None:
             return _again(work.result().found)
 
     return server
 
 
-def _shown(source: Mapping[str, Any] | Recording, said: dict[str, Any], quantity: str, simultaneous: bool) -> Shown:
+def _shown(source: Source, said: dict[str, Any], quantity: str, simultaneous: bool) -> Shown:
     """Outcome of what the controls say; whatever goes wrong is shown, and the page goes on."""
     try:
         settings = settings_from(said, source)
@@ -252,7 +250,7 @@ def _judged(shown: Shown) -> str:
     return html([*lines, *([Fold("What was found, and what to do", found)] if found else [])])
 
 
-def _figure(shown: Shown, quantity: str) -> Any:
+def _figure(shown: Shown, quantity: str) -> ui.Tag | None:
     if shown.found is None:
         return None
     source = "data:image/svg+xml;base64," + base64.b64encode(shown.picture).decode()
@@ -281,7 +279,7 @@ def _tables(found: Outcome | None) -> str:
     return html([short, Fold("Values over time", [Table("values over time", "SI units", heads, cells)])])
 
 
-def _again(found: Outcome | None) -> Any:
+def _again(found: Outcome | None) -> ui.TagList | None:
     if found is None:
         return None
     texts = {"On the command line": found.command, "In Python": found.python}
@@ -293,6 +291,6 @@ def _again(found: Outcome | None) -> Any:
     return ui.TagList(ui.h2("The same again"), *areas)
 
 
-def _area(name: str, text: str) -> Any:
+def _area(name: str, text: str) -> ui.Tag:
     rows = sum(1 + len(line) // 70 for line in text.split("\n"))
     return ui.tags.textarea(text, id=name, rows=rows, readonly="", onfocus="this.select()", class_="form-control")

@@ -9,12 +9,15 @@ import threading
 import time
 from dataclasses import MISSING, fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tvsysid.errors import InputError
 from tvsysid.explorer.settings import Cutting, Reading, Settings, checked
 from tvsysid.recordings import describe_file
 from tvsysid.signals import Recording
+
+if TYPE_CHECKING:
+    from shiny import App
 
 HOST = "127.0.0.1"
 OF_A_FILE = {item.name for item in fields(Reading)}
@@ -31,7 +34,7 @@ GRACE_S = 1  # for pages that are still open when it closes
 class Exploration:
     """A page that is open; a notebook shows it. ``url`` is its address on this computer, ``close`` ends it."""
 
-    def __init__(self, app: Any, port: int = 0) -> None:
+    def __init__(self, app: App, port: int = 0) -> None:
         import uvicorn  # noqa: PLC0415  # optional
         from starlette.applications import Starlette  # noqa: PLC0415
         from starlette.routing import Mount  # noqa: PLC0415

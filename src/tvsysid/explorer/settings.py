@@ -58,6 +58,9 @@ class Cutting:
     align_channels: bool = False
 
 
+Source = Mapping[str, Any] | Recording  # what of a reading has no control, or a recording
+
+
 @dataclass(frozen=True)
 class Settings:
     """A recording, or how it is read from a file; how it is cut; and the method, as typed."""
@@ -101,7 +104,7 @@ def python(settings: Settings, delay: float = 0.0, deviating: tuple[str, ...] = 
     return "\n".join([*lines, f"found = tv.compare(ensemble, [{settings.method!r}])"])
 
 
-def _changed(settings: Reading | Cutting) -> dict[str, Any]:
+def _changed(settings: Reading | Cutting) -> dict[str, object]:
     """What has no default or differs from it; not the file."""
     every = {item.name: (getattr(settings, item.name), item.default) for item in fields(settings)}
     return {name: value for name, (value, usual) in every.items() if value != usual and name != "file"}
@@ -131,7 +134,7 @@ def checked(given: Mapping[str, Any], channels: Collection[str] = ()) -> dict[st
     return {**given, **found, "channel": further}
 
 
-def settings_from(said: Mapping[str, Any], source: Mapping[str, Any] | Recording) -> Settings:
+def settings_from(said: Mapping[str, Any], source: Source) -> Settings:
     """Settings of what the controls ``said``, by name; ``source`` has what of a :class:`Reading` has no control.
 
     Raises
@@ -155,7 +158,7 @@ def _reading(said: Mapping[str, Any], source: Mapping[str, Any]) -> Reading:
     return Reading(**{**source, **own, "rate": rate, "torque_sign": -1 if said["reversed"] else 1})
 
 
-def _number(value: Any, what: str, need: str = "") -> Any:
+def _number(value: object, what: str, need: str = "") -> Any:
     """Number that a control holds, None if it is empty: where there is a ``need``, it must not be."""
     if value is None and need:
         raise InputError(f"{what} is missing: give {need}")

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.gridspec import GridSpec
 
 BARS = {
     "bias_error": "bias error\n(N·m/rad)",
@@ -88,7 +89,7 @@ def method_comparison(
         _varying_vaf(grid[row + len(quantities) * len(shown)], cell, text)
     for axes in grid[-1]:
         axes.set_xlabel("time (s)")
-    below: list[Any] = []
+    below: list[Axes] = []
     for row, name in enumerate(names, start=over_time):
         below.append(figure.add_subplot(spec[row, :], sharex=below[0] if below else None))
         _bars(below[-1], metrics[name], *table[name], methods)
@@ -106,7 +107,7 @@ def method_comparison(
     return figure
 
 
-def _shared(figure: Figure, spec: Any, rows: int, columns: int) -> NDArray[Any]:
+def _shared(figure: Figure, spec: GridSpec, rows: int, columns: int) -> NDArray[Any]:
     """Axes of the first rows of a grid, with common scales of time, and of values in each row."""
     grid: NDArray[Any] = np.empty((rows, columns), dtype=object)
     for row, column in np.ndindex(rows, columns):
@@ -117,7 +118,7 @@ def _shared(figure: Figure, spec: Any, rows: int, columns: int) -> NDArray[Any]:
     return grid
 
 
-def _traits(results: xr.Dataset, labels: Sequence[str]) -> list[dict[str, Any]]:
+def _traits(results: xr.Dataset, labels: Sequence[str]) -> list[dict[str, object]]:
     return [{name: results[name].sel(scenario=label).item() for name in TRAITS} for label in labels]
 
 

@@ -148,8 +148,8 @@ def _realizations(axes: Axes, curves: Curves) -> None:
         axes.plot(numbers, shown, marker, color=colour, markersize=2.5, linestyle="none", label=label)
     low = min(0.0, float(np.clip(curves.stiffness.min(), 1 - FARTHEST, 0)) - 0.1)
     axes.set_ylim(low, max(2.0, min(FARTHEST, float(max(curves.stiffness.max(), curves.noise.max()))) + 0.6))
-    look: dict[str, Any] = {"loc": "upper right", "ncols": 2, "handletextpad": 0.1, "columnspacing": 1}
-    _name(axes, "each realization over what is usual", "realization, as recorded", "ratio", **look)
+    about = "each realization over what is usual", "realization, as recorded", "ratio"
+    _name(axes, *about, loc="upper right", ncols=2, handletextpad=0.1, columnspacing=1)
 
 
 def _lags(axes: Axes, curves: Curves) -> None:
@@ -164,6 +164,6 @@ def _lags(axes: Axes, curves: Curves) -> None:
         axes.vlines(1000 * curves.lag + side * step, 0, values, color=colour, linewidth=1.2, label=label)
     highest = max(float(np.abs(curves.correlation).max()), 3 * limit)
     axes.set_ylim(-1.1 * highest, 1.5 * highest)
-    look: dict[str, Any] = {"loc": "upper right", "ncols": 3, "columnspacing": 1, "handlelength": 1.2}
-    _name(axes, "correlation of the torque left over", "lag of the torque (ms)", "correlation", **look)
+    about = "correlation of the torque left over", "lag of the torque (ms)", "correlation"
+    _name(axes, *about, loc="upper right", ncols=3, columnspacing=1, handlelength=1.2)
     axes.margins(x=0.01)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tvsysid.figures.style import INK, blank, styled
 from tvsysid.figures.words import wrapped
+from tvsysid.numerics import Array
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -45,7 +47,7 @@ def leaderboard(table: pd.DataFrame, groups: Mapping[str, Sequence[str]], title:
     return figure
 
 
-def _dots(axes: Axes, scores: Any, spread: Any, places: Any) -> None:
+def _dots(axes: Axes, scores: Array, spread: Array, places: NDArray[np.int64]) -> None:
     from matplotlib.ticker import FuncFormatter, NullFormatter  # noqa: PLC0415  # heavy
 
     lower = np.minimum(spread, 0.99 * scores)  # none of a score may be below 0
@@ -57,7 +59,7 @@ def _dots(axes: Axes, scores: Any, spread: Any, places: Any) -> None:
     axes.set_xlabel("score (%), ± 2 standard errors")
 
 
-def _heat(axes: Axes, errors: Any, groups: Mapping[str, Sequence[str]]) -> None:
+def _heat(axes: Axes, errors: Array, groups: Mapping[str, Sequence[str]]) -> None:
     from matplotlib import colormaps  # noqa: PLC0415  # heavy
     from matplotlib.colors import LogNorm  # noqa: PLC0415
 

@@ -26,6 +26,7 @@ from tvsysid.simulate import Simulation
 from tvsysid.study.prepared import excerpt
 
 if TYPE_CHECKING:
+    import xarray as xr
     from matplotlib.figure import Figure
 
 
@@ -64,7 +65,7 @@ def plot(shown: Any, title: str = "") -> Figure:
     )
 
 
-def _simulations(results: Any, title: str) -> Figure:
+def _simulations(results: xr.Dataset, title: str) -> Figure:
     import pandas as pd  # noqa: PLC0415  # heavy
 
     labels = list(map(str, results.scenario.values))

@@ -28,6 +28,7 @@ from tvsysid.numerics.bands import mean_and_spread
 
 if TYPE_CHECKING:
     import xarray as xr
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -238,7 +239,7 @@ def _words(perturbation: str) -> str:
     return wrapped(perturbation_name(perturbation))
 
 
-def _keys(results: xr.Dataset, perturbations: Sequence[str], torques: Array) -> list[Any]:
+def _keys(results: xr.Dataset, perturbations: Sequence[str], torques: Array) -> list[Artist]:
     least, labels = least_data(results), headings(results, 60)
     keys = [style.line_key(labels[least[method]], **look.line) for method, look in style.lines(list(least)).items()]
     if knows_truth(results):

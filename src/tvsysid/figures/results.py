@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -46,7 +47,7 @@ def knows_truth(results: xr.Dataset) -> bool:
     return bool(np.isfinite(truth(results).values).any())
 
 
-def unique(values: Any) -> list[str]:
+def unique(values: Iterable[object]) -> list[str]:
     """Values as text, each once, in the order of their first appearance."""
     return list(dict.fromkeys(map(str, values)))
 

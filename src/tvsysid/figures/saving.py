@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from tvsysid.errors import InputError
 from tvsysid.figures.style import LOOK
@@ -83,7 +83,7 @@ def draw_all(
     return share_out(_picture, jobs, pool)
 
 
-def share_out(work: Callable[..., T], jobs: Mapping[str, tuple[Any, ...]], pool: Executor | None) -> dict[str, T]:
+def share_out(work: Callable[..., T], jobs: Mapping[str, tuple[object, ...]], pool: Executor | None) -> dict[str, T]:
     """Results of a function that can be pickled for several arguments by name, in their order.
 
     Processes of :func:`helpers` begin with the first ones, this process with the last. What a helper that dies leaves

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
 
 ERRORS = {
     "debiased_bias_error": "bias error, debiased\n(N·m/rad)",
@@ -130,7 +131,7 @@ def coverage_over_time(results: xr.Dataset, scenarios: Sequence[str], title: str
         2, len(scenarios), 3.6 * len(scenarios) + 0.8, 4.4, title, sharex=True, sharey="row", height_ratios=(3, 1)
     )
     looks, time = lines(unique(results.method_key.values)), results.time.values
-    drawn: dict[str, Any] = {}
+    drawn: dict[str, Line2D] = {}
     for (above, below), scenario in zip(grid.T, scenarios, strict=True):
         cell = results.sel(scenario=scenario)
         for place, (method, look) in enumerate(looks.items()):

@@ -16,6 +16,7 @@ from tvsysid.numerics.bands import mean_and_spread
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
@@ -194,7 +195,7 @@ def _words(perturbation: str) -> str:
     return wrapped(perturbation_name(perturbation), 40)
 
 
-def _keys(summary: pd.DataFrame) -> list[Any]:
+def _keys(summary: pd.DataFrame) -> list[Artist]:
     keys = [line_key("one participant", color="black", marker=".", linestyle="")]
     if summary.participant.nunique() > 1:
         keys.insert(0, line_key("± 2 SD over participants", color="black", marker="|", linewidth=0.9))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 PROFILES = {"square": "square-wave stiffness", "sine": "sinusoidal stiffness", "constant": "constant stiffness"}
 PERTURBATIONS = {"noise": "filtered noise", "prbs": "PRBS"}
@@ -12,14 +11,14 @@ TRAITS = ("system", "profile", "perturbation", "duration_s", "snr_db", "viscosit
 """Settings in which scenarios differ."""
 
 
-def perturbation_name(perturbation: Any) -> str:
+def perturbation_name(perturbation: object) -> str:
     """What a perturbation is called: the package's own in words, others by their names."""
-    return PERTURBATIONS.get(perturbation, str(perturbation))
+    return PERTURBATIONS.get(str(perturbation), str(perturbation))
 
 
-def profile_name(profile: Any) -> str:
+def profile_name(profile: object) -> str:
     """What a stiffness profile is called."""
-    return PROFILES.get(profile, str(profile))
+    return PROFILES.get(str(profile), str(profile))
 
 
 def count(number: int, word: str) -> str:
@@ -27,7 +26,7 @@ def count(number: int, word: str) -> str:
     return f"{number} {word}{'' if number == 1 else 's'}"
 
 
-def trait(name: str, value: Any) -> str:
+def trait(name: str, value: object) -> str:
     """Short text for one trait of a scenario, like "40 s", "PRBS", "b covarying"."""
     if name == "duration_s":
         return f"{value:g} s"
@@ -38,7 +37,7 @@ def trait(name: str, value: Any) -> str:
     return "PRBS" if value == "prbs" else str(value)
 
 
-def differing(scenarios: Sequence[Mapping[str, Any]]) -> list[str]:
+def differing(scenarios: Sequence[Mapping[str, object]]) -> list[str]:
     """Texts that tell scenarios apart, like "noise": the traits they do not share, or the duration of a single one."""
     names = [name for name in TRAITS if len({scenario[name] for scenario in scenarios}) > 1] or ["duration_s"]
     if len({str(scenario["system"]).partition(":")[0] for scenario in scenarios}) == 1:
@@ -50,7 +49,7 @@ def differing(scenarios: Sequence[Mapping[str, Any]]) -> list[str]:
     return [", ".join(filter(None, (trait(name, each[name]) for name in names))) for each in scenarios]
 
 
-def described(scenario: Mapping[str, Any], names: Sequence[str] = TRAITS) -> str:
+def described(scenario: Mapping[str, object], names: Sequence[str] = TRAITS) -> str:
     """Scenario, given by its traits, in words; viscosity is mentioned only where it varies with stiffness."""
     words = {name: trait(name, scenario[name]) for name in names}
     if words.get("system") == "joint":

@@ -11,7 +11,7 @@ import pickle
 import time
 from contextlib import suppress
 from dataclasses import fields
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cloudpickle
 import numpy as np
@@ -19,7 +19,7 @@ import numpy as np
 from tvsysid.errors import InputError, plain_text
 from tvsysid.estimates import Estimate, StandardError
 from tvsysid.limits import TIME_LIMIT
-from tvsysid.methods.apply import AdoptedModel, apply, checked_torques, digest
+from tvsysid.methods.apply import AdoptedModel, Identifies, apply, checked_torques, digest
 from tvsysid.methods.base import Method, SkippedError, reason_to_skip
 from tvsysid.methods.forkserver import call
 from tvsysid.methods.travel import plain
@@ -71,7 +71,7 @@ def identify(
     return _identified(own, ensemble, label, tune)
 
 
-def _identified(method: Any, ensemble: Ensemble, label: str, tune: bool) -> Identified:
+def _identified(method: Identifies, ensemble: Ensemble, label: str, tune: bool) -> Identified:
     label = label or type(method).__name__
     if reason := reason_to_skip(method, ensemble):
         raise SkippedError(reason)
@@ -91,11 +91,11 @@ def predicted(method: bytes, kept: Ensemble, every: Ensemble, label: str, *, lim
     return _predicted(own, kept, every, label)
 
 
-def _predicted(method: Any, kept: Ensemble, every: Ensemble, label: str) -> Array:
+def _predicted(method: Identifies, kept: Ensemble, every: Ensemble, label: str) -> Array:
     return np.array(_identified(method, kept, label, tune=False).model.predict(every))
 
 
-def _tuned(method: Any, ensemble: Ensemble) -> tuple[Method, Evidence | None]:
+def _tuned(method: object, ensemble: Ensemble) -> tuple[Method, Evidence | None]:
     """Method with settings chosen from the data, and the evidence for them."""
     own = method.method if isinstance(method, Tuned) else method
     if not isinstance(own, Method):
@@ -106,7 +106,7 @@ def _tuned(method: Any, ensemble: Ensemble) -> tuple[Method, Evidence | None]:
     return own.tuned(ensemble) if fields(own) else (own, None)  # what has no settings has none to choose
 
 
-def _identified_apart(method: Any, ensemble: Ensemble, label: str, tune: bool, keep: bool) -> Identified:
+def _identified_apart(method: Identifies, ensemble: Ensemble, label: str, tune: bool, keep: bool) -> Identified:
     """What the process of somebody else's method does; all of its own code has run when this returns."""
     before = digest(ensemble)
     found = _identified(method, ensemble, label, tune)

@@ -48,7 +48,7 @@ class HungError(MethodError):
     """Somebody else's method took longer than it may."""
 
 
-def call(method: bytes, verb: Callable[..., Any], *given: Any, limit: float = TIME_LIMIT) -> Any:
+def call(method: bytes, verb: Callable[..., Any], *given: object, limit: float = TIME_LIMIT) -> Any:
     """What ``verb(method, *given)`` gives in the process of a pickled method; warnings are warned of here.
 
     Raises

@@ -200,7 +200,7 @@ def from_text(text: str, what: str, usual: Any = None) -> Any:
     return _made(key, target, values, what)
 
 
-def found_as(value: Any, known: Mapping[str, Any], what: str) -> Any:
+def found_as(value: object, known: Mapping[str, object], what: str) -> Any:
     """Object that a setting stands for: a known name or ``module:Object``, with settings if need be, or itself."""
     if not isinstance(value, str):
         return value
@@ -237,7 +237,7 @@ def load(name: str, what: str = "object") -> Any:
                 "Go to the folder that holds it, or install its package"
             ) from error
         raise InputError(f"{label}: module {where!r} fails while it is imported: {describe_error(error)}") from error
-    target: Any = module
+    target: object = module
     for word in path.split("."):
         if not hasattr(target, word):
             raise InputError(f"{label}: module {where!r} has no {path!r}; {_contents(module, what)}")
@@ -295,7 +295,7 @@ def target_of(key: str, what: str) -> Any:
         raise InputError(f"{what} {key!r} of the installed package {package} cannot be loaded: {error}") from error
 
 
-def _made(key: str, target: Any, settings: Mapping[str, Any], what: str) -> Any:
+def _made(key: str, target: object, settings: Mapping[str, Any], what: str) -> Any:
     """Object from a class and its settings, or the object itself."""
     label, kind = f"{what} {key!r}", type(target).__name__
     said = f"class {target.__name__}" if isinstance(target, type) else f"an object of type {kind}"

@@ -68,7 +68,7 @@ def converted(target: Any, name: str, text: str) -> Any:
     raise InputError(f"{name} must be {expected}, got {text!r}")
 
 
-def _read(text: str, kind: Any) -> Any:
+def _read(text: str, kind: object) -> Any:
     """Basis, JSON or Python literal; the text itself, if it is none of them."""
     if kind == Basis or text.partition("(")[0] in {basis.__name__ for basis in BASES}:
         return basis_from_text(text)

@@ -18,7 +18,7 @@ PLAIN = {"builtins": {"complex", "set", "frozenset", "bytearray", "range", "slic
 """Names of the standard library that what comes back may be made of."""
 
 
-def pickled(items: Mapping[str, Any], what: str = "method", parts: Sequence[Any] = ()) -> dict[str, bytes]:
+def pickled(items: Mapping[str, object], what: str = "method", parts: Sequence[object] = ()) -> dict[str, bytes]:
     """Methods as they travel; a class from a script, notebook or loose file travels whole, for workers lack that.
 
     So do the classes of what they are made of, if it is named as ``parts``. Raises an InputError if one cannot be
@@ -39,12 +39,12 @@ def pickled(items: Mapping[str, Any], what: str = "method", parts: Sequence[Any]
     return travelling
 
 
-def name_of_module(item: Any) -> str:
+def name_of_module(item: object) -> str:
     """Of the class, or of a function itself."""
     return str(getattr(item, "__module__", None) or type(item).__module__)
 
 
-def module_of(item: Any) -> ModuleType | None:
+def module_of(item: object) -> ModuleType | None:
     """Module that the class, or a function, is written in."""
     return sys.modules.get(name_of_module(item))
 

@@ -2,9 +2,9 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 from tvsysid.metrics.errors import (
+    Value,
     bias_error,
     coverage,
     debiased_bias_error,
@@ -35,7 +35,7 @@ class Metric:
     unit: str
     best: float
     needs_truth: bool
-    function: Callable[..., Any]
+    function: Callable[..., Value]
 
 
 CATALOGUE: dict[str, Metric] = {

@@ -18,9 +18,19 @@ from tvsysid.methods import AdaptiveRegression, KernelRegression, found_as, labe
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.preprocess import decimate, segment, subtract_mean
 from tvsysid.signals import Array, Ensemble, Recording
-from tvsysid.simulate import PERTURBATIONS, PROFILES, SYSTEMS, Constant, Joint, SineWave, SquareWave
+from tvsysid.simulate import (
+    PERTURBATIONS,
+    PROFILES,
+    SYSTEMS,
+    Constant,
+    Joint,
+    Perturbation,
+    Profile,
+    SineWave,
+    SquareWave,
+)
 from tvsysid.simulate.setup import RMS_ANGLE
-from tvsysid.simulate.simulation import checked_simulation
+from tvsysid.simulate.simulation import Simulation, System, checked_simulation
 
 SIMULATED_HZ = 1000.0
 PROBE = 40.0  # s that are simulated to see how large the noise is
@@ -66,9 +76,9 @@ class Protocol:
         For an unknown name, or a number that is not positive.
     """
 
-    system: Any = "joint"
-    stiffness: Any = "sine"
-    perturbation: Any = "noise"
+    system: str | System = "joint"
+    stiffness: str | Profile | None = "sine"
+    perturbation: str | Perturbation = "noise"
     amplitude: float = RMS_ANGLE
     noise: float | None = None
     snr_db: float = 10.0
@@ -85,10 +95,10 @@ class Protocol:
         return f"{label_of(self.perturbation)} of {self.amplitude:.2g} rad"
 
     @cached_property
-    def _parts(self) -> tuple[Any, Any]:
-        system: Any = found_as(self.system, SYSTEMS, "system")
+    def _parts(self) -> tuple[Any, Perturbation]:
+        system = found_as(self.system, SYSTEMS, "system")
         if self.stiffness is not None:
-            profile: Any = found_as(self.stiffness, PROFILES, "profile")
+            profile = found_as(self.stiffness, PROFILES, "profile")
             if isinstance(profile, (SineWave, SquareWave)):
                 stretch = self.period / profile.period
                 profile = replace(profile, period=self.period, offset=profile.offset * stretch)
@@ -97,7 +107,7 @@ class Protocol:
             system = replace(system, stiffness=profile)  # type: ignore[type-var]
         return system, found_as(self.perturbation, PERTURBATIONS, "perturbation")
 
-    def _made(self, duration: float, snr_db: float, seed: int) -> Any:
+    def _made(self, duration: float, snr_db: float, seed: int) -> Simulation:
         system, perturbation = self._parts
         rate = self.rate * max(1, -(-SIMULATED_HZ // self.rate))
         made = system.simulate(duration, perturbation=perturbation, snr_db=snr_db, seed=seed, rate=rate)
@@ -146,12 +156,14 @@ class Pilot:
     sampling_rate: float
     context: int
     amplitude: float
-    perturbation: Any = None
+    perturbation: str | Perturbation | None = None
     notes: tuple[str, ...] = ()
     recorded: Ensemble | None = None
 
     @classmethod
-    def of(cls, ensemble: Ensemble, *, amplitude: float | None = None, perturbation: Any = None) -> Pilot:
+    def of(
+        cls, ensemble: Ensemble, *, amplitude: float | None = None, perturbation: str | Perturbation | None = None
+    ) -> Pilot:
         """Identify a pilot's ensemble, by ``adaptive`` if it has the realizations that this needs, else by ``kbr``.
 
         What the model leaves of the torque is the noise; both spectra are means over realizations.
@@ -232,7 +244,7 @@ class Pilot:
         if self.perturbation is None:
             angle = _gaussian(self.movement, self.frequencies, rate, samples, random)
             return angle * self.amplitude / _rms(self.movement, self.frequencies)
-        perturbation: Any = found_as(self.perturbation, PERTURBATIONS, "perturbation")
+        perturbation = found_as(self.perturbation, PERTURBATIONS, "perturbation")
         finer = rate * max(1, -(-SIMULATED_HZ // rate))
         made = Joint(stiffness=Constant()).simulate(
             samples / rate, perturbation=perturbation, snr_db=math.inf, seed=random, rate=finer

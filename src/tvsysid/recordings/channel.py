@@ -114,7 +114,7 @@ def _kind_of(dtype: np.dtype[Any]) -> str:
     return "text" if dtype.kind in "USTO" else "records"
 
 
-def stated_unit(unit: Any) -> str:
+def stated_unit(unit: object) -> str:
     """Unit as a file states it, without brackets around; empty if it states none.
 
     Examples
@@ -127,7 +127,7 @@ def stated_unit(unit: Any) -> str:
     return "" if re.sub(r"\W", "", text.lower()) in NO_UNITS and text not in ("%", "°") else text
 
 
-def stated_rate(value: Any) -> float | None:
+def stated_rate(value: object) -> float | None:
     """Sampling rate as a file states it, or None for what is none."""
     try:
         rate = float(np.asarray(value).item())
@@ -150,7 +150,7 @@ def even_rate(times: NDArray[Any]) -> float | None:
     return round(1 / step, 9) if even else None
 
 
-def stated(*attributes: Mapping[str, Any]) -> tuple[str, float | None]:
+def stated(*attributes: Mapping[str, object]) -> tuple[str, float | None]:
     """Unit and sampling rate that attributes state; those of the first mapping go before those of the next."""
     unit, rate = "", None
     for item in attributes:

@@ -177,6 +177,6 @@ def _meaning(column: str) -> dict[str, str]:
     return {"Description": (MEANINGS[ending] + quantity.replace("_", " ")).capitalize()} | unit
 
 
-def _write_json(file: Path, content: Mapping[str, Any]) -> None:
+def _write_json(file: Path, content: Mapping[str, object]) -> None:
     with whole_file(file) as temporary:
         temporary.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")

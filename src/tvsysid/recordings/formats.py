@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -112,7 +112,7 @@ def _unique(file: Path, channels: Iterator[tuple[str, Channel]]) -> dict[str, Ch
     return found
 
 
-def contents_of(file: Path) -> dict[str, Any]:
+def contents_of(file: Path) -> dict[str, object]:
     """Variables and attributes of a file that this package wrote, single values as such."""
     channels_of(file)  # whether it can be read at all, and is what its ending says
     if file.suffix.lower() == ".mat":

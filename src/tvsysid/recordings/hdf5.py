@@ -30,7 +30,7 @@ class Item(NamedTuple):
 
     thing: h5py.Group | h5py.Dataset | h5py.Datatype | str
     """In words where it leads out of the file, nowhere or in a circle: that is not opened."""
-    above: tuple[Mapping[str, Any], ...]
+    above: tuple[Mapping[str, object], ...]
     """Attributes of the groups around it, the innermost first."""
 
 
@@ -53,10 +53,10 @@ def items_of(file: Path, root: h5py.File) -> dict[str, Item]:
     return found
 
 
-def _visited(file: Path, root: h5py.File) -> Iterator[tuple[str, Item, Any]]:
+def _visited(file: Path, root: h5py.File) -> Iterator[tuple[str, Item, object]]:
     """Path, what it leads to, and the link itself; a group comes before what it holds, and only once."""
     seen = {h5py.h5o.get_info(root.id).addr}
-    waiting: list[tuple[str, Item, Any]] = [("", Item(root, ()), None)]
+    waiting: list[tuple[str, Item, object]] = [("", Item(root, ()), None)]
     while waiting:
         path, (thing, above), link = waiting.pop()
         if path:
@@ -76,7 +76,7 @@ def _visited(file: Path, root: h5py.File) -> Iterator[tuple[str, Item, Any]]:
             waiting.append((f"{path}/{name}" if path else name, Item(inner, around), link))
 
 
-def _followed(group: h5py.Group, name: str, link: Any) -> Any:
+def _followed(group: h5py.Group, name: str, link: object) -> Any:
     """What a link leads to, or in words why it is not followed."""
     if isinstance(link, h5py.ExternalLink):
         return f"a link to another file, {link.filename}, which is not followed"
@@ -101,14 +101,14 @@ def read_hdf5(file: Path) -> Iterator[tuple[str, Channel]]:
                 yield path, _dataset(file, item.thing, item.above)
 
 
-def _dataset(file: Path, dataset: h5py.Dataset, above: tuple[Mapping[str, Any], ...]) -> Channel:
+def _dataset(file: Path, dataset: h5py.Dataset, above: tuple[Mapping[str, object], ...]) -> Channel:
     unit, rate = stated(dict(dataset.attrs), *above)
     if dataset.shape is None:
         return Channel((), "no values", unit, rate)
     return stored(dataset.shape, dataset.dtype, partial(values_of, file, dataset.name), unit, rate)
 
 
-def values_of(file: Path, name: str, part: Any = ()) -> NDArray[Any]:
+def values_of(file: Path, name: str, part: object = ()) -> NDArray[Any]:
     """All values of one dataset, or a part of them."""
     with h5py.File(file, "r") as root:
         dataset = root[name]
@@ -189,7 +189,7 @@ def _groups(source: Path | io.BytesIO) -> Iterator[Mapping[str, xr.Dataset]]:
             group.close()
 
 
-def contents_of_netcdf(file: Path) -> dict[str, Any]:
+def contents_of_netcdf(file: Path) -> dict[str, object]:
     """Variables and attributes of a NetCDF file that has none of its values elsewhere."""
     import xarray as xr  # noqa: PLC0415  # heavy
 

@@ -79,7 +79,7 @@ def _inflated(file: Path) -> int:
     return size
 
 
-def contents_of_mat_5(file: Path) -> dict[str, Any]:
+def contents_of_mat_5(file: Path) -> dict[str, object]:
     """Variables of a MAT file that this package wrote, single values as such."""
     found = loadmat(file, mat_dtype=True, chars_as_strings=True)
     return {
@@ -179,7 +179,7 @@ def _parameter(properties: Mapping[str, Any], name: str) -> Any:
     raise KeyError
 
 
-def _texts(values: Any) -> list[str]:
+def _texts(values: object) -> list[str]:
     """Texts of a cell array, or of one text."""
     if isinstance(values, str):
         return [values.strip()]

@@ -31,7 +31,7 @@ def read_nwb(file: Path) -> Iterator[tuple[str, Channel]]:
                 yield from _series(file, path, inside, things.get(f"{path}/channel_conversion"))
 
 
-def _series(file: Path, path: str, inside: Mapping[str, Any], gains: Any) -> Iterator[tuple[str, Channel]]:
+def _series(file: Path, path: str, inside: Mapping[str, object], gains: object) -> Iterator[tuple[str, Channel]]:
     """Channels of one time series: its columns."""
     data = inside["data"]
     if not isinstance(data, h5py.Dataset) or data.shape is None or data.ndim not in (1, 2):
@@ -50,12 +50,12 @@ def _series(file: Path, path: str, inside: Mapping[str, Any], gains: Any) -> Ite
         yield name, stored(data.shape[:1], data.dtype, values, unit, rate)
 
 
-def _scaled(file: Path, name: str, part: Any, factor: float, offset: float) -> NDArray[Any]:
+def _scaled(file: Path, name: str, part: object, factor: float, offset: float) -> NDArray[Any]:
     values = values_of(file, name, part)
     return values if (factor, offset) == (1.0, 0.0) else values * factor + offset
 
 
-def _factors(file: Path, path: str, data: h5py.Dataset, gains: Any, count: int) -> NDArray[Any]:
+def _factors(file: Path, path: str, data: h5py.Dataset, gains: object, count: int) -> NDArray[Any]:
     """What each of so many columns has to be multiplied with."""
     factors = np.full(count, float(data.attrs.get("conversion", 1.0)))
     if isinstance(gains, h5py.Dataset):
@@ -65,7 +65,7 @@ def _factors(file: Path, path: str, data: h5py.Dataset, gains: Any, count: int) 
     return factors
 
 
-def _rate(file: Path, inside: Mapping[str, Any], length: int) -> float | str | None:
+def _rate(file: Path, inside: Mapping[str, object], length: int) -> float | str | None:
     """Rate in Hz that a series states, or that of its timestamps; in words why it has none."""
     start, times = inside["starting_time"], inside["timestamps"]
     if isinstance(start, h5py.Dataset):

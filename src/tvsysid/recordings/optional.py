@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -51,7 +52,7 @@ def _decoded(metadata: dict[bytes, bytes] | None) -> dict[str, str]:
     return {str(key, "utf-8", "replace"): str(value, "utf-8", "replace") for key, value in (metadata or {}).items()}
 
 
-def _optional(module: str, files: str, extra: str) -> Any:
+def _optional(module: str, files: str, extra: str) -> ModuleType:
     """A module of a library that is installed only by those who need it."""
     try:
         return import_module(module)

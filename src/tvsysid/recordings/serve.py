@@ -68,7 +68,7 @@ class Server:
             return {"error": str(error)}, {}
 
 
-def send(stream: BinaryIO, told: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
+def send(stream: BinaryIO, told: dict[str, object], arrays: dict[str, NDArray[Any]]) -> None:
     """A line that says what follows, and the bytes of each array, in the order in which they lie in memory."""
     layout = [(name, item.dtype.str, item.shape, _by_columns(item)) for name, item in arrays.items()]
     stream.write(json.dumps({**told, "arrays": layout}).encode() + b"\n")

@@ -232,7 +232,7 @@ def _write(
             import xarray as xr  # noqa: PLC0415  # heavy
 
             axes = (*dims, "sample")
-            content: dict[str, Any] = {name: (axes[: values.ndim], values) for name, values in arrays.items()}
+            content: dict[str, object] = {name: (axes[: values.ndim], values) for name, values in arrays.items()}
             content |= {name: (vector_dim, values) for name, values in vectors.items()}
             dataset = xr.Dataset(content, attrs={**about, **labels})
             for name, unit in UNITS.items():

@@ -140,7 +140,7 @@ def methods_section(labels: Iterable[str]) -> Section:
     return Section("methods", "What each method assumes", blocks, contents="Assumptions")
 
 
-def run_section(results: xr.Dataset, settings: Mapping[str, Any], seconds: float, failed: str) -> Section:
+def run_section(results: xr.Dataset, settings: Mapping[str, object], seconds: float, failed: str) -> Section:
     """Settings of a study, and where it ran."""
     versions = settings_of(results, "versions")
     rows = [(name, in_words(value)) for name, value in settings.items()]
@@ -177,7 +177,7 @@ def numbered(pictures: Mapping[str, Picture], first: int = 1) -> list[Block]:
     return [Figure(stem, picture, place) for place, (stem, picture) in enumerate(pictures.items(), start=first)]
 
 
-def metrics_there(summary: pd.DataFrame, metrics: Mapping[str, Any]) -> list[str]:
+def metrics_there(summary: pd.DataFrame, metrics: Iterable[str]) -> list[str]:
     """Metrics that have a value somewhere, in their order."""
     known = summary[np.isfinite(summary.value.astype(float))]
     return [name for name in metrics if (known.metric == name).any()]

@@ -163,7 +163,7 @@ def traits_of(results: xr.Dataset) -> dict[str, dict[str, Any]]:
     }
 
 
-def main_scenario(traits: Mapping[str, Mapping[str, Any]]) -> str:
+def main_scenario(traits: Mapping[str, Mapping[str, object]]) -> str:
     """Label of the scenario to look at first: the one most like the paper's."""
     return max(traits, key=lambda label: sum(traits[label][name] == usual for name, usual in USUAL.items()))
 

@@ -52,7 +52,7 @@ class Claim:
 
 def judged(
     claim: Claim, margins: Sequence[Margin], *, also: str = "", too_few: str = "", more: str = "data"
-) -> tuple[Any, ...]:
+) -> tuple[object, ...]:
     """Row of ``COLUMNS`` for a claim; without margins it was not studied.
 
     In words: what every claim needs ``also``, why there is ``too_few`` to decide by, and what to have ``more`` of.

@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tvsysid.study.alignment import AlignmentEffect
 from tvsysid.study.prepared import Prepared
@@ -48,7 +49,7 @@ class Fixed(NamedTuple):
 
     name: str
     dims: tuple[str, ...]
-    values: Any
+    values: Sequence[object] | NDArray[Any]
     attributes: Mapping[str, str] = {}
 
 
@@ -134,7 +135,7 @@ class Layout:
     fixed: tuple[Fixed, ...]
     measured: Mapping[str, Variable]
     coordinates: tuple[str, ...]
-    identity: Mapping[str, tuple[Mapping[str, Any], str]] = field(default_factory=dict)
+    identity: Mapping[str, tuple[Mapping[str, object], str]] = field(default_factory=dict)
 
     @property
     def number(self) -> int:

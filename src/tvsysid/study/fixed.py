@@ -39,14 +39,14 @@ def contents_of(layout: Layout) -> dict[str, bytes]:
 
     written: dict[str, Any] = {}
     memory = MemoryStore(written)
-    attributes: dict[str, Any] = {"title": layout.title, "layout": layout.number}
+    attributes: dict[str, object] = {"title": layout.title, "layout": layout.number}
     attributes |= {name: json.dumps(ours) for name, (ours, _) in layout.identity.items()}
     group: Any = zarr.create_group(memory, zarr_format=3, attributes=attributes)
     for item in (*layout.fixed, Fixed("variable", ("variable",), [*layout.measured, CHECKSUMS])):
         array = np.asarray(item.values)
         if array.dtype.kind == "U":
             array = array.astype(np.dtypes.StringDType())
-        kind: Any = "string" if array.dtype.kind == "T" else array.dtype
+        kind = "string" if array.dtype.kind == "T" else array.dtype
         created = group.create_array(
             item.name, shape=array.shape, chunks=array.shape, dtype=kind, dimension_names=item.dims, compressors=None,
             attributes=dict(item.attributes), config={"write_empty_chunks": True},

@@ -14,6 +14,7 @@ from pydantic import Field, field_validator, model_validator
 
 from tvsysid.estimates import IMPEDANCE
 from tvsysid.methods import label_of, parse
+from tvsysid.methods.apply import Identifies
 from tvsysid.methods.base import Input, inputs_of, said_by
 from tvsysid.signals import Ensemble
 from tvsysid.study.settings import AnyMethod, Listed, Settings, StudySettings, listed, spawn_key
@@ -115,7 +116,7 @@ class Analysis:
     """A method with a number of realizations."""
 
     name: str
-    method: Any
+    method: str | Identifies
     realizations: int
     contiguous: bool
 
@@ -198,7 +199,7 @@ class Experiment(StudySettings):
 
     @field_validator("participants")
     @classmethod
-    def _names_for_files(cls, values: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+    def _names_for_files(cls, values: dict[str, dict[str, tuple[str, ...]]]) -> dict[str, dict[str, tuple[str, ...]]]:
         for name in [*values, *(name for recorded in values.values() for name in recorded)]:
             # A spreadsheet takes what begins with = + - @ for a formula.
             if not name.isprintable() or not 0 < len(name) <= LONGEST or set(name) & set("/\\:") or name[0] in ".=+-@":
@@ -263,7 +264,7 @@ class Experiment(StudySettings):
         return tuple(found)
 
     @cached_property
-    def named_methods(self) -> dict[str, Any]:
+    def named_methods(self) -> dict[str, Identifies]:
         """Method objects by the name that they have in results."""
         return {item.name: parse(item.method) if isinstance(item.method, str) else item.method for item in self.methods}
 
@@ -289,7 +290,7 @@ class Experiment(StudySettings):
         return int(np.random.SeedSequence(self.seed, spawn_key=key).generate_state(1, np.uint64)[0])
 
     @property
-    def identity(self) -> dict[str, Any]:
+    def identity(self) -> dict[str, object]:
         """What is done with each recording; with the recordings themselves, it tells one experiment from another."""
         methods = []
         for item in self.methods:

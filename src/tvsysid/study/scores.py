@@ -7,13 +7,14 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, reduce
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid import metrics
 from tvsysid.metrics import weighted_mean
+from tvsysid.metrics.errors import Value
 from tvsysid.numerics import Array
 from tvsysid.simulate import SquareWave
 
@@ -91,7 +92,7 @@ class Cell:
         variance = weighted_mean(np.square(own), self.weights) - np.square(weighted_mean(own, self.weights))
         return np.asarray(np.sqrt(np.maximum(0.0, variance)))
 
-    def measured(self, name: str) -> Any:
+    def measured(self, name: str) -> Value:
         """Metric of the catalogue, or of this study's own; one for each set of weights."""
         if name in OWN:
             return OWN[name][1](self)
@@ -123,7 +124,7 @@ def from_switch(time: Array, wave: SquareWave) -> Array:
     return np.asarray(np.abs((time - wave.offset + half / 2) % half - half / 2))
 
 
-def _rise(cell: Cell) -> Any:
+def _rise(cell: Cell) -> Value:
     """Time from 10 to 90 % of the step."""
     assert cell.wave is not None
     step = cell.wave.high - cell.wave.low
@@ -131,7 +132,7 @@ def _rise(cell: Cell) -> Any:
     return metrics.rise_time(cell.time, cell.estimates, low, high, cell.wave.offset, weights=cell.weights)
 
 
-def _dip(cell: Cell) -> Any:
+def _dip(cell: Cell) -> Value:
     """How far the mean at the switches lies below that away from them."""
     over_time = cell.mean_over_time
     known = np.isfinite(over_time).reshape(-1, len(cell.time)).all(axis=0)
@@ -141,13 +142,13 @@ def _dip(cell: Cell) -> Any:
     return over_time[..., away].mean(axis=-1) - over_time[..., at].mean(axis=-1)
 
 
-def _lowest(cell: Cell) -> Any:
+def _lowest(cell: Cell) -> Value:
     values = cell.mean_over_time
     known = np.isfinite(values)
     return np.where(known.any(axis=-1), np.min(values, axis=-1, where=known, initial=100.0), np.nan)
 
 
-def _spread(cell: Cell, side: int) -> Any:
+def _spread(cell: Cell, side: int) -> Value:
     """Standard deviation over trials, averaged over all times (0), those of less (-1) or more than the mean truth."""
     deviation = cell.deviation
     known = np.isfinite(deviation).reshape(-1, len(cell.time)).all(axis=0)
@@ -156,7 +157,7 @@ def _spread(cell: Cell, side: int) -> Any:
 
 
 POINTS = "percentage points"
-OWN: dict[str, tuple[str, Callable[[Cell], Any]]] = {
+OWN: dict[str, tuple[str, Callable[[Cell], Value]]] = {
     "rise_time": ("s", _rise),
     "vaf": ("%", lambda cell: weighted_mean(cell.realization_vaf, cell.weights)),
     "bandpassed_vaf": ("%", lambda cell: weighted_mean(cell.bandpassed, cell.weights)),
@@ -316,7 +317,7 @@ def _cell(time: Array, here: Mapping[str, Array], column: int, quantity: int, us
     )
 
 
-def _measured(cell: Cell, main: bool, weights: Array) -> Iterator[tuple[str, Any, Any]]:
+def _measured(cell: Cell, main: bool, weights: Array) -> Iterator[tuple[str, Value, Value]]:
     """Each metric, its value, and its replicates for trials drawn with replacement, weights (draw, trial)."""
     if not main and not (np.isfinite(cell.truth).any() and np.isfinite(cell.estimates).any()):
         return
@@ -333,7 +334,7 @@ def _measured(cell: Cell, main: bool, weights: Array) -> Iterator[tuple[str, Any
     yield from ((name, value, found[name]) for name, value in values.items())
 
 
-def _undraw(found: dict[str, Any], count: int) -> None:
+def _undraw(found: dict[str, Value], count: int) -> None:
     """Have replicates vary about what was measured: the one place where draws differ from samples.
 
     A draw varies less than what it is drawn from, by (M - 1) / M. Its bias holds the random error's part twice, the

@@ -15,7 +15,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Val
 from tvsysid.errors import InputError, plain_text
 from tvsysid.estimates import UNITS
 from tvsysid.methods import parse
-from tvsysid.methods.apply import checked_name
+from tvsysid.methods.apply import Identifies, checked_name
 from tvsysid.methods.base import names_said, scheduled_by
 
 Value = TypeVar("Value")
@@ -40,7 +40,7 @@ class StudySettings(Settings):
 
     @property
     @abstractmethod
-    def named_methods(self) -> dict[str, Any]:
+    def named_methods(self) -> dict[str, Identifies]:
         """Method objects by the name that they have in results."""
 
     def said(self, attribute: str, *names: str) -> tuple[str, ...]:
@@ -87,7 +87,7 @@ class StudySettings(Settings):
             raise InputError(f"{path}: {error}") from error
 
 
-def overridden(settings: dict[str, Any], others: dict[str, Any]) -> dict[str, Any]:
+def overridden(settings: dict[str, object], others: dict[str, object]) -> dict[str, Any]:
     """Settings with others in their place; further scenarios follow where they are of the kind expected."""
     merged = settings | others
     further = settings.get("also", ())
@@ -130,7 +130,7 @@ AnyMethod = Annotated[Any, AfterValidator(_identifies)]  # key of a method, or a
 Whole = Annotated[int, BeforeValidator(_whole)]
 
 
-def in_words(value: Any) -> str:
+def in_words(value: object) -> str:
     """Setting as text, like "1, eirf, none" or "alignment 2"."""
     if isinstance(value, list):
         return ", ".join(map(in_words, value))
@@ -141,7 +141,7 @@ def in_words(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def differences(theirs: Mapping[str, Any], ours: Mapping[str, Any], of: str = "") -> str:
+def differences(theirs: Mapping[str, object], ours: Mapping[str, object], of: str = "") -> str:
     """What differs between two mappings, in words.
 
     Examples
@@ -160,7 +160,7 @@ def differences(theirs: Mapping[str, Any], ours: Mapping[str, Any], of: str = ""
     return "; ".join(filter(None, found))
 
 
-def _by_name(value: Any) -> Any:
+def _by_name(value: object) -> object:
     """Value, or mappings in a list by their names, or else by their numbers from 1."""
     if not isinstance(value, list) or not value or not all(isinstance(each, Mapping) for each in value):
         return value
@@ -201,7 +201,7 @@ def _model_at(kind: type[BaseModel], place: tuple[int | str, ...]) -> type[BaseM
     return kind
 
 
-def _model_within(annotation: Any) -> type[BaseModel] | None:
+def _model_within(annotation: object) -> type[BaseModel] | None:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
     return next(filter(None, map(_model_within, get_args(annotation))), None)

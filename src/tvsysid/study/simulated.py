@@ -17,6 +17,7 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 from tvsysid.errors import InputError, describe_error
 from tvsysid.estimates import IMPEDANCE
 from tvsysid.methods import STUDIED_METHODS, found_as, label_of, parse
+from tvsysid.methods.apply import Identifies
 from tvsysid.methods.plugins import target_of
 from tvsysid.signals import Array, Ensemble
 from tvsysid.simulate import (
@@ -40,7 +41,7 @@ OWN = "own"  # stiffness and viscosity of a system that cannot be given any
 PROBED = 20  # realizations that are simulated to see what a system knows
 
 GRID = ("stiffness", "perturbation", "duration_s", "snr_db", "viscosity", "system")
-KINDS: dict[str, tuple[Mapping[str, Any], str, str]] = {
+KINDS: dict[str, tuple[Mapping[str, object], str, str]] = {
     "stiffness": (PROFILES, "profile", "__call__"),
     "perturbation": (PERTURBATIONS, "perturbation", "generate"),
     "system": (SYSTEMS, "system", "simulate"),
@@ -106,12 +107,12 @@ class Known(NamedTuple):
 class _Grid(Settings):
     @field_validator("methods", check_fields=False)
     @classmethod
-    def _given_once(cls, values: tuple[Any, ...] | None) -> tuple[Any, ...] | None:
+    def _given_once(cls, values: tuple[object, ...] | None) -> tuple[object, ...] | None:
         return values and unique(values)
 
     @field_validator(*KINDS, check_fields=False)
     @classmethod
-    def _found(cls, values: tuple[Any, ...] | None, info: Any) -> tuple[Any, ...] | None:
+    def _found(cls, values: tuple[object, ...] | None, info: Any) -> tuple[object, ...] | None:
         known, what, verb = KINDS[info.field_name]
         for value in values or ():
             if not verb and value not in known:
@@ -249,7 +250,7 @@ class Study(_Grid, StudySettings):
         return self
 
     @cached_property
-    def named_methods(self) -> dict[str, Any]:
+    def named_methods(self) -> dict[str, Identifies]:
         """Method objects by the label that they have in results."""
         every = [*self.methods, *(value for further in self.also for value in further.methods or ())]
         return {label_of(value): parse(value) if isinstance(value, str) else value for value in every}
@@ -354,12 +355,12 @@ class Study(_Grid, StudySettings):
 
     def to_json(self) -> str:
         """The settings as text, methods and parts by their labels; what tells one study from another."""
-        settings: dict[str, Any] = {name: _labels(getattr(self, name)) for name in GRID}
+        settings: dict[str, object] = {name: _labels(getattr(self, name)) for name in GRID}
         if self.also:
             settings["also"] = [
                 {name: _labels(value) for name, value in further if value is not None} for further in self.also
             ]
-        others: dict[str, Any] = {"rate": self.rate, "period": self.period, "trials": self.trials, "seed": self.seed}
+        others: dict[str, object] = {"rate": self.rate, "period": self.period, "trials": self.trials, "seed": self.seed}
         others |= {"subtract_mean": True} if self.subtract_mean else {}
         return json.dumps(settings | {"methods": _labels(self.methods)} | others)
 
@@ -372,5 +373,5 @@ def _is_always(usual: Mapping[str, Array], simulation: Simulation, ensemble: Ens
     )
 
 
-def _labels(values: tuple[Any, ...]) -> list[Any]:
+def _labels(values: tuple[object, ...]) -> list[str | float]:
     return [value if isinstance(value, float) else label_of(value) for value in values]

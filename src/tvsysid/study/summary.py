@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -74,7 +74,7 @@ def summarize(found: xr.Dataset) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=list(COLUMNS))
 
 
-def _rows(cell: Any) -> Iterator[tuple[Any, ...]]:
+def _rows(cell: xr.Dataset) -> Iterator[tuple[object, ...]]:
     labels = (str(cell.profile.values), str(cell.perturbation.values), float(cell.duration_s), float(cell.snr_db))
     others = tuple(str(cell[name].values) for name in ("viscosity", "scenario", "system"))
     absent = () if cell.switches else OF_SWITCHES
@@ -136,7 +136,7 @@ def _of_experiment(results: xr.Dataset) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=[*LABELS, "metric", "value", "unit", "quantity"])
 
 
-def measured(results: xr.Dataset) -> dict[str, Any]:
+def measured(results: xr.Dataset) -> dict[str, Array]:
     """Metrics of the stiffness and of the torque, each over (recording, analysis); NaN where there is none."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # of means over nothing: a method that failed

@@ -228,7 +228,7 @@ def statistics(values: Array) -> Array:
     return np.array([known.mean(), known.std(), known.min()]) if len(known) else np.full(len(STATISTICS), np.nan)
 
 
-def digests(items: Mapping[str, Any]) -> dict[str, str]:
+def digests(items: Mapping[str, object]) -> dict[str, str]:
     """Digest of the file that holds each method of somebody else's: a method that was changed is another one."""
     found = {}
     for label, item in items.items():

@@ -112,11 +112,11 @@ class Evidence(Shown):
         )
 
 
-def _told(settings: Mapping[str, Any]) -> str:
+def _told(settings: Mapping[str, object]) -> str:
     return ", ".join(f"{name}={_short(value)}" for name, value in settings.items())
 
 
-def _short(value: Any) -> str:
+def _short(value: object) -> str:
     """Numbers with four digits."""
     if isinstance(value, float):
         return f"{value:.4g}"

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from tvsysid.methods import CLOSED_LOOP
 
 OPEN = ("sds", "esm:stiffness=fit", "birf", "kbr", "kbr:weighting=residual")
@@ -21,7 +19,7 @@ def system(actuator: float, noise: float) -> str:
     return f"loaded:actuator_stiffness={actuator:g},noise_bandwidth={noise:g}"
 
 
-PRESETS: dict[str, dict[str, Any]] = {
+PRESETS: dict[str, dict[str, object]] = {
     "closed-loop": {
         "stiffness": ("sine",),
         "perturbation": ("noise:cutoff=20",),

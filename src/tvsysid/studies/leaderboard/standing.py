@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -96,7 +96,7 @@ def standings(results: xr.Dataset, groups: Mapping[str, Sequence[str]]) -> pd.Da
     score, replicates = scores.pop(""), replicates_of(errors.values)
     covered = results.covered.sel(quantity=MAIN).mean(["trial", "time"]).mean("scenario")
     found = ranks_of(score, replicates)
-    columns: dict[str, Any] = {"rank": found.pop("rank"), "entry": entries, "origin": list(map(origin_of, entries))}
+    columns: dict[str, object] = {"rank": found.pop("rank"), "entry": entries, "origin": list(map(origin_of, entries))}
     columns |= {"score": score, "score_error": np.std(replicates, axis=0), **found}
     columns |= {"coverage": 100 * covered.values, "answered": answered(results).sum("scenario").values, **scores}
     return pd.DataFrame(columns).sort_values("score", kind="stable", ignore_index=True)

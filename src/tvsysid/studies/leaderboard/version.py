@@ -43,14 +43,14 @@ SCENARIOS = (
 """Joints whose angle is imposed, with a reflex, in closed loop, and scheduled by a variable."""
 
 
-def study_of(entries: Sequence[Any] = (), scenarios: Sequence[Any] = (), **changes: Any) -> Study:
+def study_of(entries: Sequence[object] = (), scenarios: Sequence[object] = (), **changes: Any) -> Study:
     """Leaderboard as a study: the package's methods, those of installed packages, and further entries.
 
     Further ``scenarios`` and ``changes`` of settings make it another one than the version's, as its digest shows. An
     installed method that cannot be made as it is is left out, with a warning.
     """
     first, *others = ({name: (value,) for name, value in each._asdict().items()} for each in SCENARIOS)
-    fixed: dict[str, Any] = {"rate": 100.0, "period": 2.0, "subtract_mean": True, "trials": TRIALS, "seed": SEED}
+    fixed: dict[str, object] = {"rate": 100.0, "period": 2.0, "subtract_mean": True, "trials": TRIALS, "seed": SEED}
     fixed |= {"methods": tuple(dict.fromkeys((*filter(_usable, names()), *CLOSED_LOOP, *entries))), "also": others}
     settings = overridden(first | fixed, changes)
     return Study(**settings | {"also": (*settings.get("also", ()), *scenarios)})

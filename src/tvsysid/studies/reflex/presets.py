@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 ONE_PATH = ("eirf", "sds", "birf", "kbr")
 TWO_PATHS = ("cascade", "bpc", "tvpc", "pc", "sdss")
 GAINS = (4.0, 8.0, 16.0)  # of the reflex in N·m·s/rad, beside 0
@@ -13,7 +11,7 @@ PERIOD = 2.0  # s
 NAMES = {0.0: "reflex:reflex_gain=0"} | {gain: f"reflex:reflex_gain={gain:g}" for gain in GAINS}
 """Systems of constant gain."""
 
-PRESETS: dict[str, dict[str, Any]] = {
+PRESETS: dict[str, dict[str, object]] = {
     "reflex": {
         "stiffness": ("sine",),
         "perturbation": ("noise",),

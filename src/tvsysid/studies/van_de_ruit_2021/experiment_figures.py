@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -86,7 +86,7 @@ def _of(results: xr.Dataset, participant: str) -> xr.Dataset:
     return results[SHOWN].sel(quantity="stiffness").isel(recording=results.participant.values == participant)
 
 
-def _of_one(given: Mapping[str, Any], results: xr.Dataset, preferred: str) -> list[str]:
+def _of_one(given: Container[str], results: xr.Dataset, preferred: str) -> list[str]:
     """Labels of one participant's recordings for which something was given: of the preferred one if there are any."""
     people = {
         str(label): str(person)

@@ -116,7 +116,7 @@ def _comparison(results: xr.Dataset, summary: pd.DataFrame, rows: pd.DataFrame) 
     return Illustration(drawing, title, text + " ".join(_figures(summary, list(shown.index), scenarios)))
 
 
-def _figures(summary: pd.DataFrame, labels: Sequence[str], scenarios: Sequence[dict[str, Any]]) -> list[str]:
+def _figures(summary: pd.DataFrame, labels: Sequence[str], scenarios: Sequence[dict[str, object]]) -> list[str]:
     """One sentence for each method in each scenario."""
     sentences = []
     for label, scenario in zip(labels, scenarios, strict=True):

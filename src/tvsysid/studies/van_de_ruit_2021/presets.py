@@ -10,7 +10,7 @@ from tvsysid.errors import InputError
 from tvsysid.study.settings import overridden
 from tvsysid.study.simulated import VISCOSITIES, Study
 
-PRESETS: dict[str, dict[str, Any]] = {
+PRESETS: dict[str, dict[str, object]] = {
     "quick": {},
     "paper": {
         "duration_s": (40.0, 80.0, 150.0, 300.0, 600.0),
@@ -23,7 +23,7 @@ PRESETS: dict[str, dict[str, Any]] = {
 """Studies by name: the default, that of van de Ruit et al. 2021 with its Appendix A, and two that it leaves open."""
 
 
-def preset(name: str, further: Mapping[str, dict[str, Any]] = MappingProxyType({}), **settings: Any) -> Study:
+def preset(name: str, further: Mapping[str, dict[str, object]] = MappingProxyType({}), **settings: Any) -> Study:
     """Study of a name of ``PRESETS``: ``"quick"``, ``"paper"``, ``"snr"``, ``"viscosity"``; or of ``further`` ones.
 
     Settings given take the place of the preset's, in its further scenarios too. ``InputError`` for an unknown name, or

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -52,7 +52,7 @@ class Scenario(NamedTuple):
         return f"{'PRBS' if self.perturbation == 'prbs' else 'noise'}, {self.duration_s:g} s"
 
 
-Where = dict[str, tuple[Any, ...]]  # values that the settings of a scenario may have
+Where = dict[str, tuple[object, ...]]  # values that the settings of a scenario may have
 SQUARES: Where = {"profile": ("square",), "viscosity": ("constant",), "snr_db": (10.0,)}
 SINES: Where = SQUARES | {"profile": ("sine",)}
 
@@ -134,7 +134,7 @@ def judge_simulations(scores: xr.Dataset) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=list(COLUMNS))
 
 
-def _all_above(scores: Scores, where: Where, name: str, floor: float, source: str) -> tuple[Any, ...]:
+def _all_above(scores: Scores, where: Where, name: str, floor: float, source: str) -> tuple[object, ...]:
     """Row for the claim that every VAF is above a floor, with a limit on the share of trials that are not."""
     sentence, unit = f"Every VAF is above {floor:g} % ({name})", "percentage points"
     nothing = (np.nan, np.nan, np.nan, unit)

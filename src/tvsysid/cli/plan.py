@@ -90,12 +90,16 @@ def plan(
     import tvsysid
     from tvsysid.figures import save
     from tvsysid.planning import Pilot
+    from tvsysid.planning.setups import CONTEXT
     from tvsysid.recordings import whole_file
 
     if not out.is_dir():
         check_folder(out)
     stated = options.given(system=system, stiffness=stiffness, noise=noise, snr=snr)
     if pilot is None:
+        of_pilot = options.given(angle=angle, torque=torque, rate=rate, context=None if context == CONTEXT else context)
+        if of_pilot:
+            raise InputError(f"--{' and --'.join(of_pilot)}: of a pilot recording; give that too (--pilot FILE)")
         if noise is not None and snr is not None:
             raise InputError("--noise and --snr: give one of them")
         own: dict[str, Any] = {"snr_db" if name == "snr" else name: value for name, value in stated.items()}

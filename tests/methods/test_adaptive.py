@@ -165,7 +165,7 @@ def test_scatter_of_white_and_of_slow_noise_is_that_of_many_draws(random):
             seen = gram[:, 0, -1] / gram[:, 0, 0]
             drawn.append(seen)
             scores, _ = noise.scores(other, np.stack([seen, 0 * seen, 0 * seen]))
-            found.append(noise.scatter(gram, scores, (60, 60), 100.0, periodic=False).covariance)
+            found.append(noise.scatter(gram, scores, (60, 60), 100.0, periodic=False).covariance())
         assert u.shape == (60, 100)
         drawn, found = np.array(drawn), np.mean(found, axis=0)
         assert np.diag(found).mean() == pytest.approx(np.mean(drawn**2), rel=0.06)
@@ -185,7 +185,7 @@ def test_the_strength_of_noise_is_as_sure_as_its_degrees_of_freedom_say(random, 
         seen = gram[:, 0, -1] / gram[:, 0, 0]
         scores, _ = noise.scores(other, np.stack([seen, 0 * seen, 0 * seen]))
         found = noise.scatter(gram, scores, (count, count), 100.0, periodic=True)
-        variances.append(np.diag(found.covariance))
+        variances.append(np.diag(found.covariance()))
         freedoms.append(found.freedom)
     assert least < np.mean(freedoms) < most
     varies = np.mean(np.var(variances, axis=0) / np.mean(variances, axis=0) ** 2)
@@ -443,14 +443,11 @@ def test_how_steps_are_smeared_is_averaged_where_the_data_leave_it_open(random, 
     for scale, count in ((1.0, 1), (20.0, 2)):
         each = evidence.Line.of(line.axis, 5 * line.seen, scale * 25 * np.linalg.inv(line.precision), 5.0)
         found = averaging.averaged(each)
-        axes = {candidate.smooth.line.axis for candidate in found.every}
+        axes = {candidate.smooth.line.axis for candidate in found.candidates}
         assert (line.axis in axes, len(axes)) == (True, count)
     (other,) = axes - {line.axis}
-    beside = [
-        one.evidence - np.log(len(averaging.JITTERS) + 1)
-        for one in averaging._averaged(replace(each, axis=other)).every
-    ]
-    expected = [one.evidence for one in averaging._averaged(each).every] + beside
+    beside = [one.evidence - np.log(len(averaging.JITTERS) + 1) for one in averaging._found(replace(each, axis=other))]
+    expected = [one.evidence for one in averaging._found(each)] + beside
     np.testing.assert_allclose([one.evidence for one in found.every], sorted(expected, reverse=True))
 
 
@@ -461,6 +458,6 @@ def test_viscosity_switches_where_stiffness_does_if_that_explains_it(random):
     other, _ = line_of(random, periodic=True)
     beside = averaging.averaged_beside(other, found)
     own = averaging.tied(found.candidates[0].placed, other)
-    alone, _ = (each.evidence for each in sorted(averaging._averaged(other).every, key=lambda each: -each.evidence)[:2])
+    alone = max(each.evidence for each in averaging._found(other))
     assert beside.candidates[0].placed.positions == pytest.approx(own.positions)
     assert beside.candidates[0].evidence > alone + 1  # nothing was spent on looking for where

@@ -13,9 +13,9 @@ from threadpoolctl import threadpool_limits
 from tvsysid.estimates import Estimate, StandardError
 from tvsysid.methods import base, shared
 from tvsysid.methods.adaptive import tables
-from tvsysid.methods.adaptive.averaging import Averaged, averaged, averaged_beside
+from tvsysid.methods.adaptive.averaging import Averaged, Outcome, averaged, averaged_beside
 from tvsysid.methods.adaptive.evidence import Line
-from tvsysid.methods.adaptive.mixture import Candidate, Mixture
+from tvsysid.methods.adaptive.mixture import Mixture
 from tvsysid.methods.adaptive.model import AdaptiveModel, MixtureError
 from tvsysid.methods.adaptive.moments import (
     SHORTEST,
@@ -186,13 +186,15 @@ class Identification:
             scatter(gram, known[1], counts, rate, periodic),
         )
         beyond = misfit(gram, coefficients, self.independent)
-        error = scatters[0].covariance + mixed @ found.covariance @ mixed.T
+        error = scatters[0].covariance() + mixed @ found.covariance @ mixed.T
         if beyond.viscosity or beyond.inertia:
             both = beyond.viscosity * np.outer(mixed[:, 0], mixed[:, 0])
             error += alike(times, rate) * (both + beyond.inertia * np.outer(mixed[:, 1], mixed[:, 1]))
         if variance is not None:
             error += np.diag(mixed[:, 0] ** 2 * variance)
-        result = averaged(self._line(U, seen, error))
+        line = self._line(U, seen, error)
+        del known, error  # each is as large as the line
+        result = averaged(line)
         return Stiffness(result, result.mixture.mean(), result.mixture.variance(), found, beyond, scatters)
 
     def viscosity(self, beside: Stiffness) -> Averaged:
@@ -204,12 +206,14 @@ class Identification:
             left = with_torque_less(left, place, np.full(len(gram), value))
         seen = left[:, V, -1] / power
         mixed = gram[:, V] / power[:, None]
-        error = beside.scatter[1].covariance + np.diag(mixed[:, U] ** 2 * beside.variance)
+        error = beside.scatter[1].covariance() + np.diag(mixed[:, U] ** 2 * beside.variance)
         others = mixed[:, A:-1]
         error += others @ steady.covariance[1:, 1:] @ others.T
         if beside.misfit.inertia:
             error += alike(len(gram), self.signals.rate) * (beside.misfit.inertia * np.outer(mixed[:, A], mixed[:, A]))
-        return averaged_beside(self._line(V, seen, error), beside.averaged)
+        line = self._line(V, seen, error)
+        del error
+        return averaged_beside(line, beside.averaged)
 
     def _line(self, signal: int, seen: Array, error: Array) -> Line:
         """What is seen of a signal's coefficient; its size is its mean by the signal's power, and never 0.
@@ -228,7 +232,7 @@ class Identification:
         stiffness = self.stiffness(None, None)
         viscosity = self.viscosity(stiffness)
         for _ in range(ROUNDS):
-            if viscosity.probability(is_constant) > 0.5:
+            if viscosity.probability(Outcome.constant) > 0.5:
                 break
             stiffness = self.stiffness(viscosity.mixture.mean(), viscosity.mixture.variance())
             viscosity = self.viscosity(stiffness)
@@ -256,8 +260,8 @@ class Identification:
         over_time = base.padded(impedance, *edges).T
         estimates = shared.impedance_estimates(over_time[0], over_time[1], over_time[2], errors)
         details = {
-            "constant_stiffness": stiffness.averaged.probability(is_constant),
-            "constant_viscosity": viscosity.probability(is_constant),
+            "constant_stiffness": stiffness.averaged.probability(Outcome.constant),
+            "constant_viscosity": viscosity.probability(Outcome.constant),
             "periodic": float(self.axis.periodic),
             "reflex_shown": float(reflex is not None),
         }
@@ -311,11 +315,6 @@ class Identification:
             beside = self.signals.beside
             yield from doubtful_gain(beside.estimates["reflex_gain"], bool(beside.diagnostics.details["constant"]))
         yield from negative_viscosity(viscosity)
-
-
-def is_constant(candidate: Candidate) -> bool:
-    """Whether nothing changes."""
-    return candidate.sizes is None and candidate.smooth.roughness.kind == "none"
 
 
 def _mixture_error(mixture: Mixture, arc: float, edges: tuple[int, int], unit: float, freedom: float) -> MixtureError:

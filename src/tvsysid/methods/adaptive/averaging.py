@@ -12,7 +12,7 @@ import numpy as np
 from tvsysid.methods.adaptive.evidence import Line, Smooth, every_sizes, jumps_of_every_size
 from tvsysid.methods.adaptive.mixture import LIGHTEST, Candidate, Mixture, mixture_of, path
 from tvsysid.methods.adaptive.placing import Found, Placed, Windows, add, joined, refined, simplified, total
-from tvsysid.methods.adaptive.prior import JITTERS, Axis, roughnesses
+from tvsysid.methods.adaptive.prior import JITTERS, Axis, Roughness, roughnesses
 from tvsysid.methods.adaptive.search import Grid, first_states, found_sets
 from tvsysid.numerics import Array
 from tvsysid.numerics.bands import arc_length
@@ -53,13 +53,25 @@ def candidates(smooths: tuple[Smooth, ...], sets: list[Placed]) -> list[Candidat
     return out
 
 
+class Outcome(NamedTuple):
+    """What is kept of any candidate: its matrices would be many times the data."""
+
+    evidence: float
+    roughness: Roughness
+    switches: bool
+
+    def constant(self) -> bool:
+        """Whether nothing changes."""
+        return not self.switches and self.roughness.kind == "none"
+
+
 class Averaged(NamedTuple):
-    """Candidates that count, with their weights; what all together say of the line, and of where its best one moves."""
+    """Candidates that count, with their weights; what all together say of the line; the outcome of ``every`` one."""
 
     candidates: list[Candidate]
     weights: Array
     mixture: Mixture
-    every: list[Candidate]
+    every: list[Outcome]
 
     def probabilities(self) -> Array:
         """Of every candidate."""
@@ -67,7 +79,7 @@ class Averaged(NamedTuple):
         share = np.exp(evidence - evidence.max())
         return np.asarray(share / share.sum())
 
-    def probability(self, wanted: Callable[[Candidate], bool]) -> float:
+    def probability(self, wanted: Callable[[Outcome], bool]) -> float:
         """Of all candidates of a kind together."""
         return float(self.probabilities()[[wanted(each) for each in self.every]].sum())
 
@@ -86,17 +98,18 @@ def averaged(line: Line) -> Averaged:
     How a step is smeared, by a low-pass before sampling or because realizations switch at different times, is tried
     where there are steps; the usual low-pass has a prior probability of 1/2, and what the data leave open is averaged.
     """
-    found = _averaged(line)
+    every = _found(line)
+    found = _weighed(line, every)
     best = found.candidates[0]
-    if found.probability(_has_none) > 0.5 or len(best.placed.positions) > MOST_SMEARED:
+    if found.probability(lambda each: not each.switches) > 0.5 or len(best.placed.positions) > MOST_SMEARED:
         return found
     axes = [line.axis._replace(taps=0.0), *(line.axis._replace(jitter=jitter) for jitter in JITTERS)]
     scores = [_score(best, line, axis) for axis in (line.axis, *axes)]
     other, prior = int(np.argmax(scores[1:])), -math.log(len(axes))
     if scores[1 + other] + prior < scores[0] - OPEN:
         return found
-    beside = _averaged(replace(line, axis=axes[other])).every
-    return _weighed(line, [*found.every, *(replace(each, evidence=each.evidence + prior) for each in beside)])
+    beside = _found(replace(line, axis=axes[other]))
+    return _weighed(line, [*every, *(replace(each, evidence=each.evidence + prior) for each in beside)])
 
 
 def averaged_beside(line: Line, other: Averaged) -> Averaged:
@@ -105,7 +118,8 @@ def averaged_beside(line: Line, other: Averaged) -> Averaged:
     That it switches where the other's best candidate does has a prior probability of 1/2. No other switches are
     searched for where none seems to be there at first.
     """
-    return _averaged(replace(line, axis=other.candidates[0].smooth.line.axis), other.candidates[0].placed)
+    own = replace(line, axis=other.candidates[0].smooth.line.axis)
+    return _weighed(own, _found(own, other.candidates[0].placed))
 
 
 def tied(placed: Placed, line: Line) -> Placed:
@@ -113,10 +127,6 @@ def tied(placed: Placed, line: Line) -> Placed:
     columns = line.columns(placed.positions)
     volume = len(placed.positions) * math.log(line.axis.times) + math.log(0.5)  # no position is to be found
     return placed._replace(columns=columns, log_volume=volume)
-
-
-def _has_none(candidate: Candidate) -> bool:
-    return candidate.sizes is None
 
 
 def _score(best: Candidate, line: Line, axis: Axis) -> float:
@@ -128,19 +138,20 @@ def _score(best: Candidate, line: Line, axis: Axis) -> float:
     return total(simplified(found, smooth, windows), smooth)
 
 
-def _averaged(line: Line, others: Placed | None = None) -> Averaged:
-    """Everything that is likely of a line, steps being smeared as its axis says; see :func:`averaged_beside`."""
+def _found(line: Line, others: Placed | None = None) -> list[Candidate]:
+    """Everything that may be said of a line, steps being smeared as its axis says; see :func:`averaged_beside`."""
+    grid = Grid(line)
     smooths = tuple(Smooth(line, each) for each in roughnesses(line.axis))
     own = [tied(others, line)] if others is not None and len(others.positions) else []
-    grid = Grid(line)
     states = first_states(smooths, grid)
     if others is not None and not states[0].places:
         most = max([each.evidence for each in candidates(smooths, own)] + [state.score for state in states[1:]])
         if most < states[0].score - 1:
             none = Placed(np.zeros(0), line.columns(np.zeros(0)), (), (), 0.0)
-            return _weighed(line, candidates(smooths, [none]))
-    windows, sets = Windows(line), list[Placed]()
+            return candidates(smooths, [none])
     found_ones = found_sets(grid, smooths, states)
+    del grid  # of as many steps as there are times, or more
+    windows, sets = Windows(line), list[Placed]()
     for found in [*found_ones[:-1][:MOST_SETS], found_ones[-1]]:
         placed = refined(found, windows)
         add(sets, placed, line)
@@ -150,7 +161,7 @@ def _averaged(line: Line, others: Placed | None = None) -> Averaged:
     for placed in sets:
         best = max((each for each in every if each.placed is placed), key=lambda each: each.evidence)
         add(again, refined(Found(placed.positions, best.smooth), windows), line)
-    return _weighed(line, candidates(smooths, [*again, *own]))
+    return candidates(smooths, [*again, *own])
 
 
 def _weighed(line: Line, every: list[Candidate]) -> Averaged:
@@ -167,4 +178,5 @@ def _weighed(line: Line, every: list[Candidate]) -> Averaged:
     mixture = Mixture(*(np.concatenate(each, axis=1) for each in (shares, means, variances)))
     size = line.size
     scaled = Mixture(mixture.weights, mixture.means * size, mixture.variances * size**2)
-    return Averaged(kept, weights, scaled, every)
+    outcomes = [Outcome(each.evidence, each.smooth.roughness, each.sizes is not None) for each in every]
+    return Averaged(kept, weights, scaled, outcomes)

@@ -63,14 +63,9 @@ class Line:
         return self.axis.features()
 
     @cached_property
-    def by_features(self) -> Array:
-        """Features times the precision, (feature, time)."""
-        return self.features.T @ self.precision
-
-    @cached_property
     def gram(self) -> Array:
         """Features times the precision times features."""
-        return self.by_features @ self.features
+        return self.features.T @ (self.precision @ self.features)
 
     @cached_property
     def cross(self) -> Array:
@@ -80,26 +75,28 @@ class Line:
     def columns(self, positions: Array) -> Columns:
         """Steps at positions in samples as they are seen, with their products."""
         steps = self.axis.seen(positions)
-        return Columns(positions, steps, self.precision @ steps, self.by_features @ steps, steps.T @ self.weighted)
+        weighted = self.precision @ steps
+        power = np.einsum("tc,tc->c", steps, weighted)
+        return Columns(positions, steps, weighted, self.features.T @ weighted, power, steps.T @ self.weighted)
 
 
 class Columns(NamedTuple):
     """Steps at ``positions`` as they are ``seen`` (time, step), and their products.
 
-    They are ``weighted`` with the precision, multiplied by the ``features`` (feature, step) and by what is seen, as
-    ``cross`` (step,).
+    They are ``weighted`` with the precision, multiplied by the ``features`` (feature, step), by themselves as ``power``
+    (step,), and by what is seen, as ``cross`` (step,).
     """
 
     positions: Array
     seen: Array
     weighted: Array
     features: Array
+    power: Array
     cross: Array
 
-    def take(self, index: NDArray[np.intp]) -> Columns:
-        """Some of them."""
-        seen, weighted, features = (each[:, index] for each in (self.seen, self.weighted, self.features))
-        return Columns(self.positions[index], seen, weighted, features, self.cross[index])
+    def take(self, index: NDArray[np.intp] | slice) -> Columns:
+        """Some of them; a slice copies nothing."""
+        return Columns(*(each[..., index] for each in self))
 
 
 class Smooth:
@@ -150,14 +147,13 @@ class Products(NamedTuple):
 
     def diagonal(self) -> Array:
         """Squares of the columns (column,)."""
-        seen, weighted = self.columns.seen, self.columns.weighted
-        return np.asarray(np.einsum("tc,tc->c", seen, weighted) - np.einsum("kc,kc->c", self.taken, self.taken))
+        return np.asarray(self.columns.power - np.einsum("kc,kc->c", self.taken, self.taken))
 
     def between(self, other: Products) -> Array:
         """Products with other columns (column, other)."""
         return np.asarray(self.columns.seen.T @ other.columns.weighted - self.taken.T @ other.taken)
 
-    def take(self, index: NDArray[np.intp]) -> Products:
+    def take(self, index: NDArray[np.intp] | slice) -> Products:
         """Of some columns."""
         return Products(self.columns.take(index), self.taken[:, index], self.cross[index])
 

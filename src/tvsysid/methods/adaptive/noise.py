@@ -48,10 +48,18 @@ def scores(signals: Signals, coefficients: Array) -> tuple[Scores, Scores]:
 
 
 class Scatter(NamedTuple):
-    """Covariance (time, time) of a coefficient free at every time, and the degrees of freedom it was found from."""
+    """Standard error (time,) of a coefficient free at every time, and its autocorrelation (lag,) over all lags.
 
-    covariance: Array
+    They were found from so many degrees of ``freedom``.
+    """
+
+    error: Array
+    correlation: Array
     freedom: float
+
+    def covariance(self) -> Array:
+        """Of the coefficient, (time, time)."""
+        return np.asarray(toeplitz(self.correlation) * np.outer(self.error, self.error))
 
 
 def scatter(gram: Array, found: Scores, realizations: tuple[int, int], rate: float, periodic: bool) -> Scatter:
@@ -66,7 +74,7 @@ def scatter(gram: Array, found: Scores, realizations: tuple[int, int], rate: flo
     correlation = _correlation(found, score, power, independent)
     spread = score / power
     samples = min(2 * reach + 1, len(power)) / (1 + 2 * float(np.sum(correlation[1 : 2 * reach] ** 2)))
-    return Scatter(_definite(correlation, len(power)) * np.outer(spread, spread), max(1.0, (independent - 1) * samples))
+    return Scatter(spread, _definite(correlation, len(power)), max(1.0, (independent - 1) * samples))
 
 
 def pooled(values: Array, reach: int, periodic: bool) -> Array:
@@ -93,7 +101,7 @@ def _correlation(found: Scores, score: Array, power: Array, independent: int) ->
 
 
 def _definite(correlation: Array, times: int) -> Array:
-    """Toeplitz matrix of a correlation, whose smallest eigenvalue is no smaller than LEAST_EIGENVALUE."""
+    """First row of the Toeplitz matrix of a correlation whose smallest eigenvalue is LEAST_EIGENVALUE or more."""
     row = np.zeros(times)
     row[: len(correlation)] = correlation[:times]
     # The smallest value of its spectrum bounds the eigenvalues from below.
@@ -101,7 +109,7 @@ def _definite(correlation: Array, times: int) -> Array:
     if least < LEAST_EIGENVALUE:
         row = row / (1 + LEAST_EIGENVALUE - least)
         row[0] = 1.0
-    return np.asarray(toeplitz(row))
+    return row
 
 
 class Misfit(NamedTuple):

@@ -46,9 +46,11 @@ class Grid:
         first = 0 if line.axis.periodic else 1  # a step before the first sample is none
         self.fine = line.columns(np.arange(first, count, dtype=np.float64) * self.step)
         count = len(self.fine.positions)
-        self.coarse = np.arange(0, count, -(-count // COARSE))
-        self.pairs = np.arange(0, len(self.coarse), -(-len(self.coarse) // PAIRS))
-        pairs = self.fine.take(self.coarse[self.pairs])
+        apart = -(-count // COARSE)
+        further = -(-count // (apart * PAIRS))
+        self.coarse, self.pairs = slice(None, None, apart), slice(None, None, apart * further)
+        self.coarse_pairs = slice(None, None, further)  # of the coarse ones
+        pairs = self.fine.take(self.pairs)
         self.pair_gram = pairs.seen.T @ pairs.weighted
         self.log_positions = math.log(times)
         self.windows = Windows(line, POLISHED, ABOUT * max(1.0, self.step))
@@ -65,10 +67,10 @@ def _first(smooth: Smooth, grid: Grid, columns: Columns) -> State:
     variance = START.spread**2
     power = 1 + variance * products.diagonal()
     single = 0.5 * (variance * products.cross**2 / power - np.log(power)) - grid.log_positions
-    pair_value, pair = _pair(products.take(grid.pairs), grid)
-    best = int(np.argmax(single))
+    pair_value, pair = _pair(products.take(grid.coarse_pairs), grid)
+    best, ends = int(np.argmax(single)), columns.positions[grid.coarse_pairs]
     options = [(0.0, ()), (float(single[best]), (float(columns.positions[best]),))]
-    options.append((pair_value - 2 * grid.log_positions, tuple(float(columns.positions[grid.pairs[k]]) for k in pair)))
+    options.append((pair_value - 2 * grid.log_positions, tuple(float(ends[k]) for k in pair)))
     value, places = max(options)
     return State(places, smooth.score + value)
 
@@ -81,7 +83,7 @@ def _pair(products: Products, grid: Grid, less: Array | None = None) -> tuple[fl
     power, variance = np.diag(gram), START.spread**2
     square = 1 + variance * np.maximum((power[:, None] + power) / 2 - gram, 0.0)
     value = variance / 4 * (products.cross[:, None] - products.cross) ** 2 / square - 0.5 * np.log(square)
-    value[np.tril_indices(len(value))] = -np.inf
+    value[np.tri(len(value), dtype=bool)] = -np.inf
     best = int(np.argmax(value))
     return float(value.flat[best]), (best // len(value), best % len(value))
 
@@ -157,7 +159,7 @@ class Walk:
 
     def with_pair(self, places: tuple[float, ...]) -> tuple[float, ...]:
         """A set and the best pair of opposite switches more."""
-        products, less = self.left(self.grid.coarse[self.grid.pairs], places)
+        products, less = self.left(self.grid.pairs, places)
         pair = _pair(products, self.grid, less)[1]
         return tuple(sorted({*places, *(float(products.columns.positions[k]) for k in pair)}))
 
@@ -179,7 +181,7 @@ class Walk:
             out.append(tuple(sorted((*others, *(float(positions[k]) for k in pair)))))
         return out
 
-    def left(self, index: NDArray[np.intp], places: tuple[float, ...]) -> tuple[Products, Array]:
+    def left(self, index: NDArray[np.intp] | slice, places: tuple[float, ...]) -> tuple[Products, Array]:
         """Products of some positions with what a set leaves, and the factor of what it takes of their gram."""
         products, (steps, mixed) = self.products.take(index), self.at(places)
         factor = np.linalg.cholesky(steps.between(steps) + START.spread**-2 * np.eye(len(places)))

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 import numpy as np
 
 from tvsysid.methods.adaptive.averaging import Averaged
-from tvsysid.methods.adaptive.evidence import Smooth
 from tvsysid.methods.adaptive.mixture import Candidate, path
 from tvsysid.methods.adaptive.model import Smoothness, Switch
 from tvsysid.methods.adaptive.placing import CLOSE, distance
@@ -27,13 +26,12 @@ def parameters(found: Averaged) -> float:
 def smoothness(quantity: str, found: Averaged, unit: float, rate: float) -> Iterator[Smoothness]:
     """Smooth parts that are likely, the most probable first."""
     line = found.candidates[0].smooth.line
-    rows, probabilities = [], dict[Smooth, float]()
+    rows, probabilities = [], dict[tuple[str, float, float], float]()
     for each, share in zip(found.every, found.probabilities(), strict=True):
-        probabilities[each.smooth] = probabilities.get(each.smooth, 0.0) + float(share)
-    for smooth, probability in probabilities.items():
-        roughness = smooth.roughness
-        amplitude, length = roughness.amplitude * line.size * unit, roughness.length / rate
-        rows.append(Smoothness(quantity, roughness.kind, amplitude, length, probability))
+        key = each.roughness.kind, each.roughness.amplitude, each.roughness.length
+        probabilities[key] = probabilities.get(key, 0.0) + float(share)
+    for (kind, amplitude, length), probability in probabilities.items():
+        rows.append(Smoothness(quantity, kind, amplitude * line.size * unit, length / rate, probability))
     yield from sorted((row for row in rows if row.probability >= WORTH), key=lambda row: -row.probability)
 
 

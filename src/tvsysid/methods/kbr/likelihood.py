@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -50,7 +53,8 @@ class Tried(NamedTuple):
         return of_kernel | {"order": self.order, "lag": lag}
 
 
-class Likelihood(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Likelihood:
     r"""Log marginal likelihood as a function of the logs of l1, three prior variances and the noise variance.
 
     For one order, lag and decay (in s), and so that others can be compared with them:
@@ -64,8 +68,6 @@ class Likelihood(NamedTuple):
 
     ``statistics`` are of N numbers, the external terms eliminated about the ``noise`` variance, of which also the prior
     of the constants is. ``coefficient`` and ``harmonic`` are those of each column; the ``fixed`` ones have no prior.
-    ``recent`` keeps the statistics of the columns last chosen, which seldom change from one step of a search to the
-    next.
     """
 
     statistics: Statistics
@@ -75,7 +77,6 @@ class Likelihood(NamedTuple):
     noise: float
     lag: float
     decay: float
-    recent: dict[bytes, Statistics]
 
     @classmethod
     def of(
@@ -92,23 +93,29 @@ class Likelihood(NamedTuple):
         coefficient, column = np.nonzero(kept)
         harmonic = np.array(kernel.products)[column, 0]
         statistics = without_nuisance(record.statistics(kernel, kept), record.weak_prior, noise)
-        return cls(of_share(statistics, share), coefficient, harmonic, column == 0, noise, lag, decay, {})
+        return cls(of_share(statistics, share), coefficient, harmonic, column == 0, noise, lag, decay)
 
     def up_to(self, order: int) -> Likelihood:
         """Likelihood of the model without the higher derivatives."""
         mask = self.coefficient <= order
-        return self._replace(
+        return replace(
+            self,
             statistics=of_columns(self.statistics, mask),
             coefficient=self.coefficient[mask],
             harmonic=self.harmonic[mask],
             fixed=self.fixed[mask],
-            recent={},
         )
 
     @property
     def order(self) -> int:
         """Highest derivative of the angle."""
         return int(self.coefficient.max())
+
+    @cached_property
+    def _of(self) -> Callable[[bytes], Statistics]:
+        """Statistics of some columns; the last are kept: they seldom change from one step of a search to the next."""
+        statistics = self.statistics
+        return lru_cache(maxsize=1)(lambda seen: of_columns(statistics, np.frombuffer(seen, dtype=bool)))
 
     def __call__(self, theta: Array) -> tuple[float, Array]:
         """Restricted log likelihood, and its derivatives."""
@@ -118,12 +125,7 @@ class Likelihood(NamedTuple):
             strength = variances + np.log(np.diag(self.statistics.gram)) - theta[4]
         seen = self.fixed | (strength > math.log(FAINT))
         precision = np.where(self.fixed, 0.0, np.exp(-np.where(seen, variances, 0.0)))[seen]
-        chosen = self.recent.get(seen.tobytes())
-        if chosen is None:
-            chosen = of_columns(self.statistics, seen)
-            self.recent.clear()
-            self.recent[seen.tobytes()] = chosen
-        found = log_evidence(chosen, precision, 1.0, math.exp(theta[4]))
+        found = log_evidence(self._of(seen.tobytes()), precision, 1.0, math.exp(theta[4]))
         by_gamma = np.bincount(self.coefficient[seen], found.by_variances, minlength=3)
         by_length = float(found.by_variances @ slopes[self.harmonic[seen]])
         return found.value, np.array([by_length, *by_gamma, found.by_noise])

@@ -7,6 +7,7 @@ import shutil
 import signal
 import sys
 import tempfile
+import time
 from contextlib import nullcontext
 from functools import cache
 from pathlib import Path
@@ -77,6 +78,14 @@ def standard_errors_of(model):
 def freedom_of(model):
     """Degrees of freedom of the standard errors, shape (3, time)."""
     return np.stack([model.estimates[name].standard_error.freedom for name in IMPEDANCE])
+
+
+def wait_for(condition, seconds=300.0):
+    """Until it is true, as of a process that somebody started or ended."""
+    ends = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < ends, "waited in vain"
+        time.sleep(0.01)
 
 
 @pytest.fixture(name="ensemble_of")

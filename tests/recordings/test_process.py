@@ -7,15 +7,14 @@ import struct
 import subprocess
 import sys
 import threading
-import time
 import zlib
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.io import savemat
+from tests.conftest import wait_for
 
 import tvsysid as tv
 from tvsysid import limits
@@ -96,8 +95,8 @@ def test_ctrl_c_ends_a_library_that_does_not_answer(sound):
     begun = processor_seconds(child.pid)
 
     def interrupt():
-        while processor_seconds(child.pid) < begun + 0.2:  # then the library is at work, and this process waits for it
-            time.sleep(0.01)
+        # Then the library is at work, and this process waits for it.
+        wait_for(lambda: processor_seconds(child.pid) >= begun + 0.2)
         signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)
 
     threading.Thread(target=interrupt, daemon=True).start()
@@ -107,14 +106,12 @@ def test_ctrl_c_ends_a_library_that_does_not_answer(sound):
     assert_sound(sound)
 
 
-def ends_within(process, seconds):
-    """What ends with its parent takes a moment to do so, and to be buried."""
-    status = Path(f"/proc/{process}/status")
-    until = time.monotonic() + seconds
-    with suppress(FileNotFoundError, ProcessLookupError):
-        while "State:\tZ" not in status.read_text():
-            assert time.monotonic() < until, f"process {process} still runs"
-            time.sleep(0.05)
+def has_ended(process):
+    """What ends with its parent takes a moment to do so, and another to be buried."""
+    try:
+        return "State:\tZ" in Path(f"/proc/{process}/status").read_text()
+    except (FileNotFoundError, ProcessLookupError):
+        return True
 
 
 @pytest.mark.slow
@@ -123,12 +120,12 @@ def test_sigterm_ends_the_command_and_what_it_started():
     command = [sys.executable, "-m", "tvsysid.cli", "inspect", str(DAMAGED / "endless.c3d")]
     started = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     children = Path(f"/proc/{started.pid}/task/{started.pid}/children")
-    while not (child := children.read_text().split()):
-        time.sleep(0.05)
+    wait_for(children.read_text)
+    (child,) = children.read_text().split()
     started.terminate()
     started.communicate(timeout=20)
     assert started.returncode
-    ends_within(child[0], 10.0)
+    wait_for(lambda: has_ended(child), 10.0)
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from tests.conftest import ensemble_of
+from tests.conftest import ensemble_of, wait_for
 from tests.study import hostile
 
 import tvsysid as tv
@@ -97,10 +97,7 @@ def test_all_that_it_started_ends_with_the_process_that_asked(forking):
     assert len(pids) == 3
     program.kill()
     program.join()
-    until = time.monotonic() + 10
-    while any(map(is_alive, pids)) and time.monotonic() < until:
-        time.sleep(0.05)
-    assert not any(map(is_alive, pids))
+    wait_for(lambda: not any(map(is_alive, pids)), 10.0)
 
 
 def leaves_processes_and_hangs(pipe):

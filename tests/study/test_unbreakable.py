@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.conftest import fork_workers
+from tests.conftest import fork_workers, wait_for
 from tests.study.conftest import TIMES
 
 from tvsysid import cli
@@ -99,13 +99,6 @@ def trials_in(folder):
     return sum(
         1 for file in Path(folder, "out/results.zarr/checksums/c").rglob("*") if file.name == "0" and file.is_file()
     )
-
-
-def wait_for(condition, seconds=300.0):
-    ends = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < ends, "waited in vain"
-        time.sleep(0.01)
 
 
 def children_of(pid):

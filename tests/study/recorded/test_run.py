@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from scipy.io import savemat
-from tests.conftest import fork_workers
+from tests.conftest import fork_workers, wait_for
 from tests.study.recorded.conftest import READING, SHORT, SMALL, trial, write_trials
 
 import tvsysid as tv
@@ -230,8 +230,8 @@ def test_killed_at_any_moment_it_goes_on_with_the_same_results(small, tmp_path, 
         process = forking.Process(target=run_small, args=(small.prepared, path, workers))
         process.start()
         before = tasks_in(path)
-        while tasks_in(path) == before and process.exitcode is None:  # it is under way when a task is done
-            time.sleep(0.01)
+        # It is under way when a task is done.
+        wait_for(lambda: tasks_in(path) > before or process.exitcode is not None)  # noqa: B023
         time.sleep(random.uniform(0, 0.15))
         process.kill()
         process.join(60)

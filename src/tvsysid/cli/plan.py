@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 METHODS = ["adaptive", "sds", "birf", "kbr"]  # of tvsysid.planning, which takes long to import
 TRUSTED = 20  # realizations from which on plans and bands are no best case
 TOLD = 1.1  # times as much scatter as simulated, from which on it is said
-STATED = ("system", "stiffness", "noise", "snr")  # what a pilot shows by itself
 
 
 def plan(

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from shiny import App, Inputs, Outputs, Session, reactive, render, ui
+from shiny import App, Inputs, reactive, render, ui
 
 from tvsysid.errors import InputError, describe_error
 from tvsysid.explorer.outcome import Outcome, in_turn, outcome
@@ -164,13 +164,13 @@ def _results() -> ui.Tag:
     )
 
 
-def _server(source: Source, every: Mapping[str, Mapping[str, str]]) -> Callable[..., None]:
+def _server(source: Source, every: Mapping[str, Mapping[str, str]]) -> Callable[[Inputs], None]:
     places = {name: place for place, name in enumerate(every)}
     controls = ["period", "decimate", "context", "align_channels", "method"]
     if not isinstance(source, Recording):
         controls += ["angle", "torque", "angle_unit", "torque_unit", "columns", "rate", "reversed"]
 
-    def server(input: Inputs, output: Outputs, session: Session) -> None:
+    def server(input: Inputs) -> None:
         @reactive.extended_task
         async def work(said: dict[str, Any], quantity: str, simultaneous: bool) -> Shown:
             await asyncio.sleep(PAUSE_S)

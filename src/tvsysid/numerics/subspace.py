@@ -46,14 +46,9 @@ class Piece(NamedTuple):
 
 
 class Dynamics(NamedTuple):
-    """Poles of a linear system as the ``denominator`` (order + 1,) of its transfer function in powers of 1/z.
-
-    ``singular`` values (horizon,) that the order was read from; whether poles were ``reflected`` into the unit circle.
-    """
+    """Poles of a linear system as the ``denominator`` (order + 1,) of its transfer function in powers of 1/z."""
 
     denominator: Array
-    singular: Array
-    reflected: bool
 
     @property
     def order(self) -> int:
@@ -136,7 +131,7 @@ def dynamics(pieces: Sequence[Piece], horizon: int, order: int | None = None, la
     size = np.abs(poles)
     within = np.where(size > 1, poles / np.where(size > 1, size**2, 1.0), poles)
     within *= SLOWEST / np.maximum(np.abs(within), SLOWEST)
-    return Dynamics(np.real(np.poly(within)), singular, bool((size > 1).any()))
+    return Dynamics(np.real(np.poly(within)))
 
 
 def rows_of(piece: Piece, found: Dynamics, free: bool = True) -> Rows:

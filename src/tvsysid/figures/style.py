@@ -175,14 +175,8 @@ def curve_with_band(
     if band is not None:
         lower, upper = band
         if opacity == EDGES:
-            edge: dict[str, Any] = {
-                "color": hue,
-                "alpha": 0.5,
-                "linewidth": 0.5,
-                "zorder": 1.1,
-                "rasterized": len(time) > LONG,
-            }
-            axes.plot(time, np.stack([lower, upper], axis=1), **edge)
+            ends, many = np.stack([lower, upper], axis=1), len(time) > LONG
+            axes.plot(time, ends, color=hue, alpha=0.5, linewidth=0.5, zorder=1.1, rasterized=many)
         else:
             axes.fill_between(time, lower, upper, color=hue, alpha=opacity, linewidth=0, rasterized=len(time) > LONG)
     usual: dict[str, Any] = {"color": hue, "linewidth": 1.4}

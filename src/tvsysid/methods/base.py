@@ -106,7 +106,7 @@ class Method(ABC):
         texts = (
             *model.diagnostics.warnings,
             *self._own_warnings(ensemble),
-            *_common_warnings(ensemble, model, *self._needed_band(ensemble), self.takes_deviations),
+            *_common_warnings(ensemble, model, *self._needed_band(), self.takes_deviations),
             *(_changing(ensemble) if self.time_invariant else ()),
         )
         details = {**model.diagnostics.details, **aligned(ensemble)}
@@ -144,7 +144,7 @@ class Method(ABC):
         raise InputError(f"{type(self).__name__} has no settings that can be chosen from data")
 
     @abstractmethod
-    def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
+    def _needed_band(self) -> tuple[float, float]:
         """Frequency below which the angle must have power, and the one above which, in Hz."""
 
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:

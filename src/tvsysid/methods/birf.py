@@ -233,7 +233,7 @@ class BasisIRF(base.Method):
 
         return tuning.evidence_of_bases(self.basis, self.prior, ensemble.samples, log_evidence, per_function)
 
-    def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
+    def _needed_band(self) -> tuple[float, float]:
         return 1 / (2 * self.max_lag), base.EXCITED_ABOVE
 
 

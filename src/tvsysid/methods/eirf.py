@@ -112,7 +112,7 @@ class EnsembleIRF(Method):
     def _evidence(self, ensemble: Ensemble, seed: int) -> tuning.Evidence:
         return tuning.evidence_by_halves(self, ensemble, seed, {"max_lag": LAGS}, self.max_lag)
 
-    def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
+    def _needed_band(self) -> tuple[float, float]:
         return 1 / (2 * self.max_lag), EXCITED_ABOVE
 
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:

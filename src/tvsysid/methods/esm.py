@@ -181,7 +181,7 @@ class EnsembleSpectral(base.Method):
             )
         return tuning.evidence_by_halves(self, ensemble, seed, {"window": WINDOWS}, REFERENCE_LAG)
 
-    def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
+    def _needed_band(self) -> tuple[float, float]:
         return 1 / self.window, base.EXCITED_ABOVE
 
 

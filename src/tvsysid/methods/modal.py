@@ -143,7 +143,7 @@ class ModalDecomposition(base.Method):
             diagnostics=Diagnostics(2.0, details={"impulses": float(len(tracks))}),
         )
 
-    def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
+    def _needed_band(self) -> tuple[float, float]:
         return math.inf, 0.0
 
 

@@ -121,7 +121,7 @@ class ShortDataSegments(Method):
             return replace(self, reference=None)._evidence(moved, seed)
         return tuning.evidence_by_halves(self, ensemble, seed, {"max_lag": LAGS, "window": WINDOWS}, self.max_lag)
 
-    def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
+    def _needed_band(self) -> tuple[float, float]:
         return 1 / (2 * self.max_lag), EXCITED_ABOVE
 
 

@@ -150,7 +150,7 @@ class SkirtDecomposition(base.Method):
             turning[:, own] *= (found[: len(lines)] + 1j * found[len(lines) : -1])[:, None, None]
         return turning, angle
 
-    def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
+    def _needed_band(self) -> tuple[float, float]:
         return math.inf, 0.0
 
 

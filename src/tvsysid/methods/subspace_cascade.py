@@ -267,7 +267,7 @@ class SubspaceCascade(Method):
             ),
         )
 
-    def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
+    def _needed_band(self) -> tuple[float, float]:
         return 1 / (2 * self.delay), EXCITED_ABOVE
 
 

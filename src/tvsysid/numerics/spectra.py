@@ -44,7 +44,7 @@ def short_time_spectra(u: Array, y: Array, length: int, products: Array | None =
     return _from_segments(u, y, length) if quicker_apart else _from_moments(u, y, length, products)
 
 
-def _from_moments(u: Array, y: Array, length: int, products: Array | None = None) -> ShortTimeSpectra:
+def _from_moments(u: Array, y: Array, length: int, products: Array | None) -> ShortTimeSpectra:
     window = hann(length)
     taper = window * hankel(window)  # of a sample and the one that comes d later, shape (d, sample)
     turns = 2 * np.pi / length * np.outer(np.arange(length), np.arange(length // 2 + 1))

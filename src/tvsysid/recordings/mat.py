@@ -124,7 +124,7 @@ def _channels(name: str, values: Any) -> Iterator[tuple[str, Channel]]:
         yield name, in_memory(array)
 
 
-def _nldat(name: str, properties: Mapping[str, Any], cut: bool = False) -> Iterator[tuple[str, Channel]]:
+def _nldat(name: str, properties: Mapping[str, Any], cut: bool) -> Iterator[tuple[str, Channel]]:
     """Channels of the toolbox's ``nldat``, samples x channels x realizations, or of its ``segdat``, which is cut."""
     values = np.asarray(properties.get("dataSet"))
     if values.dtype.kind not in NUMBERS or values.ndim not in (2, 3):

@@ -139,7 +139,7 @@ class AdaptiveRegression(base.Method):
                 return Identification(ensemble, reflex).model(repr(self))
             return Identification(ensemble, Derived.of(ensemble)).model(repr(self))
 
-    def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
+    def _needed_band(self) -> tuple[float, float]:
         return EXCITED_BELOW, base.EXCITED_ABOVE
 
 

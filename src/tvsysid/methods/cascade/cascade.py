@@ -213,7 +213,7 @@ class JointCascade(base.Method):
             return by_evidence(fits)
         return {1: "positive", -1: "negative"}[test.direction], test.shown
 
-    def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
+    def _needed_band(self) -> tuple[float, float]:
         return EXCITED_BELOW, base.EXCITED_ABOVE
 
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:

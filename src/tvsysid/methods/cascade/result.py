@@ -123,8 +123,8 @@ def model(method: str, search: Search, fits: Mapping[str, Candidate], chosen: Ch
     error = reflex_sure.error(basis, known, start)
     estimates["reflex_gain"] = Estimate(np.where(known, gain, np.nan), unit, error=error)
     response, reflex_lags = _reflex_response(search, chosen)
-    details = _details(search, fits, chosen, torques, reflex_sure) | {"stiffness_fitted": intrinsic.fitted_stiffness}
-    texts = tuple(_warnings(search, chosen, details, estimates))
+    details = _details(fits, chosen, torques, reflex_sure) | {"stiffness_fitted": intrinsic.fitted_stiffness}
+    texts = tuple(_warnings(chosen, details, estimates))
     nan = np.where(known, 1.0, np.nan)[:, None]
     return JointCascadeModel(
         method=method,
@@ -173,7 +173,7 @@ def _reflex_response(search: Search, chosen: Chosen) -> tuple[Array, Array]:
 
 
 def _details(
-    search: Search, fits: Mapping[str, Candidate], chosen: Chosen, torques: tuple[Array, Array], sure: Covariance
+    fits: Mapping[str, Candidate], chosen: Chosen, torques: tuple[Array, Array], sure: Covariance
 ) -> dict[str, float]:
     shape, free = chosen.fit.found.shape, chosen.fit.problem.free
     errors = np.sqrt(np.diag(sure.matrix)[len(sure.matrix) - len(free) :])
@@ -201,9 +201,7 @@ def _details(
     return details
 
 
-def _warnings(
-    search: Search, chosen: Chosen, details: Mapping[str, float], estimates: Mapping[str, Estimate]
-) -> Iterator[str]:
+def _warnings(chosen: Chosen, details: Mapping[str, float], estimates: Mapping[str, Estimate]) -> Iterator[str]:
     if not chosen.shown:
         yield (
             "no reflex is shown by these data: stiffness, viscosity and inertia are those of a joint without one, and "

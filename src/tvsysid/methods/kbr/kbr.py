@@ -307,7 +307,7 @@ class KernelRegression(Method):
         share = shared.independent_share(ensemble, endless.predict(ensemble), self.band)
         return endless.diagnostics.details["noise_variance"], share
 
-    def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
+    def _needed_band(self) -> tuple[float, float]:
         return self.band[1], max(self.band[0], EXCITED_ABOVE)
 
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:

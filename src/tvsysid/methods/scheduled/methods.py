@@ -216,7 +216,7 @@ class ScheduledIRF(Scheduled):
     def _lags(self, ensemble: Ensemble) -> int:
         return base.fitting_lags(type(self).__name__, self.max_lag, ensemble)
 
-    def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
+    def _needed_band(self) -> tuple[float, float]:
         return 1 / (2 * self.max_lag), base.EXCITED_ABOVE
 
 
@@ -247,7 +247,7 @@ class ScheduledImpedance(Scheduled):
     def _lags(self, ensemble: Ensemble) -> int:
         return 0
 
-    def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
+    def _needed_band(self) -> tuple[float, float]:
         return 5.0, base.EXCITED_ABOVE
 
 

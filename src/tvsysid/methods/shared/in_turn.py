@@ -52,7 +52,7 @@ class InTurn(Method):
         """Where too few realizations have the reflex's memory before them."""
         return reason_to_skip(ensemble, self.max_lag, self.memory)
 
-    def _needed_band(self, ensemble: Ensemble) -> tuple[float, float]:
+    def _needed_band(self) -> tuple[float, float]:
         return 1 / (2 * self.max_lag), EXCITED_ABOVE
 
 

@@ -185,7 +185,7 @@ def _paired(words: str, *margins: Array) -> Iterator[Paired]:
     yield from (Paired(words, values[np.isfinite(values)]) for values in margins)
 
 
-def _within(words: str, found: Array, low: float, high: float = math.inf) -> Iterator[Paired]:
+def _within(words: str, found: Array, low: float, high: float) -> Iterator[Paired]:
     """That a figure is in a range: a margin at each end."""
     return _paired(words, found - low, *([high - found] if math.isfinite(high) else []))
 

@@ -12,11 +12,12 @@ from tests.report.conftest import HOSTILE, pictures
 from tests.report.elements import Elements, section, table
 from tests.synthetic import claims, results_of, summary_of
 
+from tvsysid.figures.results import traits_of
 from tvsysid.methods import names
 from tvsysid.report import write_report
 from tvsysid.report.page import number
 from tvsysid.report.sections import in_words, methods_section
-from tvsysid.report.study import main_scenario, outcome, traits_of
+from tvsysid.report.study import main_scenario, outcome
 from tvsysid.studies.van_de_ruit_2021 import study_figures
 
 

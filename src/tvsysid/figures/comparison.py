@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid.figures import style
-from tvsysid.figures.results import estimates, truth, unique
-from tvsysid.figures.words import TRAITS, differing, wrapped
+from tvsysid.figures.results import estimates, traits_of, truth, unique
+from tvsysid.figures.words import differing, wrapped
 from tvsysid.numerics import Array
 
 if TYPE_CHECKING:
@@ -72,7 +72,8 @@ def method_comparison(
     quantities = unique(results.quantity.values) if "quantity" in results.dims else ["stiffness"]
     over_time, crowd = (len(quantities) + 1) * len(shown), len(methods) > 5
     width = max((1.4 if crowd else 1.6) * len(methods), 3.2) + 0.8
-    ticks = differing(_traits(results, bars))
+    traits = traits_of(results)
+    ticks = differing([traits[label] for label in bars])
     upright = 0.065 * max(map(len, ticks)) if names and _crowded(ticks) else 0.0  # inches
     figure = style.blank(width, 1.25 * over_time + 1.0 * len(names) + 1.4 + upright, title)
     spec = figure.add_gridspec(
@@ -81,7 +82,7 @@ def method_comparison(
     grid = _shared(figure, spec, over_time, len(methods))
     for axes, method in zip(grid[0], methods, strict=True):
         axes.set_title(wrapped(method, 17 if crowd else 20), fontsize=9 if len(method) <= 20 else 8)
-    which = [f"{text}\n" for text in differing(_traits(results, shown))] if len(shown) > 1 else [""]
+    which = [f"{text}\n" for text in differing([traits[each] for each in shown])] if len(shown) > 1 else [""]
     for row, (label, text) in enumerate(zip(shown, which, strict=True)):
         cell = results.sel(scenario=label)
         for place, quantity in enumerate(quantities):
@@ -116,10 +117,6 @@ def _shared(figure: Figure, spec: GridSpec, rows: int, columns: int) -> NDArray[
         axes.margins(x=0)
         grid[row, column] = axes
     return grid
-
-
-def _traits(results: xr.Dataset, labels: Sequence[str]) -> list[dict[str, object]]:
-    return [{name: results[name].sel(scenario=label).item() for name in TRAITS} for label in labels]
 
 
 def _table(

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tvsysid.figures.words import wrapped
+from tvsysid.figures.words import TRAITS, wrapped
 from tvsysid.numerics import Array
 from tvsysid.numerics.bands import mean_and_spread
 
 if TYPE_CHECKING:
+    import pandas as pd
     import xarray as xr
 
 OVER_TIME = ["estimate", "truth", "time_varying_vaf"]
@@ -20,6 +21,17 @@ TORQUES = ["target_torque", "mean_torque"]
 BANDS = ["covered", "truth"]  # variables that :func:`tvsysid.figures.coverage_over_time` takes
 SPIKE = 0.3  # how far beyond 98 % of a method's values an axis reaches, as a share of their range
 FAR = 0.75  # how far beyond the middle one of the methods' ranges an axis reaches, as a share of it
+
+
+def scenario_traits(results: xr.Dataset) -> pd.DataFrame:
+    """Traits of each scenario of a study, by its label."""
+    return results[list(TRAITS)].to_dataframe()[list(TRAITS)]
+
+
+def traits_of(results: xr.Dataset) -> dict[str, dict[str, Any]]:
+    """Traits of each scenario by its label, as mappings."""
+    table = scenario_traits(results)
+    return {str(label): dict(zip(TRAITS, traits, strict=True)) for label, *traits in table.itertuples()}
 
 
 def estimates(results: xr.Dataset, quantity: str = "stiffness") -> xr.DataArray:

@@ -12,7 +12,7 @@ import numpy as np
 import tomli_w
 
 from tvsysid.figures import Picture
-from tvsysid.figures.results import unique
+from tvsysid.figures.results import traits_of, unique
 from tvsysid.figures.words import TRAITS, count, described, trait
 from tvsysid.methods import names
 from tvsysid.report import page, sections
@@ -153,14 +153,6 @@ def _nameless(study: Mapping[str, Any]) -> bool:
         for name, known in kinds.items()
         for label in settings.get(name, ())
     )
-
-
-def traits_of(results: xr.Dataset) -> dict[str, dict[str, Any]]:
-    """Traits of each scenario by its label."""
-    return {
-        str(label): {name: results[name].sel(scenario=label).item() for name in TRAITS}
-        for label in results.scenario.values
-    }
 
 
 def main_scenario(traits: Mapping[str, Mapping[str, object]]) -> str:

@@ -6,8 +6,8 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from tvsysid.figures import Illustration, coverage_over_time, error_against, method_comparison
-from tvsysid.figures.results import OVER_TIME, unique
-from tvsysid.figures.words import TRAITS, count
+from tvsysid.figures.results import OVER_TIME, scenario_traits, unique
+from tvsysid.figures.words import count
 from tvsysid.methods import from_text
 from tvsysid.simulate import SYSTEMS, CompliantActuator
 from tvsysid.studies.closed_loop.presets import IMPOSED
@@ -40,7 +40,7 @@ def loop_figures(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illust
     results, summary
         As of :func:`tvsysid.study.run`, and of these results, with full names (:func:`tvsysid.study.by_full_name`).
     """
-    traits = results[list(TRAITS)].to_dataframe()[list(TRAITS)]
+    traits = scenario_traits(results)
     loops = {label: loop for label, system in traits.system.items() if (loop := loop_of(system)) is not None}
     traits = traits.loc[list(loops)].assign(
         size=[loop.actuator_stiffness for loop in loops.values()],

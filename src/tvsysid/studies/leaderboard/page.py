@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tvsysid.figures import Illustration, draw_all, leaderboard
+from tvsysid.figures.results import traits_of
 from tvsysid.figures.words import count
 from tvsysid.recordings import whole_file
 from tvsysid.report import page, problems, sections
-from tvsysid.report.study import TRAIT_COLUMNS, traits_of
+from tvsysid.report.study import TRAIT_COLUMNS
 from tvsysid.simulate import CompliantActuator, Joint, ReflexJoint, ScheduledJoint
 from tvsysid.studies.leaderboard.standing import SCORE, SURE, answered, standings
 from tvsysid.studies.leaderboard.version import DIGEST, SEED, VERSION, commitment, digest

@@ -6,7 +6,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from tvsysid.figures import BARS_OF_PATHWAYS, Illustration, error_against, method_comparison
-from tvsysid.figures.results import OVER_TIME, unique
+from tvsysid.figures.results import OVER_TIME, scenario_traits, unique
 from tvsysid.figures.words import TRAITS, count, perturbation_name, profile_name
 from tvsysid.study.scores import asked
 
@@ -30,7 +30,7 @@ def reflex_figures(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illu
     results, summary
         As of :func:`tvsysid.study.run`, and of these results, with full names (:func:`tvsysid.study.by_full_name`).
     """
-    traits = results[list(TRAITS)].to_dataframe()[list(TRAITS)]
+    traits = scenario_traits(results)
     traits = traits.assign(kind=traits.system.str.partition(":")[0], methods=asked(results).sum(axis=1))
     compared = traits[traits.methods >= min(2, traits.methods.max())]
     shown: dict[str, Illustration] = {}

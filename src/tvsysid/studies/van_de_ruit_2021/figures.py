@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tvsysid.figures.comparison import method_comparison
-from tvsysid.figures.results import BANDS, OVER_TIME, covered
+from tvsysid.figures.results import BANDS, OVER_TIME, covered, scenario_traits
 from tvsysid.figures.saving import Illustration
 from tvsysid.figures.simulations import coverage_over_time, error_against_amount, impulse_responses
-from tvsysid.figures.words import TRAITS, count, described, perturbation_name, profile_name
+from tvsysid.figures.words import count, described, perturbation_name, profile_name
 from tvsysid.methods import BasisIRF, EnsembleIRF, Method, ShortDataSegments
 from tvsysid.numerics.differentiation import HALF_WIDTH, derivative_weights
 from tvsysid.preprocess import decimate, segment
@@ -51,7 +51,7 @@ def study_figures(
     responses
         As :func:`tvsysid.figures.impulse_responses` takes them; None leaves that figure out.
     """
-    traits = results[list(TRAITS)].to_dataframe()[list(TRAITS)]
+    traits = scenario_traits(results)
     shown: dict[str, Illustration] = {}
     for (profile, viscosity), rows in traits.groupby(["profile", "viscosity"], sort=False):
         ending = "-covarying" if viscosity == "covarying" else ""

@@ -138,6 +138,17 @@ def test_a_wrong_period_is_said_right_under_the_answer(tvsysid):
     assert not any("not repeat" in line for line in rest)
 
 
+@pytest.mark.slow
+@pytest.mark.usefixtures("undrawn", "not_held_out")
+def test_a_period_twice_too_long_is_noted_once(tvsysid):
+    tvsysid("simulate", "joint.mat", "--duration", 60)
+    options = [4 if each == 2 else each for each in IDENTIFY]
+    code, out, err = tvsysid("identify", "joint.mat", *options, "--method", "birf")
+    assert code == 0
+    assert (out + err).count("repeats itself every") == 1
+    assert "note: stiffness repeats itself every 2 s, but for " in err
+
+
 def test_a_high_rate_is_said_before_the_work_begins(tvsysid):
     tvsysid("simulate", "joint.mat", "--duration", 10)
     _, _, err = tvsysid(

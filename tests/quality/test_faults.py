@@ -91,6 +91,42 @@ def test_they_are_found_in_walking_too(recordings):
     assert check.value > 30
 
 
+@pytest.mark.parametrize(
+    ("profile", "parts", "gain"),
+    [("sine", 2, "twice as many realizations: the random error is some 29 % smaller"), ("square", 3, "three times")],
+)
+def test_a_period_that_is_a_multiple_of_the_true_one_is_remarked(profile, parts, gain):
+    recording = brief(profile=profile)
+    assert tv.diagnose(cut(recording)).remarks == ()
+    (remark,) = tv.diagnose(cut(recording, 2.0 * parts)).remarks
+    assert remark.startswith("stiffness repeats itself every 2 s, but for ")
+    assert gain in remark
+    assert remark in repr(tv.diagnose(cut(recording, 2.0 * parts)))
+
+
+@pytest.mark.parametrize(("profile", "period"), [("constant", 2.0), ("constant", 4.0), ("sine", 3.0)])
+def test_no_shorter_period_is_remarked_where_stiffness_has_none_or_another(profile, period):
+    assert tv.diagnose(cut(brief(profile=profile), period)).remarks == ()
+
+
+def test_torque_that_repeats_within_a_realization_is_no_shorter_period():
+    recording = brief(profile="sine")
+    wave = 1 + np.sin(2 * np.pi * np.arange(len(recording)) / 1000)
+    noise = np.random.default_rng(1).normal(size=len(recording))
+    torque = recording.torque + recording.torque.std() * wave * (2 + noise)
+    assert tv.diagnose(cut(faults.changed(recording, torque=torque))).remarks == ()
+
+
+@pytest.mark.slow
+def test_a_shorter_period_is_remarked_in_real_records_that_have_one(recordings):
+    recording, period = recordings["walking"]
+    for parts in (2, 3):
+        (remark,) = tv.diagnose(cut(recording, parts * period)).remarks
+        assert remark.startswith("stiffness repeats itself every 1.5 s, ")
+    for name, (each, own) in recordings.items():
+        assert tv.diagnose(cut(each, own)).remarks == (), name
+
+
 def test_a_clipped_angle(recordings):
     for recording, period in ((brief(), 2.0), recordings["dorsiflexor"]):
         assert "clipped-angle" in found(cut(faults.clipped(recording, "angle"), period))

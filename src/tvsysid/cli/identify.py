@@ -324,8 +324,10 @@ def _account(found: Comparison, time_limit: float, source: dict[str, str], judge
 
 
 def _show_diagnosis(account: Account) -> None:
-    """Say what a diagnosis of the ensemble found, in a line."""
+    """Say what a diagnosis of the ensemble found, in a line, and what could be better."""
     if account.diagnosis is not None:
+        for text in account.diagnosis.remarks:
+            remark("note", text)
         names = ", ".join(each.name for each in account.diagnosis.findings)
         say(f"diagnosis: {account.diagnosis.verdict}{f': {names} (report.html says what to do)' if names else ''}")
 

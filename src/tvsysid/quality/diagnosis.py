@@ -123,12 +123,15 @@ class Diagnosis(Shown):
         Values about the ensemble by name, with their unit: ``{"bandwidth": (8.9, "Hz"), ...}``.
     curves, ensemble
         What the pictures show; what was diagnosed, in words.
+    remarks
+        What is no fault and could be better.
     """
 
     checks: tuple[Finding, ...]
     measures: dict[str, tuple[float, str]]
     curves: Curves
     ensemble: str
+    remarks: tuple[str, ...] = ()
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -166,7 +169,7 @@ class Diagnosis(Shown):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """A line on what is uncertain, with its value, and one on what was not judged, with the reason, if any is."""
+        """A line on what is uncertain, with its value, one on what was not judged, with the reason, and the remarks."""
         uncertain = [f"{check.name} ({check.strength})" for check in self.uncertain]
         reasons: dict[str, list[str]] = {}
         for check in self.checks:
@@ -174,7 +177,7 @@ class Diagnosis(Shown):
                 reasons.setdefault(check.what, []).append(check.name)
         unknown = [f"{', '.join(names)} ({why})" for why, names in reasons.items()]
         lines = {"uncertain": uncertain, "not judged": unknown}
-        return tuple(f"{state}: {'; '.join(told)}" for state, told in lines.items() if told)
+        return (*(f"{state}: {'; '.join(told)}" for state, told in lines.items() if told), *self.remarks)
 
     def __repr__(self) -> str:
         lines = [f"Diagnosis of {self.ensemble}: {self.verdict}"]
@@ -251,7 +254,9 @@ def diagnose(ensemble: Ensemble, reference: str | None = None, *, repeats: bool 
         found |= {name: Finding(name, math.nan, False, why) for name in found if name not in OF_ANY_SIGNAL}
     seen, checks = curves(data), tuple(found[name] for name in FAULTS if name in found)
     words = f"{len(ensemble)} realizations of {ensemble.duration:g} s at {ensemble.sampling_rate:g} Hz"
-    return Diagnosis(checks, _measures(timely, seen), seen, words)
+    misleading = any(found[name].found for name in ("same-channel", "same-perturbation", "wrong-period"))
+    remarks = timing.shorter_period(timely) if repeats and not misleading else ()
+    return Diagnosis(checks, _measures(timely, seen), seen, words, remarks)
 
 
 def find_reflex(ensemble: Ensemble) -> Finding:

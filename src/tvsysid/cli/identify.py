@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -144,10 +145,10 @@ def identify(
         method = SCHEDULED_METHODS if method == DEFAULT_METHODS else method
     chosen = [parse(label) for label in method]
     check_folder(out)
+    as_read = (rate, columns, torque_sign, angle_unit, start, header, torque_unit)
+    read = partial(options.read, file, angle, torque, *as_read)
     with shown_warnings():
-        recording = options.read(
-            file, angle, torque, rate, columns, torque_sign, angle_unit, start, channel, header, torque_unit
-        )
+        recording = read(channel)
         if align_channels:
             recording = _aligned(recording, period or PIECES, context)
         if decimate is not None:
@@ -170,14 +171,7 @@ def identify(
     turned = f", in {torque_unit.replace('N', 'N·')}" + (", with its sign reversed" if torque_sign == -1 else "")
     source = {"file": file.name, "angle": f"channel {angle}, in {angle_unit}", "torque": f"channel {torque}{turned}"}
     known = [angle, torque, *(text.partition("=")[2] for text in channel)]
-    as_read = (rate, columns, torque_sign, angle_unit, start)
-    warn_of_references(
-        found,
-        file,
-        header,
-        known,
-        lambda names: options.read(file, angle, torque, *as_read, names, header, torque_unit),
-    )
+    warn_of_references(found, file, header, known, read)
     written = write_results(found, out, file.name)  # first, as holding out takes longest
     done = {"the torque's sign was reversed": torque_sign == -1, "degrees became radians": angle_unit == "deg"}
     done["N·mm became N·m"] = torque_unit == "Nmm"

@@ -128,7 +128,7 @@ def inspect(
         remark("note", f"no --period: the record is cut into pieces of {PIECES:g} s, which are not taken to repeat")
     with shown_warnings():
         recording = options.read(
-            file, angle, torque, rate, columns, torque_sign, angle_unit, start, channel, header, torque_unit
+            file, angle, torque, rate, columns, torque_sign, angle_unit, start, header, torque_unit, channel
         )
         if decimate is not None:
             preprocess.decimate(recording, decimate)  # reports a rate that is impossible

@@ -122,9 +122,9 @@ def read(
     torque_sign: int,
     angle_unit: AngleUnit,
     start: float,
-    channel: Iterable[str],
     header: bool = True,
     torque_unit: TorqueUnit = "Nm",
+    channel: Iterable[str] = (),
 ) -> Recording:
     """Recording as the options say; each of the further channels as NAME=CHANNEL."""
     from tvsysid.recordings.read import channels_typed, read_recording

@@ -112,7 +112,7 @@ def plan(
         if angle is None or torque is None or rate is None:
             raise InputError("--pilot needs --angle, --torque and --rate, as `tvsysid identify`")
         with shown_warnings():
-            recording = options.read(pilot, angle, torque, rate, columns, torque_sign, angle_unit, start, [])
+            recording = options.read(pilot, angle, torque, rate, columns, torque_sign, angle_unit, start)
             first = Pilot.of(_cut(recording, decimate, period, context))
         say(f"pilot: {first.described()}")
         for note in first.notes:

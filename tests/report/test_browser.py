@@ -17,6 +17,12 @@ CHECKS = """
   seen.chosen = [rows().filter((row) => !row.hidden).length, count.textContent];
   const choice = page.getElementById("ranking-table-choice");
   choice.value = ""; choice.dispatchEvent(new Event("change"));
+  const lines = (cell) => {
+    const range = page.createRange();
+    range.selectNodeContents(cell);
+    return new Set([...range.getClientRects()].map((part) => part.top)).size;
+  };
+  seen.names = [...page.querySelectorAll(".label")].map((cell) => [cell.textContent, lines(cell)]);
   seen.all = rows().filter((row) => !row.hidden).length;
   seen.sorted = buttons.map((button, column) => [1, 2].map(() => {
     button.click();
@@ -52,6 +58,12 @@ def test_pictures_are_shown(seen):
 def test_a_phone_scrolls_tables_but_not_the_page(seen):
     assert seen["width"] <= 360
     assert seen["focused"]
+
+
+def test_names_of_methods_are_not_broken_within_a_word(seen):
+    lines = [count for name, count in seen["names"] if name == "sds:window=0.2"]
+    assert lines
+    assert set(lines) == {1}
 
 
 def test_one_scenario_is_shown_first_and_all_on_demand(seen):

@@ -31,7 +31,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Column:
-    """Column of a table; ``"label"`` may be broken anywhere, ``"long"`` is wide, ``"verdict"`` is bold."""
+    """Column of a table; ``"label"`` breaks within words on paper only, ``"long"`` is wide, ``"verdict"`` is bold."""
 
     heading: str
     unit: str = ""

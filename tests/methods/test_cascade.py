@@ -58,7 +58,7 @@ def problem(random):
     reflex = Reflex(lambda c: np.maximum(rows - c, 0.0), FourierSeries(1), times / RATE, RATE, fitted)
     noise = 1e-5 * random.normal(size=fitted.shape)
     plain = Problem.of(Data.of(noise, signals, bases, fitted), reflex, FREE)
-    columns = np.concatenate([plain.data.modulated(slice(None)), reflex.columns(KNOWN)])
+    columns = np.concatenate([plain.data.modulated(slice(None)), reflex.columns(KNOWN)(slice(None))])
     truth = random.normal(size=len(columns)) / np.sqrt(np.mean(columns**2, axis=(1, 2)))
     torque = np.tensordot(truth, columns, 1) + noise
     return Problem.of(Data.of(torque, signals, bases, fitted), reflex, FREE), truth
@@ -66,7 +66,7 @@ def problem(random):
 
 def dense(problem, shape):
     """All columns, (sample, column)."""
-    columns = np.concatenate([problem.data.modulated(slice(None)), problem.reflex.columns(shape)])
+    columns = np.concatenate([problem.data.modulated(slice(None)), problem.reflex.columns(shape)(slice(None))])
     return columns.reshape(len(columns), -1).T
 
 
@@ -139,7 +139,7 @@ def test_reflex_columns_are_what_arrives_at_the_muscle_times_functions_of_time(p
     samples, late = reflex.fitted.shape[1], 4
     arrival = (np.arange(-HISTORY, samples) + late) / RATE
     response = shape._replace(delay=0.0).response(HISTORY + samples, RATE)
-    for number, column in enumerate(reflex.columns(shape)):
+    for number, column in enumerate(reflex.columns(shape)(slice(None))):
         driven = rows * reflex.basis(arrival / reflex.period)[:, number]
         out = np.stack([np.convolve(row, response)[HISTORY - late : HISTORY - late + samples] for row in driven])
         np.testing.assert_allclose(column, deviations(out, reflex.fitted), rtol=1e-3, atol=1e-4)

@@ -18,6 +18,14 @@ BLOCK = 32  # samples a block: larger ones waste products far from the diagonal,
 
 
 CHUNK = 2**22  # values of correlation matrices held at once (32 MiB)
+CACHED = 2**16  # values of rows held at once: they stay in the processor's cache
+
+
+def row_blocks(rows: int, values: int) -> Iterator[slice]:
+    """Consecutive slices of rows of so many values each, few enough to be held at once."""
+    length = max(1, CACHED // values)
+    for start in range(0, rows, length):
+        yield slice(start, min(start + length, rows))
 
 
 def time_chunks(times: int, unknowns: int) -> Iterator[slice]:

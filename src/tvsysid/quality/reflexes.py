@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtr, stdtrit
 
 from tvsysid.errors import InputError
+from tvsysid.numerics.moments import row_blocks
 from tvsysid.numerics.stretch import recorded_velocity, stretch
 from tvsysid.quality.statistics import LEAST_REALIZATIONS, solved
 from tvsysid.signals import Array, Ensemble
@@ -26,7 +27,6 @@ REACH = 0.04  # s to either side that the intrinsic response lasts
 SOONEST, LATEST, SHAPES = 0.04, 0.33, 8  # lags in s of the reflex's response, and the triangles that make it up
 USUAL_MUSCLE = (16.0, 0.8)  # frequency in rad/s and damping of the muscle of the reflex that is tested for
 LEAST_SAMPLES = 20  # of a realization at which all lags must be known
-TOGETHER = 64  # realizations whose signals are held at once
 ROUNDING = 1e-12  # share of the torque's power that rounding leaves
 _TESTED: WeakKeyDictionary[Ensemble, ReflexTest] = WeakKeyDictionary()
 
@@ -149,7 +149,7 @@ def changes(ensemble: Ensemble) -> bool:
 def _moments_of(ensemble: Ensemble) -> _Moments:
     order, recorded = np.concatenate(ensemble.runs), ensemble.angle_as_recorded
     stretches = np.empty((2, *ensemble.angle.shape))
-    for some in _together(len(order)):
+    for some in row_blocks(len(order), recorded[0].size):
         velocity = recorded_velocity(recorded[order[some]], ensemble.sampling_rate)
         for out, direction in zip(stretches, (1, -1), strict=True):
             out[some] = stretch(velocity, recorded.shape[-1], direction=direction)
@@ -255,12 +255,6 @@ class _Signal(NamedTuple):
         return np.asarray(self.values[self.order[which]] - self.mean)
 
 
-def _together(count: int) -> Iterator[slice]:
-    """Realizations that are held at once, one slice of them after the other."""
-    for start in range(0, count, TOGETHER):
-        yield slice(start, min(start + TOGETHER, count))
-
-
 def _moments(angle: _Signal, torque: _Signal, stretches: tuple[Array, Array], core: slice, rate: float) -> _Moments:
     reach, soonest, latest = (round(seconds * rate) for seconds in (REACH, SOONEST, LATEST))
     start, stop = max(core.start, latest, reach), min(core.stop, len(angle.mean) - reach)
@@ -280,7 +274,7 @@ def _moments(angle: _Signal, torque: _Signal, stretches: tuple[Array, Array], co
 
     def regressors() -> Iterator[tuple[Array, Array]]:
         """Regressors (time, regressor) and torque (time,) of one realization after the other."""
-        for some in _together(count):
+        for some in row_blocks(count, 4 * len(angle.mean)):
             near, torques = angle.some(some), torque.some(some)[:, times]
             late = [
                 _windows(each[some] - mean, latest - soonest + 1, start - latest, stop - latest)

@@ -135,7 +135,7 @@ class AdaptiveRegression(base.Method):
     def _identify(self, ensemble: Ensemble) -> AdaptiveModel:
         with threadpool_limits(1):  # small matrices: BLAS threads would only wait for each other
             reflex = with_reflex(ensemble)
-            if reflex is not None and reflex.values.shape[2] >= SHORTEST and reflex.values.shape[1] >= LEAST:
+            if reflex is not None and len(reflex.rows) >= LEAST:
                 return Identification(ensemble, reflex).model(repr(self))
             return Identification(ensemble, Derived.of(ensemble)).model(repr(self))
 
@@ -159,7 +159,8 @@ class Identification:
 
     def __init__(self, ensemble: Ensemble, signals: Signals) -> None:
         self.ensemble, self.signals = ensemble, signals
-        self.gram, self.low = gram_of(signals), gram_of(signals, low=True)
+        self.gram = gram_of(signals)
+        self.low = self.gram if isinstance(signals, WithReflex) else gram_of(signals, low=True)
         self.independent = signals.realizations[1]
         followed = 1 - len(ensemble.runs) / len(ensemble)
         periodic = followed >= 0.5 and not any(signals.edges)

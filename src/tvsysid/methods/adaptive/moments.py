@@ -13,13 +13,12 @@ from tvsysid.methods.base import missing_edge
 from tvsysid.methods.shared.residuals import independent_realizations
 from tvsysid.numerics import Array
 from tvsysid.numerics.differentiation import HALF_WIDTH, derivative_weights
-from tvsysid.numerics.moments import convolve_lags
+from tvsysid.numerics.moments import convolve_lags, row_blocks
 from tvsysid.signals import Ensemble
 
 LOW_BAND = firwin(21, 0.6)  # what aliasing and decimation leave alone
 LOW_SHARE = 0.6  # of the samples that are independent in the low band
 SHORTEST = 16  # samples of a realization that have derivatives, at least
-HELD = 2**16  # samples whose derivatives are held at once
 STILL = 1e-9  # share of the mean power below which an angle is still, or nothing is left of a regressor
 U, V, A = range(3)  # angle, velocity, acceleration; further regressors follow, the torque is last
 
@@ -91,9 +90,8 @@ class Derived:
         filters = derivative_weights() * ensemble.sampling_rate ** np.arange(3.0)[:, None]
         if low:
             filters = np.stack([np.convolve(each, LOW_BAND) for each in filters])
-        length = max(1, HELD // ensemble.samples)
-        for start in range(0, len(ensemble), length):
-            angle, torque = (x[start : start + length, near] for x in (ensemble.angle, ensemble.torque))
+        for some in row_blocks(len(ensemble), ensemble.samples):
+            angle, torque = (x[some, near] for x in (ensemble.angle, ensemble.torque))
             out = np.empty((4, len(angle), angle.shape[1] - 2 * reach))
             for place, taps in enumerate(filters):
                 out[place] = _filtered(angle, taps / self.scale[0])

@@ -6,17 +6,19 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
 from tvsysid.methods.adaptive.mixture import Mixture
-from tvsysid.methods.adaptive.moments import Constants
+from tvsysid.methods.adaptive.moments import SHORTEST, Constants
 from tvsysid.methods.cascade.cascade import JointCascade
 from tvsysid.methods.cascade.choice import Search
-from tvsysid.methods.cascade.regressors import intrinsic_filters
+from tvsysid.methods.cascade.regressors import MANY, Columns, Rows, intrinsic_filters
 from tvsysid.methods.cascade.result import Chosen, model, second_order_fit
 from tvsysid.methods.cascade.shape import TERMS
 from tvsysid.methods.shared.pathways import TwoPathwayModel
 from tvsysid.numerics import Array
+from tvsysid.numerics.moments import row_blocks
 from tvsysid.quality.reflexes import reflex_test_of
 from tvsysid.quality.statistics import LEAST_REALIZATIONS
 from tvsysid.signals import Ensemble
@@ -27,11 +29,13 @@ class WithReflex:
     """Signals of a joint with a reflex.
 
     Behind angle, velocity and acceleration follow the angle's differences of higher order (the intrinsic response lasts
-    40 ms to either side), the reflex's columns, and their derivatives by its shape, all as ``values`` (signal,
-    realization, time) of the realizations and times whose history is known.
+    40 ms to either side), the reflex's columns, and their derivatives by its shape. These ``columns`` are known of some
+    ``rows``, at ``times``: those with a history.
     """
 
-    values: Array
+    columns: Columns
+    rows: NDArray[np.int64]
+    times: slice
     rate: float
     edges: tuple[int, int]
     share: float
@@ -43,11 +47,12 @@ class WithReflex:
     @property
     def realizations(self) -> tuple[int, int]:
         """How many, and one less: the mean is subtracted."""
-        return self.values.shape[1], self.values.shape[1] - 1
+        return len(self.rows), len(self.rows) - 1
 
     def blocks(self, low: bool = False) -> Iterator[Array]:
         """All of them: the differences take up what decimation does to the acceleration."""
-        yield self.values
+        for some in row_blocks(len(self.rows), MANY * self.times.stop):
+            yield self.columns(self.rows[some])[..., self.times]
 
     def viscosity(self, mixture: Mixture, constants: Constants) -> Mixture:
         """Of a second-order fit to the whole intrinsic response, from the mixture of its velocity's coefficient."""
@@ -74,15 +79,15 @@ class WithReflex:
         problem, found = chosen.fit.problem, chosen.fit.found
         data = problem.data
         known = data.fitted.sum(axis=1)
-        rows = known == known.max()
+        rows = np.flatnonzero(known == known.max())
         times = np.flatnonzero(data.fitted[rows].all(axis=0))
-        if not len(times) or np.ptp(times) + 1 != len(times):
+        if len(times) < SHORTEST or np.ptp(times) + 1 != len(times):
             return None
-        parts = [data.signals, problem.columns(found.shape), problem.slopes(found), data.torque[None]]
-        ends = np.cumsum([0, *map(len, parts)])
-        values = np.empty((ends[-1], rows.sum(), len(times)))  # of long data, concatenating would hold it three times
-        for start, stop, part in zip(ends, ends[1:], parts, strict=False):
-            values[start:stop] = part[:, rows, times[0] : times[-1] + 1]
+        signals, torque, reflex = data.signals, data.torque, problem.columns_and_slopes(found)
+
+        def columns(some: Rows) -> Array:
+            return np.concatenate([signals[:, some], reflex(some), torque[None, some]])
+
         first = data.bases[0].shape[1] + data.bases[1].shape[1] + 1
         weights = (found.scale / found.spread)[first:] ** 2
         noise = found.solved.noise_variance
@@ -91,8 +96,9 @@ class WithReflex:
         rate = search.ensemble.sampling_rate
         lags = search.lags
         readout = second_order_fit(np.arange(-lags, lags + 1) / rate) @ intrinsic_filters(lags, rate).T
-        edges = (int(times[0]), data.torque.shape[1] - int(times[-1]) - 1)
-        return cls(values, rate, edges, data.share, holds, beside, readout)
+        inside = slice(int(times[0]), int(times[-1]) + 1)
+        edges = (inside.start, torque.shape[1] - inside.stop)
+        return cls(columns, rows, inside, rate, edges, data.share, holds, beside, readout)
 
 
 def with_reflex(ensemble: Ensemble) -> WithReflex | None:

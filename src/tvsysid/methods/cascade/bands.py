@@ -10,13 +10,14 @@ from scipy.fft import next_fast_len, rfft
 from scipy.linalg import blas
 
 from tvsysid.estimates import StandardError
+from tvsysid.methods.cascade.regressors import Columns
 from tvsysid.methods.cascade.shape import TERMS, Found, Problem
 from tvsysid.numerics import Array
 from tvsysid.numerics.bands import arc_length
+from tvsysid.numerics.moments import row_blocks
 from tvsysid.numerics.noise import autocovariance
 
 LONGEST = 60  # samples up to which the noise's autocorrelation counts
-CHUNK = 2**18  # regressors' values held at once
 
 
 class Covariance(NamedTuple):
@@ -43,14 +44,13 @@ def covariance_of(problem: Problem, found: Found, left: Array) -> Covariance:
     with the derivatives by the shape among the columns, P the prior's covariance, and :math:`\Sigma` the noise's
     autocovariance within a realization, from what is left, with Bartlett's weights.
     """
-    columns, slopes = problem.columns(found.shape), problem.slopes(found)
-    further = np.concatenate([columns, slopes])
-    scale = np.concatenate([found.scale, np.ones(len(slopes))])
+    further = problem.columns_and_slopes(found)
+    scale = np.concatenate([found.scale, np.ones(len(problem.free))])
     gram = problem.data.moments(further).scaled(scale).gram
     noise = found.solved.noise_variance
-    shape = np.array([TERMS[name].spread for name in problem.free[: len(slopes)]]) ** 2
+    shape = np.array([TERMS[name].spread for name in problem.free]) ** 2
     weight = np.concatenate([1 / found.spread**2, noise / shape])
-    freedom = max(1.0, problem.data.number - found.solved.effective - len(slopes))
+    freedom = max(1.0, problem.data.number - found.solved.effective - len(shape))
     coloured = _coloured(problem, further, scale, _spectrum(left, freedom))
     inverse = np.linalg.inv(gram + np.diag(weight))
     matrix = inverse @ (problem.data.share**2 * coloured + noise * np.diag(weight)) @ inverse
@@ -70,20 +70,18 @@ def _spectrum(left: Array, freedom: float) -> Array:
     return np.asarray(np.maximum(rfft(both).real, 0.0))
 
 
-def _coloured(problem: Problem, further: Array, scale: Array, power: Array) -> Array:
+def _coloured(problem: Problem, further: Columns, scale: Array, power: Array) -> Array:
     """Products of all columns with each other, weighted by the noise's autocovariance at their distance."""
     data, count = problem.data, len(scale)
     size = 2 * (len(power) - 1)
     times = data.torque.shape[1]
     out = np.zeros((count, count), order="F")
-    length = max(1, CHUNK // (count * times))
     # Frequencies between 0 and Nyquist's stand for their negative ones too.
     twice = np.full(len(power), 2.0)
     twice[[0, -1]] = 1.0
     weights = np.sqrt(power * twice / size)
-    for start in range(0, len(data.torque), length):
-        rows = slice(start, start + length)
-        columns = np.concatenate([data.modulated(rows), further[:, rows]]) / scale[:, None, None]
+    for rows in row_blocks(len(data.torque), count * times):
+        columns = np.concatenate([data.modulated(rows), further(rows)]) / scale[:, None, None]
         spectra = rfft(columns, size, axis=-1) * weights
         flat = spectra.view(np.float64).reshape(count, -1)
         out = blas.dsyrk(1.0, flat.T, beta=1.0, c=out, trans=1, lower=1, overwrite_c=1)

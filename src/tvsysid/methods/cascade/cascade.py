@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -15,9 +15,8 @@ from tvsysid.methods import base
 from tvsysid.methods.cascade import result
 from tvsysid.methods.cascade.choice import HISTORY, SETTLED, Candidate, Drives, Search, by_evidence
 from tvsysid.methods.cascade.regressors import Data, deviations, lagged_signals, unresolved
-from tvsysid.methods.shared.pathways import TwoPathwayModel, history, velocity_of
+from tvsysid.methods.shared.pathways import Stretch, TwoPathwayModel, history
 from tvsysid.numerics.bases import FourierSeries
-from tvsysid.numerics.stretch import decimated, stretch
 from tvsysid.quality.reflexes import ENOUGH, reflex_test_of
 from tvsysid.quality.statistics import LEAST_REALIZATIONS
 from tvsysid.signals import Array, Ensemble
@@ -26,6 +25,7 @@ VELOCITY_DELAY, EMG_DELAY = 0.04, 0.01  # s
 EXCITED_BELOW = 5.0  # Hz
 FINE = 500.0  # Hz from which on a rectified velocity is one
 DIRECTIONS = {"positive": 1, "negative": -1}
+REMEMBERED = 4  # rectified velocities: of a threshold, those of its slopes, and one that is tried
 
 
 @dataclass(frozen=True)
@@ -191,15 +191,13 @@ class JointCascade(base.Method):
         if self.emg is not None:
             signal = _past(ensemble, ensemble.signal(self.emg))
             return {"emg": lambda threshold: signal}
-        velocity, ratio = velocity_of(ensemble)
-        plain = _past(ensemble, decimated(velocity, ratio))
 
-        def rectified(direction: int) -> Callable[[float], Array]:
-            return lru_cache(maxsize=8)(
-                lambda threshold: _past(ensemble, stretch(velocity, ratio, threshold, direction))
-            )
+        @lru_cache(maxsize=REMEMBERED)
+        def rectified(direction: int, threshold: float) -> Array:
+            return _past(ensemble, Stretch(threshold, direction)(ensemble))
 
-        return {"linear": lambda threshold: plain} | {name: rectified(s) for name, s in DIRECTIONS.items()}
+        plain = rectified(1, 0.0) + rectified(-1, 0.0)  # both directions together are not rectified
+        return {"linear": lambda threshold: plain} | {name: partial(rectified, s) for name, s in DIRECTIONS.items()}
 
     def _shown(self, ensemble: Ensemble, fits: Mapping[str, Candidate]) -> tuple[str, bool]:
         """Which reflex there is, or might be, and whether one is shown."""

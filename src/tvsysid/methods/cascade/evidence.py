@@ -139,11 +139,10 @@ def solve(moments: Moments, spread: Array) -> Solved:
     """
     system = np.asfortranarray(moments.gram * np.outer(spread, spread))
     system.ravel(order="A")[:: len(system) + 1] += 1.0
-    factor, failed = lapack.dpotrf(system, lower=1)
+    factor, failed = lapack.dpotrf(system, lower=1, clean=1)
     if failed:  # columns that are alike to rounding
-        factor, _ = lapack.dpotrf(system + 1e-10 * np.diag(np.diag(system)), lower=1)
+        factor, _ = lapack.dpotrf(system + 1e-10 * np.diag(np.diag(system)), lower=1, clean=1)
     inverse = lapack.dtrtri(factor, lower=1)[0]
-    inverse = np.tril(inverse)
     right = spread * moments.cross
     half = inverse @ right
     mean = half @ inverse

@@ -19,11 +19,16 @@ from tvsysid.numerics import Array
 from tvsysid.numerics.bases import FourierSeries
 from tvsysid.numerics.decimation import TAPS
 from tvsysid.numerics.differentiation import derivative_weights
+from tvsysid.numerics.moments import row_blocks
 from tvsysid.numerics.stretch import decimated
 
 BAND = 0.6  # share of the Nyquist frequency over which so few lags give velocity and acceleration to 0.3 %
 HALF_WIDTH = 8  # samples to either side from which velocity and acceleration follow at the recorded rate
 HIGHEST = 8  # order of difference of the angle up to which the intrinsic response is free
+MANY = 10  # values counted for each sample of a realization, of which a block of them holds so many
+
+Rows = slice | NDArray[np.int64]
+Columns = Callable[[Rows], Array]  # (column, realization, time) of some realizations; all take many times the data
 
 
 def intrinsic_filters(lags: int, rate: float) -> Array:
@@ -47,6 +52,11 @@ def intrinsic_filters(lags: int, rate: float) -> Array:
         if len(taps) <= len(offsets):
             rows.append(np.pad(taps, (len(offsets) - len(taps)) // 2))
     return np.stack(rows)
+
+
+def part_of(columns: Columns, rows: NDArray[np.int64]) -> Columns:
+    """Columns of some realizations, counted among these."""
+    return lambda some: columns(rows[some])
 
 
 def deviations(values: Array, fitted: NDArray[np.bool_]) -> Array:
@@ -111,16 +121,19 @@ class Data:
         own = _own(torque, signals, self.bases, number).times(self.share)
         return replace(self, torque=torque, signals=signals, fitted=fitted, number=number, own=own)
 
-    def moments(self, columns: Array) -> Moments:
-        """Moments of the intrinsic columns and of others (column, realization, time), which are deviations."""
-        if not len(columns):
-            return self.own
-        flat = columns.reshape(len(columns), -1)
-        mixed = [a.T @ np.einsum("rt,krt->tk", s, columns) for a, s in zip(self.bases, self.signals, strict=True)]
-        between = self.share * np.concatenate(mixed)
-        gram = np.block([[self.own.gram, between], [between.T, self.share * (flat @ flat.T)]])
-        cross = np.concatenate([self.own.cross, self.share * (flat @ self.torque.ravel())])
-        return Moments(gram, cross, self.own.square, self.own.number)
+    def moments(self, columns: Columns) -> Moments:
+        """Moments of the intrinsic columns and of others, which are deviations."""
+        own, total = len(self.own.cross), np.zeros(())
+        for some in row_blocks(len(self.torque), MANY * self.torque.shape[1]):
+            these = columns(some)
+            flat = these.reshape(len(these), self.torque[some].size)
+            mixed = [
+                a.T @ np.einsum("rt,krt->tk", s[some], these) for a, s in zip(self.bases, self.signals, strict=True)
+            ]
+            total = total + np.concatenate([*mixed, flat @ flat.T, [flat @ self.torque[some].ravel()]])
+        total = self.share * total
+        gram = np.block([[self.own.gram, total[:own]], [total[:own].T, total[own:-1]]])
+        return Moments(gram, np.concatenate([self.own.cross, total[-1]]), self.own.square, self.own.number)
 
     def modulated(self, rows: slice) -> Array:
         """Intrinsic columns of some realizations (column, realization, time)."""
@@ -138,7 +151,10 @@ class Data:
 
 def _own(torque: Array, signals: Array, bases: tuple[Array, ...], number: float) -> Moments:
     """Moments of signals times functions of time, from those of the signals at each time."""
-    products = np.einsum("irt,jrt->tij", signals, np.concatenate([signals, torque[None]]), optimize=True)
+    products = np.zeros(())
+    for some in row_blocks(len(torque), MANY * torque.shape[1]):
+        both = np.concatenate([signals[:, some], torque[None, some]])
+        products = products + np.einsum("irt,jrt->tij", signals[:, some], both, optimize=True)
     gram = np.block([[(a * products[:, i, j, None]).T @ b for j, b in enumerate(bases)] for i, a in enumerate(bases)])
     cross = np.concatenate([a.T @ products[:, i, -1] for i, a in enumerate(bases)])
     return Moments(gram, cross, float(np.vdot(torque, torque)), number)
@@ -181,6 +197,13 @@ class Shape(NamedTuple):
         return np.asarray(response / response.sum())
 
 
+def behind(driven: Array, muscle: tuple[int, Array, Array], samples: int) -> Array:
+    """What comes out of delay and muscle (:meth:`Shape.muscle`) at the last so many samples."""
+    whole, up, down = muscle
+    stop = driven.shape[-1] - whole
+    return np.asarray(lfilter(up, down, driven)[..., stop - samples : stop])
+
+
 @dataclass(frozen=True, eq=False)
 class Reflex:
     """Columns of the reflex pathway: what drives it, times functions of time, behind delay and muscle.
@@ -201,23 +224,26 @@ class Reflex:
         arrival = np.arange(samples - times, samples) / self.rate + shape.delay
         return self.basis(arrival / self.period)
 
-    def columns(self, shape: Shape) -> Array:
+    def columns(self, shape: Shape) -> Columns:
         """Regressors (function, realization, time), as deviations from their mean over realizations."""
-        rows = self.drive(shape.threshold)
-        functions = self.functions(shape, rows.shape[1])
-        return self._behind(rows[None] * functions.T[:, None], shape)
+        rows, fitted = self.drive(shape.threshold), self.fitted
+        muscle, samples = shape.muscle(self.rate), fitted.shape[1]
+        functions = self.functions(shape, rows.shape[1]).T[:, None]
+        if len(rows) == 1:
+            return lambda some: deviations(behind(rows[some] * functions, muscle, samples), fitted)
+        # The sum over realizations is what the sum of the drives gives, less what is not fitted.
+        lost = ~fitted & fitted.any(axis=0)
+        losing = np.flatnonzero(lost.any(axis=1))
+        total = behind(rows.sum(axis=0, keepdims=True) * functions, muscle, samples)
+        total -= (behind(rows[losing] * functions, muscle, samples) * lost[losing]).sum(axis=1, keepdims=True)
+        mean = total / np.maximum(fitted.sum(axis=0), 1)
+        return lambda some: (behind(rows[some] * functions, muscle, samples) - mean) * fitted[some]
 
     def torque(self, shape: Shape, coefficients: Array) -> Array:
         """Sum of the columns times coefficients, (realization, time)."""
         rows = self.drive(shape.threshold)
-        return self._behind(rows * (self.functions(shape, rows.shape[1]) @ coefficients), shape)
-
-    def _behind(self, driven: Array, shape: Shape) -> Array:
-        """What comes out of delay and muscle, (…, realization, time)."""
-        whole, up, down = shape.muscle(self.rate)
-        out = lfilter(up, down, driven)
-        stop = out.shape[-1] - whole
-        return deviations(out[..., stop - self.fitted.shape[1] : stop], self.fitted)
+        driven = rows * (self.functions(shape, rows.shape[1]) @ coefficients)
+        return deviations(behind(driven, shape.muscle(self.rate), self.fitted.shape[1]), self.fitted)
 
 
 def lagged_signals(angle: Array, context: int, lags: int, rate: float) -> tuple[Array, NDArray[np.bool_]]:
@@ -246,11 +272,12 @@ def unresolved(recorded: Array, lags: int, rate: float) -> Array:
     inside = slice(reach, recorded.shape[1] - reach)
     if samples == 1 or inside.stop <= inside.start:
         return out
-    angle = recorded.reshape(len(recorded), -1)
     few = intrinsic_filters(lags, rate)[:, ::-1]
     many = derivative_weights(HALF_WIDTH, BAND)[:, ::-1]
-    slow = decimated(angle, samples)
-    for order in (1, 2):
-        fast = decimated(correlate1d(angle, many[order] * (rate * samples) ** order), samples)
-        out[order - 1, :, inside] = (fast - correlate1d(slow, few[order]))[:, inside]
+    for some in row_blocks(len(recorded), recorded.shape[1] * samples):
+        angle = recorded[some].reshape(-1, recorded.shape[1] * samples)
+        slow = decimated(angle, samples)
+        for order in (1, 2):
+            fast = decimated(correlate1d(angle, many[order] * (rate * samples) ** order), samples)
+            out[order - 1, some, inside] = (fast - correlate1d(slow, few[order]))[:, inside]
     return out

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid.methods.cascade.evidence import Family, Moments, Prior, Solved, solve, tuned
-from tvsysid.methods.cascade.regressors import Data, Reflex, Shape
+from tvsysid.methods.cascade.regressors import Columns, Data, Reflex, Shape, part_of
 from tvsysid.numerics import Array
 
 STEPS, HALVINGS, ROUNDS = 8, 6, 2
@@ -99,9 +99,16 @@ class Problem:
             families.append(Family(reflex.basis.harmonics, free=False))
         return cls(data, tuple(families), Prior.of(tuple(families)), reflex, free)
 
-    def columns(self, shape: Shape) -> Array:
-        """Columns of the reflex (column, realization, time)."""
-        return np.zeros((0, *self.data.torque.shape)) if self.reflex is None else self.reflex.columns(shape)
+    def columns(self, shape: Shape) -> Columns:
+        """Columns of the reflex."""
+        if self.reflex is None:
+            return lambda some: np.zeros((0, *self.data.torque[some].shape))
+        return self.reflex.columns(shape)
+
+    def columns_and_slopes(self, found: Found) -> Columns:
+        """Columns of the reflex, and the torque's derivatives by its shape."""
+        columns, slopes = self.columns(found.shape), self.slopes(found)
+        return lambda some: np.concatenate([columns(some), slopes[:, some]])
 
     def scale(self, moments: Moments) -> Array:
         """Root mean square of each family's column that is not modulated."""
@@ -112,9 +119,9 @@ class Problem:
             at += family.columns
         return np.where(rms > 0, rms, 1.0)
 
-    def at(self, shape: Shape, parameters: Array | None = None, columns: Array | None = None) -> Found:
+    def at(self, shape: Shape, parameters: Array | None = None) -> Found:
         """Solution for a shape; hyper-parameters not given are tuned."""
-        moments = self.data.moments(self.columns(shape) if columns is None else columns)
+        moments = self.data.moments(self.columns(shape))
         scale = self.scale(moments)
         moments = moments.scaled(scale)
         return self._solved(shape, moments, scale, parameters)
@@ -135,10 +142,11 @@ class Problem:
     def torques(self, found: Found) -> tuple[Array, Array]:
         """Intrinsic and reflex torque (realization, time) of a solution, as deviations from their means."""
         own = len(self.data.own.cross)
-        intrinsic = self.data.torque_of(found.coefficients[:own])
-        if self.reflex is None:
-            return intrinsic, np.zeros_like(intrinsic)
-        return intrinsic, self.reflex.torque(found.shape, found.coefficients[own:])
+        return self.data.torque_of(found.coefficients[:own]), self.reflex_torque(found.shape, found.coefficients[own:])
+
+    def reflex_torque(self, shape: Shape, coefficients: Array) -> Array:
+        """Reflex torque (realization, time) of coefficients of its columns."""
+        return np.zeros_like(self.data.torque) if self.reflex is None else self.reflex.torque(shape, coefficients)
 
     def slopes(self, found: Found) -> Array:
         """Derivatives of the reflex torque by the free numbers of its shape, (number, realization, time)."""
@@ -157,12 +165,11 @@ class Problem:
             out[index] = (later - earlier) / width
         return out
 
-    def step(self, found: Found, columns: Array) -> Array:
+    def step(self, found: Found) -> Array:
         """Gauss-Newton step of the free numbers: all coefficients and it are solved for together."""
-        slopes, count = self.slopes(found), len(found.scale)
-        moments = self.data.moments(np.concatenate([columns, slopes]))
-        moments = moments.scaled(np.concatenate([found.scale, np.ones(len(slopes))]))
-        terms = [TERMS[name] for name in self.free]
+        terms, count = [TERMS[name] for name in self.free], len(found.scale)
+        moments = self.data.moments(self.columns_and_slopes(found))
+        moments = moments.scaled(np.concatenate([found.scale, np.ones(len(terms))]))
         weight = found.solved.noise_variance / np.array([term.spread for term in terms]) ** 2
         system = moments.gram + np.diag(np.concatenate([1 / found.spread**2, weight]))
         away = np.array([term.mean for term in terms]) - place_of(found.shape, self.free)
@@ -172,7 +179,7 @@ class Problem:
     def improved(self, found: Found) -> Found:
         """Solution after some steps, each halved until it is better."""
         for _ in range(STEPS if self.free else 0):
-            step = self.step(found, self.columns(found.shape))
+            step = self.step(found)
             sizes = np.abs(step) / [TERMS[name].spread for name in self.free]
             if sizes.max() < SETTLED:
                 break
@@ -214,9 +221,9 @@ def held_out(problem: Problem, found: Found, folds: list[NDArray[np.int64]]) -> 
     left = np.empty(len(data.torque))
     for fold in folds:
         part = data.part(fold)
-        seen = part.moments(columns[:, fold]).scaled(found.scale)
+        seen = part.moments(part_of(columns, fold)).scaled(found.scale)
         coefficients = solve(found.moments.without(seen), found.spread).coefficients / found.scale
         own = len(data.own.cross)
-        predicted = part.torque_of(coefficients[:own]) + np.tensordot(coefficients[own:], columns[:, fold], 1)
+        predicted = part.torque_of(coefficients[:own]) + problem.reflex_torque(found.shape, coefficients[own:])[fold]
         left[fold] = np.sum((part.torque - predicted) ** 2, axis=1)
     return left

@@ -225,7 +225,8 @@ def _dots(axes: Axes, label: str, values: Array, reach: Array, methods: Sequence
     """Dots of a VAF with what is possible of their whiskers: a bar would mislead where the axis is cut."""
     places, ends = _places(*values.shape), np.nan_to_num(reach)
     for row, hue in enumerate(style.hues(methods).values()):
-        whiskers = [ends[row], np.clip(100.0 - values[row], 0.0, ends[row])]
+        # Lists, as Matplotlib takes an array of one end for a number, of which NumPy warned before 2.4.
+        whiskers = np.stack([ends[row], np.clip(100.0 - values[row], 0.0, ends[row])]).tolist()
         axes.errorbar(places[row], values[row], whiskers, fmt="o", color=hue, markersize=4, elinewidth=0.9, capsize=1.8)
     base = _floor(float(np.nanmin(values - ends)))
     for place in places[~np.isfinite(values)]:

@@ -196,7 +196,7 @@ def alignments(results: xr.Dataset) -> pd.DataFrame:
     import pandas as pd  # noqa: PLC0415  # heavy
 
     names = [name for name in AlignmentEffect._fields if f"alignment_{name}" in results]
-    table = pd.DataFrame({name: results[name].values.astype(str) for name in OF_RECORDING})
+    table = pd.DataFrame({name: results[name].values.astype(object).astype(str) for name in OF_RECORDING})
     table = table.assign(**{name: results[f"alignment_{name}"].values for name in names})
     table = table.reindex(columns=[*OF_RECORDING, *AlignmentEffect._fields]).dropna(ignore_index=True)
     table.insert(len(table.columns) - 1, "difference", table.aligned - table.unshifted)

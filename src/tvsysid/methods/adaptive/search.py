@@ -250,9 +250,11 @@ def found_sets(grid: Grid, smooths: tuple[Smooth, ...], states: list[State]) -> 
             note(after, key)
         if after.gain <= 1e-6:
             closed_at.add(open_ones.pop(key).places)
+            del walks[key]  # its products are as large as the grid's
             continue
         open_ones[key] = after
     walk, best = walks.get(0) or Walk(smooths[0], grid), max(scores.values())[0]
+    walks.clear()  # one is enough from here on
     for state in walk.at_once(states[0].places):
         if state.score > best - NEARLY:
             note(state, 0)

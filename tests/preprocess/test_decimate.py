@@ -15,12 +15,12 @@ def recording_of(angle, rate=1000.0, **settings):
 @pytest.mark.parametrize("samples", [100, 400, 1003])
 def test_equals_the_plain_convolution(random, factor, samples):
     angle = random.normal(size=samples)
-    found = tv.preprocess.decimate(recording_of(angle, 1000.0), 1000.0 / factor)
+    found = tv.preprocess.decimate(recording_of(angle, 2000.0), 2000.0 / factor)
     odd = np.concatenate([2 * angle[0] - angle[15:0:-1], angle, 2 * angle[-1] - angle[-2:-17:-1]])
     expected = np.convolve(odd, firwin(31, 1 / factor), mode="valid")[::factor]
     np.testing.assert_allclose(found.angle, expected, atol=1e-12)
     np.testing.assert_allclose(found.torque, -2 * expected, atol=1e-12)
-    assert found.sampling_rate == 1000.0 / factor
+    assert found.sampling_rate == 2000.0 / factor
 
 
 @pytest.mark.parametrize("factor", [2, 10])
@@ -108,3 +108,12 @@ def test_a_record_shorter_than_the_filter_is_refused(random):
         tv.preprocess.decimate(recording_of(random.normal(size=30)), 100)
     with pytest.raises(tv.InputError, match="200 samples is shorter than the filter's 201"):
         tv.preprocess.decimate(recording_of(random.normal(size=200)), 100, sharp=True)
+
+
+def test_a_factor_in_the_place_of_a_rate_is_warned_of(random):
+    recording = recording_of(random.normal(size=1000))
+    with pytest.warns(
+        tv.DataQualityWarning, match=r"decimated to 10 Hz, nothing faster than 5 Hz.*in Hz .*not a factor"
+    ):
+        tv.preprocess.decimate(recording, 10)
+    assert tv.preprocess.decimate(recording, 40).sampling_rate == 40  # silent

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import TypedDict
@@ -10,13 +11,14 @@ from typing import TypedDict
 import numpy as np
 
 from tvsysid.checked import checked_rate
-from tvsysid.errors import InputError
+from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.numerics.decimation import SHARP, TAPS, keep_every
 from tvsysid.numerics.interpolation import SINC, between
 from tvsysid.preprocess.repeated import repeated_lines
 from tvsysid.signals import Array, Ensemble, Recording
 
 ROUNDING = 1e-9
+SLOWEST = 40.0  # Hz below which too little of a joint's response is left to tell stiffness from inertia
 DIFFER = (
     "the perturbation must differ from realization to realization: a multisine needs lines that are no multiples of "
     "1/period"
@@ -80,6 +82,11 @@ def decimate(recording: Recording, rate: float, *, sharp: bool = False) -> Recor
         taps let that pass as slower movements (aliases), which no method can explain. It smears a sudden change over
         :math:`\pm 10` samples of the new rate.
 
+    Warns
+    -----
+    DataQualityWarning
+        If a rate below 40 Hz leaves too little of a joint's response.
+
     References
     ----------
     van de Ruit et al. 2021, sections 3.1.3 and 4.1.4 (50-Hz, respectively 64-Hz, 30th-order low-pass).
@@ -99,6 +106,13 @@ def decimate(recording: Recording, rate: float, *, sharp: bool = False) -> Recor
     taps = SHARP * factor + 1 if sharp else TAPS
     if shortest < taps:
         raise InputError(f"decimate: a trial of {shortest} samples is shorter than the filter's {taps} samples")
+    if rate < SLOWEST:
+        warnings.warn(
+            f"decimated to {rate:g} Hz, nothing faster than {rate / 2:g} Hz is left, which hardly tells a joint's "
+            "stiffness from its viscosity and inertia; give the new rate in Hz (100 is usual), not a factor",
+            DataQualityWarning,
+            stacklevel=2,
+        )
 
     def lower(x: Array) -> Array:
         return np.concatenate([keep_every(x[trial], factor, taps) for trial in recording.trials])

@@ -9,7 +9,7 @@ import sys
 import tempfile
 import time
 from contextlib import nullcontext
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -114,8 +114,12 @@ def forking():
 
 
 def fork_workers():
-    """In a process that `forking` has made: its workers are forks of itself, which start at once."""
+    """In a process that `forking` has made: its workers are forks of itself, which start at once.
+
+    As fresh interpreters they end when they are told to, where the command line that they are forks of cleans up.
+    """
     if sys.platform == "linux":
+        os.register_at_fork(after_in_child=partial(signal.signal, signal.SIGTERM, signal.SIG_DFL))
         context = multiprocessing.get_context("fork")
         multiprocessing.get_context = lambda method=None: context
 

@@ -81,7 +81,7 @@ def _outcomes(
     if executor is not None:
         at_a_time = workers or int(getattr(executor, "_max_workers", UNKNOWN_WORKERS))
         try:
-            yield from _from(executor, task_at, places, at_a_time)
+            yield from _from(executor, task_at, places, at_a_time, cancel=True)
         except (BrokenExecutor, CancelledError) as error:
             raise InputError(
                 f"run: the executor gave up ({type(error).__name__}: {error}); what was finished is kept in the store, "
@@ -98,9 +98,13 @@ def _outcomes(
 
 
 def _from(
-    executor: Executor, task_at: Callable[[Place], Task], places: Iterable[Place], workers: int
+    executor: Executor, task_at: Callable[[Place], Task], places: Iterable[Place], workers: int, cancel: bool = False
 ) -> Generator[tuple[Place, Result]]:
-    """Outcomes as they come; never more than a few trials are under way."""
+    """Outcomes as they come; never more than a few trials are under way.
+
+    What is under way at an early end is cancelled, but not in a pool whose workers are ended: such a pool tells each
+    task that its worker died, and of one that was cancelled it dies itself (Python 3.11.7), and the program hangs.
+    """
     queue = iter(places)
     pending: dict[Future[Result], Place] = {}
     try:
@@ -114,7 +118,7 @@ def _from(
                 yield pending[future], _outcome(future.result, task_at(pending[future]))
                 del pending[future]
     finally:
-        for future in pending:
+        for future in pending if cancel else ():
             future.cancel()
 
 

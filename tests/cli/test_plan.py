@@ -65,7 +65,7 @@ def test_few_realizations_are_said_to_be_the_best_case(capsys):
         (("--pilot", "pilot.mat"), "--pilot needs --angle, --torque and --rate"),
         (("--pilot", "pilot.mat", "--noise", 1), "the pilot shows what --noise would state"),
         (("--noise", 1, "--snr", 10), "--noise and --snr: give one of them"),
-        (("--rate", 100, "--context", 1), "--rate and --context: of a pilot recording; give that too (--pilot FILE)"),
+        (("--rate", 100, "--context", 1), "--rate, --context: said of a pilot recording; give that too (--pilot FILE)"),
         (("--precision", 0), "precision: expected a positive number"),
         (("--stiffness", "squared"), "unknown profile 'squared'"),
     ],

@@ -93,13 +93,16 @@ def test_they_are_found_in_walking_too(recordings):
 
 @pytest.mark.parametrize(
     ("profile", "parts", "gain"),
-    [("sine", 2, "twice as many realizations: the random error is some 29 % smaller"), ("square", 3, "three times")],
+    [
+        ("sine", 2, "twice as many realizations, and the random error is some 29 % smaller"),
+        ("square", 3, "three times"),
+    ],
 )
 def test_a_period_that_is_a_multiple_of_the_true_one_is_remarked(profile, parts, gain):
     recording = brief(profile=profile)
     assert tv.diagnose(cut(recording)).remarks == ()
     (remark,) = tv.diagnose(cut(recording, 2.0 * parts)).remarks
-    assert remark.startswith("stiffness repeats itself every 2 s, but for ")
+    assert remark.startswith("stiffness repeats every 2 s; what does not repeat, ")
     assert gain in remark
     assert remark in repr(tv.diagnose(cut(recording, 2.0 * parts)))
 
@@ -107,6 +110,15 @@ def test_a_period_that_is_a_multiple_of_the_true_one_is_remarked(profile, parts,
 @pytest.mark.parametrize(("profile", "period"), [("constant", 2.0), ("constant", 4.0), ("sine", 3.0)])
 def test_no_shorter_period_is_remarked_where_stiffness_has_none_or_another(profile, period):
     assert tv.diagnose(cut(brief(profile=profile), period)).remarks == ()
+
+
+def test_no_shorter_period_is_remarked_where_a_part_of_the_change_has_the_longer_one():
+    def slower(time):
+        return 100 + 50 * np.sin(np.pi * time) + 12 * np.sin(np.pi * time / 2)
+
+    joint, prbs = tv.simulate.Joint(stiffness=slower), tv.simulate.PRBS()
+    recording = joint.simulate(150.0, perturbation=prbs, snr_db=10.0, seed=1).recording
+    assert tv.diagnose(cut(recording, 4.0)).remarks == ()
 
 
 def test_torque_that_repeats_within_a_realization_is_no_shorter_period():
@@ -122,7 +134,7 @@ def test_a_shorter_period_is_remarked_in_real_records_that_have_one(recordings):
     recording, period = recordings["walking"]
     for parts in (2, 3):
         (remark,) = tv.diagnose(cut(recording, parts * period)).remarks
-        assert remark.startswith("stiffness repeats itself every 1.5 s, ")
+        assert remark.startswith("stiffness repeats every 1.5 s; ")
     for name, (each, own) in recordings.items():
         assert tv.diagnose(cut(each, own)).remarks == (), name
 

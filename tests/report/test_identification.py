@@ -138,11 +138,12 @@ def test_a_wrong_period_is_said_with_the_answer_and_no_method_is_recommended(tmp
 def test_a_reflex_whose_gain_is_negative_makes_the_answer_doubtful(tmp_path, identified):
     found, model = identified.found, identified.found.models["adaptive"]
 
-    def with_gain(first):
+    def with_gain(first, shown=1.0):
         values = np.repeat([first, 8.0], [50, len(model.time) - 50])
         error = tv.StandardError(np.ones(len(values)), np.array(100.0))
         estimates = {**model.estimates, "reflex_gain": tv.Estimate(values, "N m s/rad", error=error)}
-        models = {**found.models, "adaptive": replace(model, estimates=estimates)}
+        diagnostics = replace(model.diagnostics, details=model.diagnostics.details | {"reflex_shown": shown})
+        models = {**found.models, "adaptive": replace(model, estimates=estimates, diagnostics=diagnostics)}
         return replace(identified, found=replace(found, models=models))
 
     sound, doubtful = with_gain(4.0), with_gain(-4.0)
@@ -150,17 +151,19 @@ def test_a_reflex_whose_gain_is_negative_makes_the_answer_doubtful(tmp_path, ide
     assert "This stiffness is the intrinsic one" in methods_paragraph(sound)
     first, doubt, *_ = answer(doubtful.found)
     assert first.startswith("stiffness by adaptive: ")
-    assert doubt.startswith("the reflex gain is negative over 25 % of the time, band and all, as no stretch")
+    assert doubt.startswith("the reflex gain is negative over 25 % of the time, with its whole 95 % band; no stretch")
     tv.report.write_identification(tmp_path / "report.html", doubtful)
     told = Elements((tmp_path / "report.html").read_text())
-    assert "this stiffness is doubtful by what it differs from that of one pathway (kbr). " in section(told, "outcome")
+    assert "the difference from the stiffness of a method with one pathway (as kbr) for" in section(told, "outcome")
     assert "adaptive is the method to go by" not in section(told, "outcome")
     paragraph = methods_paragraph(doubtful)
     assert (
-        "its gain was negative over 25 % of the time, band and all, as no stretch reflex's is: the estimate"
-        in paragraph
+        "its gain was negative over 25 % of the time, with its whole 95 % band, as no stretch reflex's is" in paragraph
     )
     assert "the intrinsic one" not in paragraph
+    unshown = with_gain(-4.0, shown=0.0)
+    assert "the one to go by" in answer(unshown.found)[0]
+    assert "show no stretch reflex, and this stiffness is that of a joint without one" in methods_paragraph(unshown)
 
 
 @pytest.mark.usefixtures("sketched")

@@ -171,12 +171,12 @@ def identify(
     turned = f", in {torque_unit.replace('N', 'N·')}" + (", with its sign reversed" if torque_sign == -1 else "")
     source = {"file": file.name, "angle": f"channel {angle}, in {angle_unit}", "torque": f"channel {torque}{turned}"}
     known = [angle, torque, *(text.partition("=")[2] for text in channel)]
-    warn_of_references(found, file, header, known, read)
     written = write_results(found, out, file.name)  # first, as holding out takes longest
     done = {"the torque's sign was reversed": torque_sign == -1, "degrees became radians": angle_unit == "deg"}
     done["N·mm became N·m"] = torque_unit == "Nmm"
     account = _account(found, time_limit, source, _judged(found, recording, context, deviating))
     account = replace(account, turned=[words for words, was in done.items() if was])
+    warn_of_references(account, file, header, known, read)
     written = [*write_account(account, out, sheet), *written]
     _show_impedance(account)
     _show_further(found)
@@ -314,7 +314,7 @@ def _account(found: Comparison, time_limit: float, source: dict[str, str], judge
             diagnosis = (found.recommendation.diagnosis if repeats else None) or diagnose(judged, repeats=repeats)
             return Account(found, held_out, diagnosis, source=source)
     except InputError as error:
-        return Account(found, held_out, undiagnosed=str(error), source=source)
+        return Account(found, held_out, undiagnosed=str(error).removeprefix("diagnose: "), source=source)
 
 
 def _show_diagnosis(account: Account) -> None:
@@ -324,6 +324,8 @@ def _show_diagnosis(account: Account) -> None:
             remark("note", text)
         names = ", ".join(each.name for each in account.diagnosis.findings)
         say(f"diagnosis: {account.diagnosis.verdict}{f': {names} (report.html says what to do)' if names else ''}")
+    else:
+        say(f"diagnosis: none: {account.undiagnosed}")
 
 
 def _show_recommendation(found: Comparison) -> None:
@@ -331,7 +333,7 @@ def _show_recommendation(found: Comparison) -> None:
     from tvsysid.recommendation.rules import holds
 
     best = found.recommendation
-    told = not best.suited and holds("wrong period > 0", best.measured)
+    told = not best.suited and any(holds(each, best.measured) for each in ("wrong period > 0", "mean stiffness < 0"))
     if found.leading not in best.suited[:1] and not told:
         say(f"method for these data: {best.sentence}")
 

@@ -96,9 +96,11 @@ def plan(
         check_folder(out)
     stated = options.given(system=system, stiffness=stiffness, noise=noise, snr=snr)
     if pilot is None:
-        of_pilot = options.given(angle=angle, torque=torque, rate=rate, context=None if context == CONTEXT else context)
-        if of_pilot:
-            raise InputError(f"--{' and --'.join(of_pilot)}: of a pilot recording; give that too (--pilot FILE)")
+        of_pilot = {"angle": angle is None, "torque": torque is None, "rate": rate is None, "start": start == 0}
+        of_pilot |= {"columns": columns == "contiguous", "torque-sign": torque_sign == 1}
+        of_pilot |= {"angle-unit": angle_unit == "rad", "context": context == CONTEXT}
+        if said := [f"--{name}" for name, usual in of_pilot.items() if not usual]:
+            raise InputError(f"{', '.join(said)}: said of a pilot recording; give that too (--pilot FILE)")
         if noise is not None and snr is not None:
             raise InputError("--noise and --snr: give one of them")
         own: dict[str, Any] = {"snr_db" if name == "snr" else name: value for name, value in stated.items()}

@@ -12,18 +12,19 @@ from tvsysid.cli.console import remark
 from tvsysid.errors import InputError
 
 if TYPE_CHECKING:
-    from tvsysid.comparison import Comparison
+    from tvsysid.report import Account
     from tvsysid.signals import Recording
 
 MOST = 8  # channels that are looked at
 
 
 def warn_of_references(
-    found: Comparison, file: Path, header: bool, known: Iterable[str], read: Callable[[list[str]], Recording]
+    account: Account, file: Path, header: bool, known: Iterable[str], read: Callable[[list[str]], Recording]
 ) -> None:
     """Say which channel that is not ``known`` moves the joint as a reference does, where no method was given one.
 
-    The file is read anew with each of them, by ``read`` of a list of NAME=CHANNEL.
+    The file is read anew with each of them, by ``read`` of a list of NAME=CHANNEL. With a wrong period none is looked
+    for: any channel may seem to move the joint then.
     """
     from threadpoolctl import threadpool_limits
 
@@ -32,6 +33,9 @@ def warn_of_references(
     from tvsysid.recommendation import moving
     from tvsysid.recordings import describe_file
 
+    found, diagnosis = account.found, account.diagnosis
+    if diagnosis is not None and any(each.name == "wrong-period" for each in diagnosis.findings):
+        return
     kinds = {item.kind for method in found.methods.values() for item in inputs_of(method)}
     if kinds & {"reference", "scheduling"}:  # the one is named, the other may need no period
         return

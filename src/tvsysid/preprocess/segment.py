@@ -85,7 +85,7 @@ def decimate(recording: Recording, rate: float, *, sharp: bool = False) -> Recor
     Warns
     -----
     DataQualityWarning
-        If a rate below 40 Hz leaves too little of a joint's response.
+        If the new rate is below 40 Hz, which leaves too little of a joint's response.
 
     References
     ----------

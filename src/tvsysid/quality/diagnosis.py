@@ -241,9 +241,11 @@ def diagnose(ensemble: Ensemble, reference: str | None = None, *, repeats: bool 
     data = FittedEnsemble.of(replace(ensemble, channels=channels))
     known = known_samples(data.ensemble.samples, data.ensemble.context)
     if known < SHORTEST:
+        context = f"{HALF_WIDTH / data.rate:g} s of context"
+        instead = context if data.ensemble.samples >= SHORTEST else "a higher rate"
         raise InputError(
-            f"diagnose: derivatives are known at {known} samples of a realization at {data.rate:g} Hz, it "
-            f"takes {SHORTEST}; give longer realizations, or {HALF_WIDTH / data.rate:g} s of context"
+            f"diagnose: derivatives are known at {known} samples of a realization at {data.rate:g} Hz, it takes "
+            f"{SHORTEST}; give longer realizations, or {instead}"
         )
     timely, found = _looked_at(data, reference)
     if not repeats:

@@ -134,12 +134,14 @@ def shorter_period(data: FittedEnsemble) -> tuple[str, ...]:
         own = numbers % parts == 0
         repeats, differs = float(power[own].sum()), float(power[~own].sum())
         varies = math.sqrt(repeats / 2) > LEAST_VARIATION * abs(float(steady[0] + found[-1]))
-        if varies and repeats > BEYOND_NOISE * noise[own].sum() and differs < ALIKE**2 * repeats:
+        same = differs < min(ALIKE**2 * repeats, BEYOND_NOISE * noise[~own].sum())
+        if varies and same and repeats > BEYOND_NOISE * noise[own].sum():
             share = 100 * math.sqrt(differs / repeats)
             return (
-                f"stiffness repeats itself every {given / parts:.4g} s, but for {share:.0f} % of its variation; cut "
-                f"with that period there are {words} as many realizations: the random error is some "
-                f"{100 * (1 - parts**-0.5):.0f} % smaller (birf and kbr follow faster changes instead)",
+                f"stiffness repeats every {given / parts:.4g} s; what does not repeat, {share:.0f} % of its variation, "
+                f"is hardly more than noise: cut with that period, there are {words} as many realizations, and the "
+                f"random error is some {100 * (1 - parts**-0.5):.0f} % smaller (birf and kbr follow faster changes "
+                "instead)",
             )
     return ()
 

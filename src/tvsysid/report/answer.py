@@ -77,7 +77,7 @@ def answer(found: Comparison, diagnosis: Diagnosis | None = None) -> list[str]:
         return lines or [f"{label} estimates no stiffness over time"]
     lower, upper = found.bands[label]["stiffness"]
     band = mean_of(upper - lower) / 2
-    doubtful = doubts(found, diagnosis)
+    wrong, doubtful = unusable(found, diagnosis), doubts(found, diagnosis)
     role = ", the one to go by" if isinstance(model, AdaptiveModel) and not doubtful else ""
     single = len(found.ensemble) > 1 and "realization" in model.estimates["stiffness"].axes
     without = "a mean over realizations, of which each has a band of its own" if single else "without a band"
@@ -85,35 +85,45 @@ def answer(found: Comparison, diagnosis: Diagnosis | None = None) -> list[str]:
         f"{'over time' if lines else f'stiffness by {label}{role}'}: {known.min():.1f} to {known.max():.1f} N·m/rad, "
         f"{known.mean():.1f} on average, {f'95 % band ± {band:.1f}' if np.isfinite(band) else without}"
     )
-    if known.mean() < 0:
-        lines.append(
+    return [*lines, *doubtful, *(changes(model) if isinstance(model, AdaptiveModel) and not wrong else [])]
+
+
+def unusable(found: Comparison, diagnosis: Diagnosis | None = None) -> list[str]:
+    """Why no method's stiffness can be right: it is negative, or the period is wrong."""
+    known = found.models[found.leading].stiffness
+    if np.nanmean(known) < 0:
+        return [
             "no joint has a negative stiffness: the torque's sign is probably reversed; read it with --torque-sign -1 "
-            "(in Python torque_sign=-1), or without that"
-        )
-    return [*lines, *doubtful, *(changes(model) if isinstance(model, AdaptiveModel) else [])]
-
-
-def doubts(found: Comparison, diagnosis: Diagnosis | None = None) -> list[str]:
-    """Why the stiffness by the method to go by is not to be trusted: a wrong period, a reflex that is none."""
-    lines = [
+            "(in Python torque_sign=-1), or without that; if the actuator gives way, record its command"
+        ]
+    return [
         f"the behaviour does not repeat every {found.ensemble.duration:g} s ({each.name}: {each.what}), so that its "
         f"time variation averages out whatever the method; {each.fault.remedy}"
         for each in (() if diagnosis is None else diagnosis.findings)
         if each.name == "wrong-period"
     ]
-    if share := doubtful_reflex(found):
-        lines.append(
-            f"the reflex gain is negative over {share}, as no stretch reflex's is: this stiffness is doubtful by what "
-            "it differs from that of one pathway (kbr)"
-        )
-    return lines
+
+
+def doubts(found: Comparison, diagnosis: Diagnosis | None = None) -> list[str]:
+    """Why the stiffness by the method to go by is not to be trusted: it cannot be right, or a reflex is none."""
+    share = doubtful_reflex(found)
+    return unusable(found, diagnosis) or [
+        f"the reflex gain is negative over {each}; no stretch reflex's is: take the difference from the stiffness of a "
+        "method with one pathway (as kbr) for the uncertainty of this one"
+        for each in ([share] if share else [])
+    ]
+
+
+def reflex_shown(found: Comparison) -> bool:
+    """Whether the data show the reflex that the method to go by has beside its stiffness."""
+    return bool(found.models[found.leading].diagnostics.details.get("reflex_shown", True))
 
 
 def doubtful_reflex(found: Comparison) -> str:
     """Over how much of the time the reflex gain beside the stiffness is one of no reflex; empty if that is not seen."""
     gain = found.models[found.leading].estimates.get("reflex_gain")
-    share = 0.0 if gain is None else negative_share(gain)
-    return f"{100 * share:.0f} % of the time, band and all" if share else ""
+    share = negative_share(gain) if gain is not None and reflex_shown(found) else 0.0
+    return f"{100 * share:.0f} % of the time, with its whole 95 % band" if share else ""
 
 
 def _over_variable(found: Comparison, label: str) -> list[str]:
@@ -143,16 +153,17 @@ def others(found: Comparison) -> str:
     return f"{low:.1f} N·m/rad ({first})" if len(known) == 1 else f"{low:.1f} ({first}) to {high:.1f} N·m/rad ({last})"
 
 
-def why_leading(found: Comparison) -> str:
-    """Why it is this method whose stiffness to report."""
+def why_leading(found: Comparison, doubtful: bool) -> str:
+    """Why it is this method whose stiffness to report; that it is the one to go by is not said of a doubtful one."""
     label = found.leading
     if isinstance(found.models[label], AdaptiveModel):
-        return (
-            f"{label} is the method to go by: it has no settings that could be chosen wrongly, and its band counts how "
-            "unsure it is of how fast stiffness changes, and of when it switches."
+        why = (
+            "it has no settings that could be chosen wrongly, and its band counts how unsure it is of how fast "
+            "stiffness changes, and of when it switches"
         )
+        return "" if doubtful else f"{label} is the method to go by: {why}."
     if len(found.models) > 1 and found.recommendation.leading({label: found.methods[label]}, found.evidence):
-        return f"{label} is the method to go by: {found.recommendation.why}."
+        return "" if doubtful else f"{label} is the method to go by: {found.recommendation.why}."
     missing = {"skipped": found.skipped, "failed": found.failed}
     reasons = [f"adaptive is {how}: {each['adaptive']}. " for how, each in missing.items() if "adaptive" in each]
     if len(found.models) == 1:

@@ -128,9 +128,8 @@ def _outcome(account: Account, figures: list[page.Block]) -> page.Section:
     reflex = reflex_found(account)
     if reflex and label in one_pathway(found):
         lines.append(f"Part of this stiffness is a reflex: {reflex}.")
-    if not doubts(found, account.diagnosis):
-        lines.append(why_leading(found))
-    lines += [*_differing(account), _trust(account)]
+    why = why_leading(found, doubtful=bool(doubts(found, account.diagnosis)))
+    lines += [*([why] if why else []), *_differing(account), _trust(account)]
     band = ADAPTIVE_BAND if isinstance(found.models[label], AdaptiveModel) else BAND
     blocks: list[page.Block] = [page.Box(lines), band, *figures, *_quantities(account), *_switches(account)]
     return page.Section("outcome", "The stiffness to report", blocks, contents="Stiffness")

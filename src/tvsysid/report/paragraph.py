@@ -14,7 +14,7 @@ from tvsysid.methods.apply import Identifies
 from tvsysid.methods.references import bibliography, cited
 from tvsysid.methods.tuning.evidence import Tuned
 from tvsysid.numerics.bands import mean_of
-from tvsysid.report.answer import Account, doubtful_reflex, one_pathway, reflex_found
+from tvsysid.report.answer import Account, doubtful_reflex, one_pathway, reflex_found, reflex_shown
 from tvsysid.signals import Ensemble
 
 
@@ -118,15 +118,17 @@ def _pathways(account: Account, label: str) -> list[str]:
     """What became of a reflex: it is no part of the stiffness, or it is, and of which methods'."""
     blamed = one_pathway(account.found)
     if label not in blamed:
-        intrinsic = ["This stiffness is the intrinsic one: a stretch reflex was estimated beside it."]
-        if share := doubtful_reflex(account.found):
-            intrinsic = [
-                f"A stretch reflex was modelled beside this stiffness, but its gain was negative over {share}, as no "
-                "stretch reflex's is: the estimate is doubtful by what it differs from that of methods with one "
-                "pathway."
-            ]
-        taken = [f"That of {', '.join(blamed)} includes the reflex."] if blamed else []
-        return intrinsic + taken
+        if not reflex_shown(account.found):
+            return ["The data show no stretch reflex, and this stiffness is that of a joint without one."]
+        share = doubtful_reflex(account.found)
+        intrinsic = (
+            f"A stretch reflex was modelled beside this stiffness, but its gain was negative over {share}, as no "
+            "stretch reflex's is: the difference from methods with one pathway is an uncertainty of this estimate."
+            if share
+            else "This stiffness is the intrinsic one: a stretch reflex was estimated beside it."
+        )
+        what = "that torque" if share else "the reflex"
+        return [intrinsic, *([f"That of {', '.join(blamed)} includes {what}."] if blamed else [])]
     return ["This stiffness includes a stretch reflex, which the data show."] if reflex_found(account) else []
 
 

@@ -102,8 +102,8 @@ def _from(
 ) -> Generator[tuple[Place, Result]]:
     """Outcomes as they come; never more than a few trials are under way.
 
-    What is under way at an early end is cancelled, but not in a pool whose workers are ended: such a pool tells each
-    task that its worker died, and of one that was cancelled it dies itself (Python 3.11.7), and the program hangs.
+    Tasks under way at an early end are cancelled, but not in a local pool: its workers are ended, and Python 3.11 hangs
+    when it tells a task that was cancelled that its worker died.
     """
     queue = iter(places)
     pending: dict[Future[Result], Place] = {}

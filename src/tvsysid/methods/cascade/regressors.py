@@ -25,7 +25,7 @@ from tvsysid.numerics.stretch import decimated
 BAND = 0.6  # share of the Nyquist frequency over which so few lags give velocity and acceleration to 0.3 %
 HALF_WIDTH = 8  # samples to either side from which velocity and acceleration follow at the recorded rate
 HIGHEST = 8  # order of difference of the angle up to which the intrinsic response is free
-MANY = 10  # values counted for each sample of a realization, of which a block of them holds so many
+MANY = 10  # columns that a block of realizations is taken to have, whose values are counted
 
 Rows = slice | NDArray[np.int64]
 Columns = Callable[[Rows], Array]  # (column, realization, time) of some realizations; all take many times the data

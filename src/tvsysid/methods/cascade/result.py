@@ -229,7 +229,7 @@ def _warnings(chosen: Chosen, details: Mapping[str, float], estimates: Mapping[s
 
 
 def doubtful_gain(gain: Estimate, constant: bool) -> Iterator[str]:
-    """Warn where a reflex gain is negative, band and all, or its band is wider than its change over time."""
+    """Warn where a reflex gain is negative with its whole band, or its band is wider than its change over time."""
     known = gain.values[np.isfinite(gain.values)]
     error = gain.standard_error
     assert error is not None
@@ -240,13 +240,14 @@ def doubtful_gain(gain: Estimate, constant: bool) -> Iterator[str]:
     if share := negative_share(gain):
         yield (
             f"the reflex gain runs from {known.min():.1f} to {known.max():.1f} N·m·s/rad and is negative over "
-            f"{100 * share:.0f} % of the time, band and all, as no stretch reflex's is: there it stands for something "
-            "else that follows a movement, and stiffness is unsure by what it differs from that of one pathway (kbr)"
+            f"{100 * share:.0f} % of the time, with its whole band, as no stretch reflex's is: there it stands for "
+            "something else that follows a movement; the difference from the stiffness of a method with one pathway "
+            "(as kbr) is an uncertainty"
         )
 
 
 def negative_share(gain: Estimate) -> float:
-    """Share of the time over which a stretch reflex's gain is negative, band and all; zero if chance explains it."""
+    """Share of the time over which a stretch reflex's gain is negative with its whole band; zero where that is rare."""
     if gain.unit != UNITS["reflex_gain"] or gain.standard_error is None:
         return 0.0
     upper = gain.band()[1]
@@ -265,11 +266,11 @@ def not_of_second_order(mean: float, fitted: float) -> Iterator[str]:
 
 
 def negative_viscosity(viscosity: Estimate) -> Iterator[str]:
-    """Warn where a viscosity is negative, band and all."""
+    """Warn where a viscosity is negative with its whole band."""
     upper = viscosity.band()[1]
     share = np.mean(upper[np.isfinite(upper)] < 0)
     if share > 0:
         yield (
-            f"viscosity is negative over {100 * share:.0f} % of the time, band and all, as no joint's is: there the "
-            "realizations differ in more than the perturbation, or it moves the joint too little"
+            f"viscosity is negative over {100 * share:.0f} % of the time, with its whole band, as no joint's is: there "
+            "the realizations differ in more than the perturbation, or it moves the joint too little"
         )

@@ -112,7 +112,7 @@ class Likelihood:
         return int(self.coefficient.max())
 
     @cached_property
-    def _of(self) -> Callable[[bytes], Statistics]:
+    def _statistics_of(self) -> Callable[[bytes], Statistics]:
         """Statistics of some columns; the last are kept: they seldom change from one step of a search to the next."""
         statistics = self.statistics
         return lru_cache(maxsize=1)(lambda seen: of_columns(statistics, np.frombuffer(seen, dtype=bool)))
@@ -125,7 +125,7 @@ class Likelihood:
             strength = variances + np.log(np.diag(self.statistics.gram)) - theta[4]
         seen = self.fixed | (strength > math.log(FAINT))
         precision = np.where(self.fixed, 0.0, np.exp(-np.where(seen, variances, 0.0)))[seen]
-        found = log_evidence(self._of(seen.tobytes()), precision, 1.0, math.exp(theta[4]))
+        found = log_evidence(self._statistics_of(seen.tobytes()), precision, 1.0, math.exp(theta[4]))
         by_gamma = np.bincount(self.coefficient[seen], found.by_variances, minlength=3)
         by_length = float(found.by_variances @ slopes[self.harmonic[seen]])
         return found.value, np.array([by_length, *by_gamma, found.by_noise])

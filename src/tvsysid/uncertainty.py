@@ -20,6 +20,8 @@ from tvsysid.preprocess.bootstrap import bootstrap_weights
 from tvsysid.showing import Progress, reported
 from tvsysid.signals import Array, Ensemble
 
+__all__ = ["Bootstrap", "bootstrap"]
+
 FEWEST = 2  # draws, and realizations, without which there is no spread
 
 

@@ -93,6 +93,7 @@ def test_a_channel_reaches_the_method_that_needs_it(tvsysid, recording, tmp_path
         assert "torque_intrinsic" in tree["birf"]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("only_identified")
 def test_an_input_loses_its_mean(tvsysid, recording, tmp_path):
     words = ("--channel", "emg=EMG_SIGNAL", "--method", "channel_methods:Driven")

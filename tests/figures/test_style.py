@@ -16,6 +16,7 @@ def twins():
     return [impulse_responses(responses_of()) for _ in range(2)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("ending", "start"), [("svg", b"<?xml"), ("pdf", b"%PDF"), ("png", b"\x89PNG")])
 def test_files_are_whole_and_the_same_each_time(tmp_path, twins, ending, start):
     for name, figure in zip(("one", "two"), twins, strict=True):

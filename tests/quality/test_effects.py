@@ -91,6 +91,7 @@ def test_a_wrong_period_averages_the_variation_out(recording):
     assert np.std(stiffness(cut(recording, 1.9))) < 0.3 * np.std(stiffness(cut(recording)))
 
 
+@pytest.mark.slow
 def test_feedback_lowers_all_three():
     stiff, soft = (impedance(cut(faults.giving_way(actuator=actuator))) for actuator in (10_000.0, 100.0))
     assert all(low < 0.92 * high for low, high in zip(soft, stiff, strict=True))

@@ -117,6 +117,7 @@ def test_what_follows_a_variable_comes_first_and_an_impossible_sign_is_said(tmp_
     assert "in fifths of the record that it was not identified from, and" in methods_paragraph(account)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("sketched")
 def test_a_wrong_period_is_said_with_the_answer_and_no_method_is_recommended(tmp_path):
     simulation = tv.simulate.Joint().simulate(80, perturbation=tv.simulate.PRBS(), snr_db=10, seed=1)
@@ -134,6 +135,7 @@ def test_a_wrong_period_is_said_with_the_answer_and_no_method_is_recommended(tmp
     assert found.recommendation.suited == ()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("sketched")
 def test_a_reflex_whose_gain_is_negative_makes_the_answer_doubtful(tmp_path, identified):
     found, model = identified.found, identified.found.models["adaptive"]

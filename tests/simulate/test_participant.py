@@ -57,6 +57,7 @@ def test_stiffness_and_viscosity_follow_the_voluntary_torque_not_the_target():
     assert off > 0.05 * np.std(voluntary)
 
 
+@pytest.mark.slow
 def test_a_reflex_comes_40_ms_after_a_stretch_and_never_pulls():
     calm, lively = (tv.simulate.Participant(4, perfect(4, reflex_gain=gain)).simulate() for gain in (0.0, 5.0))
     assert not calm.pathways["reflex"].any()
@@ -69,6 +70,7 @@ def test_a_reflex_comes_40_ms_after_a_stretch_and_never_pulls():
     assert reflex.min() > -0.1 * reflex.max()
 
 
+@pytest.mark.slow
 def test_six_people_differ_and_each_stays_the_same():
     everybody = [tv.simulate.Traits.of(number) for number in range(1, 7)]
     assert len({traits.maximal_torque for traits in everybody}) == 6

@@ -106,6 +106,7 @@ def test_both_pathways_are_drawn_with_their_truth(results):
     assert van_de_ruit_2021.preset("reflex", reflex.PRESETS, trials=2).trials == 2
 
 
+@pytest.mark.slow
 def test_the_error_of_the_gain_is_drawn_against_the_amount_of_data():
     study = Study(**SETTINGS, system="reflex-sine", duration_s=[8, 10, 14], trials=1, methods=[Cascade()])
     found = run(study, workers=1)

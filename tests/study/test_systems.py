@@ -229,6 +229,7 @@ def test_further_scenarios_may_have_methods_of_their_own(tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_the_mean_over_realizations_is_taken_from_what_is_identified_and_from_the_noiseless_torque():
     settings = {"system": "reflex", "duration_s": 20, "perturbation": "noise", "trials": 1, "methods": [Halves()]}
     plain, without = (run(Study(**settings, subtract_mean=each), workers=1) for each in (False, True))

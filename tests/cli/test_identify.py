@@ -123,13 +123,18 @@ def test_reversed_torque_warns_in_one_line_whatever_the_number_of_methods(tvsysi
     assert re.fullmatch(r"warning: stiffness is negative at [\d to]+ % of the samples: .* \(sds, birf\)\n", err)
 
 
+def told_with_period(tvsysid, period):
+    tvsysid("simulate", "joint.mat", "--duration", 60)  # of 2 s
+    options = [period if each == 2 else each for each in IDENTIFY]
+    code, out, err = tvsysid("identify", "joint.mat", *options, "--method", "birf")
+    assert code == 0
+    return out, err
+
+
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "not_held_out")
 def test_a_wrong_period_is_said_right_under_the_answer(tvsysid):
-    tvsysid("simulate", "joint.mat", "--duration", 60)
-    options = [1.9 if each == 2 else each for each in IDENTIFY]
-    code, out, _ = tvsysid("identify", "joint.mat", *options, "--method", "birf")
-    assert code == 0
+    out, _ = told_with_period(tvsysid, 1.9)
     _, first, warning, *rest = out.splitlines()
     assert first.startswith("stiffness by birf: ")
     assert warning.startswith("  the behaviour does not repeat every 1.9 s (wrong-period: stiffness varies by ")
@@ -141,10 +146,7 @@ def test_a_wrong_period_is_said_right_under_the_answer(tvsysid):
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "not_held_out")
 def test_a_period_twice_too_long_is_noted_once(tvsysid):
-    tvsysid("simulate", "joint.mat", "--duration", 60)
-    options = [4 if each == 2 else each for each in IDENTIFY]
-    code, out, err = tvsysid("identify", "joint.mat", *options, "--method", "birf")
-    assert code == 0
+    out, err = told_with_period(tvsysid, 4)
     assert (out + err).count("repeats every") == 1
     assert "note: stiffness repeats every 2 s; what does not repeat, " in err
 

@@ -169,6 +169,19 @@ def test_a_reflex_whose_gain_is_negative_makes_the_answer_doubtful(tmp_path, ide
 
 
 @pytest.mark.usefixtures("sketched")
+def test_a_stiffness_that_is_not_known_at_any_time_has_a_page_without_a_warning(tmp_path):
+    found = tv.compare(ensemble_of(20.0), ["birf"])
+    model = found.models["birf"]
+    unknown = tv.Estimate(np.full(len(model.time), np.nan), "N m/rad")
+    models = {"birf": replace(model, estimates={**model.estimates, "stiffness": unknown})}
+    account = tv.report.Account(replace(found, models=models))
+    assert answer(account.found) == ["birf estimates no stiffness over time"]
+    tv.report.write_identification(tmp_path / "report.html", account)
+    told = Elements((tmp_path / "report.html").read_text())
+    assert "Birf estimates no stiffness over time." in section(told, "outcome")
+
+
+@pytest.mark.usefixtures("sketched")
 def test_a_single_realization_has_a_page_too(tmp_path):
     ensemble = ensemble_of(20.0).select([0])
     found = tv.compare(ensemble, ["kbr"])

@@ -32,10 +32,11 @@ def warn_of_references(
     from tvsysid.methods.base import inputs_of
     from tvsysid.recommendation import moving
     from tvsysid.recordings import describe_file
+    from tvsysid.report.answer import wrong_period
 
-    found, diagnosis = account.found, account.diagnosis
-    if diagnosis is not None and any(each.name == "wrong-period" for each in diagnosis.findings):
+    if wrong_period(account.diagnosis):
         return
+    found = account.found
     kinds = {item.kind for method in found.methods.values() for item in inputs_of(method)}
     if kinds & {"reference", "scheduling"}:  # the one is named, the other may need no period
         return

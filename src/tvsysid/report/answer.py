@@ -17,7 +17,7 @@ from tvsysid.methods.adaptive.words import changes
 from tvsysid.methods.cascade.result import negative_share
 from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_of
-from tvsysid.quality import Diagnosis
+from tvsysid.quality import Diagnosis, Finding
 from tvsysid.signals import Array
 
 IMPEDANCE_UNITS = {"stiffness": "N·m/rad", "viscosity": "N·m·s/rad", "inertia": "kg·m²"}
@@ -77,21 +77,26 @@ def answer(found: Comparison, diagnosis: Diagnosis | None = None) -> list[str]:
         return lines or [f"{label} estimates no stiffness over time"]
     lower, upper = found.bands[label]["stiffness"]
     band = mean_of(upper - lower) / 2
-    wrong, doubtful = unusable(found, diagnosis), doubts(found, diagnosis)
-    role = ", the one to go by" if isinstance(model, AdaptiveModel) and not doubtful else ""
+    wrong = why_wrong(found, diagnosis)
+    unsure = why_unsure(found, diagnosis)
+    role = ", the one to go by" if isinstance(model, AdaptiveModel) and not unsure else ""
     single = len(found.ensemble) > 1 and "realization" in model.estimates["stiffness"].axes
     without = "a mean over realizations, of which each has a band of its own" if single else "without a band"
     lines.append(
         f"{'over time' if lines else f'stiffness by {label}{role}'}: {known.min():.1f} to {known.max():.1f} N·m/rad, "
         f"{known.mean():.1f} on average, {f'95 % band ± {band:.1f}' if np.isfinite(band) else without}"
     )
-    return [*lines, *doubtful, *(changes(model) if isinstance(model, AdaptiveModel) and not wrong else [])]
+    return [*lines, *unsure, *(changes(model) if isinstance(model, AdaptiveModel) and not wrong else [])]
 
 
-def unusable(found: Comparison, diagnosis: Diagnosis | None = None) -> list[str]:
+def wrong_period(diagnosis: Diagnosis | None) -> list[Finding]:
+    """Finding that the behaviour has another period, if there is one."""
+    return [each for each in (() if diagnosis is None else diagnosis.findings) if each.name == "wrong-period"]
+
+
+def why_wrong(found: Comparison, diagnosis: Diagnosis | None) -> list[str]:
     """Why no method's stiffness can be right: it is negative, or the period is wrong."""
-    known = found.models[found.leading].stiffness
-    if np.nanmean(known) < 0:
+    if mean_of(found.models[found.leading].stiffness) < 0:
         return [
             "no joint has a negative stiffness: the torque's sign is probably reversed; read it with --torque-sign -1 "
             "(in Python torque_sign=-1), or without that; if the actuator gives way, record its command"
@@ -99,19 +104,20 @@ def unusable(found: Comparison, diagnosis: Diagnosis | None = None) -> list[str]
     return [
         f"the behaviour does not repeat every {found.ensemble.duration:g} s ({each.name}: {each.what}), so that its "
         f"time variation averages out whatever the method; {each.fault.remedy}"
-        for each in (() if diagnosis is None else diagnosis.findings)
-        if each.name == "wrong-period"
+        for each in wrong_period(diagnosis)
     ]
 
 
-def doubts(found: Comparison, diagnosis: Diagnosis | None = None) -> list[str]:
-    """Why the stiffness by the method to go by is not to be trusted: it cannot be right, or a reflex is none."""
-    share = doubtful_reflex(found)
-    return unusable(found, diagnosis) or [
-        f"the reflex gain is negative over {each}; no stretch reflex's is: take the difference from the stiffness of a "
-        "method with one pathway (as kbr) for the uncertainty of this one"
-        for each in ([share] if share else [])
-    ]
+def why_unsure(found: Comparison, diagnosis: Diagnosis | None) -> list[str]:
+    """Why not to trust the stiffness by the method to go by: it is wrong, or the reflex beside it is no reflex."""
+    if wrong := why_wrong(found, diagnosis):
+        return wrong
+    if share := doubtful_reflex(found):
+        return [
+            f"the reflex gain is negative over {share}; no stretch reflex's is: take the difference from the stiffness "
+            "of a method with one pathway (as kbr) for the uncertainty of this one"
+        ]
+    return []
 
 
 def reflex_shown(found: Comparison) -> bool:
@@ -153,17 +159,17 @@ def others(found: Comparison) -> str:
     return f"{low:.1f} N·m/rad ({first})" if len(known) == 1 else f"{low:.1f} ({first}) to {high:.1f} N·m/rad ({last})"
 
 
-def why_leading(found: Comparison, doubtful: bool) -> str:
-    """Why it is this method whose stiffness to report; that it is the one to go by is not said of a doubtful one."""
+def why_leading(found: Comparison, sure: bool) -> str:
+    """Why it is this method whose stiffness to report; nothing if it would be the one to go by, but is not ``sure``."""
     label = found.leading
     if isinstance(found.models[label], AdaptiveModel):
         why = (
             "it has no settings that could be chosen wrongly, and its band counts how unsure it is of how fast "
             "stiffness changes, and of when it switches"
         )
-        return "" if doubtful else f"{label} is the method to go by: {why}."
+        return f"{label} is the method to go by: {why}." if sure else ""
     if len(found.models) > 1 and found.recommendation.leading({label: found.methods[label]}, found.evidence):
-        return "" if doubtful else f"{label} is the method to go by: {found.recommendation.why}."
+        return f"{label} is the method to go by: {found.recommendation.why}." if sure else ""
     missing = {"skipped": found.skipped, "failed": found.failed}
     reasons = [f"adaptive is {how}: {each['adaptive']}. " for how, each in missing.items() if "adaptive" in each]
     if len(found.models) == 1:

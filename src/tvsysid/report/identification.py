@@ -19,7 +19,6 @@ from tvsysid.report.answer import (
     IMPEDANCE_UNITS,
     Account,
     answer,
-    doubts,
     further,
     one_pathway,
     others,
@@ -28,6 +27,7 @@ from tvsysid.report.answer import (
     switches,
     taken,
     why_leading,
+    why_unsure,
 )
 from tvsysid.report.diagnosis import findings_table
 from tvsysid.report.paragraph import methods_bibliography, methods_paragraph, settings_of
@@ -128,7 +128,7 @@ def _outcome(account: Account, figures: list[page.Block]) -> page.Section:
     reflex = reflex_found(account)
     if reflex and label in one_pathway(found):
         lines.append(f"Part of this stiffness is a reflex: {reflex}.")
-    why = why_leading(found, doubtful=bool(doubts(found, account.diagnosis)))
+    why = why_leading(found, sure=not why_unsure(found, account.diagnosis))
     lines += [*([why] if why else []), *_differing(account), _trust(account)]
     band = ADAPTIVE_BAND if isinstance(found.models[label], AdaptiveModel) else BAND
     blocks: list[page.Block] = [page.Box(lines), band, *figures, *_quantities(account), *_switches(account)]

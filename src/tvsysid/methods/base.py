@@ -115,7 +115,7 @@ class Method(ABC):
             warnings.warn(f"{self.key}: {text}", DataQualityWarning, stacklevel=2)
         return replace(model, diagnostics=diagnostics)
 
-    def refit(self, ensemble: Ensemble, model: Model) -> Model:  # noqa: ARG002  # for methods that start from it
+    def refit(self, ensemble: Ensemble, model: Model) -> Model:
         """Identify a part of the realizations that a model was identified from, as held-out prediction does.
 
         A method that searches starts from what the model found instead; others ignore it.

@@ -39,6 +39,17 @@ def test_a_static_function_and_its_response_are_found_from_noiseless_data(signal
     np.testing.assert_allclose(np.outer(found, response), np.outer(coefficients, weights), atol=2e-3)
 
 
+@pytest.mark.parametrize("noise", [0.0, 1.0])
+def test_separable_least_squares_end_in_the_same_minimum_from_any_start(signals, random, noise):
+    coefficients, weights = np.array([1.0, 0.5, -0.3]), 0.6 ** np.arange(31)
+    output = (lagged(signals, 30) @ weights @ coefficients).reshape(4, -1)
+    products = hammerstein.lagged_products(signals, output + noise * random.normal(size=output.shape))
+    found, _ = hammerstein.separable_least_squares(products, coefficients)
+    for start in [*np.eye(3), *random.normal(size=(5, 3))]:
+        other, _ = hammerstein.separable_least_squares(products, start)
+        np.testing.assert_allclose(other * np.sign(other @ found), found, atol=1e-6)
+
+
 def test_two_pathways_that_do_not_overlap_are_told_apart(random, monkeypatch):
     monkeypatch.setattr(hammerstein, "LEAST_GAIN", 1e-14)
     angle, drive = random.normal(size=(2, 4, 2050))

@@ -7,16 +7,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import reduce
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from scipy.linalg import cho_factor, cho_solve, qr
 
 from tvsysid.numerics import Array
 from tvsysid.numerics.pseudoinverse import Solution, truncated
 
 STEPS = 50  # of the search for a static function, at most
-GAIN = 1e-5  # share of the output's power below which a better fit ends that search
+GAIN = 1e-5  # share of the output's power below which a better fit ends Hunter and Korenberg's iteration
+GRADIENT = 1e-7  # cosine between a slope and what is left, of the output's size, that counts as a gradient of zero
+RIDGE = 1e-10  # share of the signals' power
 TURNS = 10  # of either pathway, at most
 LEAST_GAIN = 5e-4  # share of the output's power by which a turn must improve the fit
 
@@ -92,35 +95,48 @@ def response(gram: Array, cross: Array, square: float, samples: int) -> Solution
 
 
 def separable_least_squares(products: LaggedProducts, start: Array) -> tuple[Array, Array]:
-    r"""Coefficients c (signal,) and response g (lag,) by separable least squares (Levenberg-Marquardt).
+    r"""Return coefficients c (signal,) and response g (lag,) by separable least squares (Kaufman 1975).
 
     .. math:: y(t) = \sum_i g_i \sum_k c_k\, u_k(t - i)
 
-    For any c the best g is known, so that the search is over c alone, of length 1: its steps are those that the
-    response cannot make up for.
+    For any c the best g is known, so that the search is over c alone, of length 1: Levenberg and Marquardt's steps in
+    the tangent space of the unit sphere, until the gradient is zero. A slight ridge keeps what is minimised smooth;
+    only the response that is returned is truncated.
     """
     coefficients, damping = start / np.linalg.norm(start), 1e-2
-    found, left = _fitted(products, coefficients)
+    diagonal = np.einsum("kiki->", products.gram) / products.cross.size
+    ridge = RIDGE * diagonal * np.eye(products.cross.shape[1])
+
+    def minimum(coefficients: Array) -> tuple[Any, Array, float]:
+        """Factor of the normal equations for the response, their solution, and the sum of squares that it leaves."""
+        gram, cross = products.of(coefficients)
+        factor = cho_factor(gram + ridge)
+        weights = cho_solve(factor, cross)
+        return factor, weights, products.square - float(cross @ weights)
+
+    factor, weights, left = minimum(coefficients)
     for _ in range(STEPS):
-        answers = np.tensordot(products.gram, found.weights, (3, 0))  # (signal, lag, signal): with J_l = g * u_l
-        normal = np.tensordot(found.weights, answers, (0, 1))
-        downhill = products.cross @ found.weights - normal @ coefficients
+        answers = np.tensordot(products.gram, weights, (3, 0))  # (signal, lag, signal): with J_l = g * u_l
+        normal = np.tensordot(weights, answers, (0, 1))
         shared = np.tensordot(coefficients, answers, (0, 0))  # (lag, signal)
-        normal = normal - shared.T @ found.inverse @ shared / products.samples
+        tangents = qr(coefficients[:, None])[0][:, 1:]
+        downhill = (products.cross @ weights - normal @ coefficients) @ tangents
+        normal = tangents.T @ (normal - shared.T @ cho_solve(factor, shared)) @ tangents
+        if np.all(downhill**2 <= GRADIENT**2 * np.diag(normal) * products.square):
+            break
         for _ in range(12):
-            step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), downhill)
-            tried = (coefficients + step) / np.linalg.norm(coefficients + step)
-            other, remains = _fitted(products, tried)
-            if remains < left:
+            step = np.linalg.solve(normal + damping * np.mean(np.diag(normal)) * np.eye(len(normal)), downhill)
+            tried = coefficients + tangents @ step
+            tried /= np.linalg.norm(tried)
+            found = minimum(tried)
+            if found[2] < left:
                 break
             damping *= 4
         else:
             break
-        better, coefficients, found, left = left - remains, tried, other, remains
-        damping /= 3
-        if better < GAIN * products.square:
-            break
-    return coefficients, found.weights
+        coefficients, (factor, weights, left) = tried, found
+        damping /= 10
+    return coefficients, _fitted(products, coefficients)[0].weights
 
 
 def hunter_korenberg(products: LaggedProducts, rows: Sequence[Rows], start: Array) -> tuple[Array, Array]:

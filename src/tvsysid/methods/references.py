@@ -35,7 +35,7 @@ def bibliography(keys: Iterable[str]) -> str:
 
 def _short(entry: str) -> str:
     """Return authors and year; the entry's ``shorthand``, if it has one."""
-    fields = dict(re.findall(r"^  (\w+) = \{(.*)\}", entry, re.MULTILINE))
+    fields: dict[str, str] = dict(re.findall(r"^  (\w+) = \{(.*)\}", entry, re.MULTILINE))
     if "shorthand" in fields:
         return fields["shorthand"]
     names = [author.split(",")[0] for author in fields["author"].split(" and ")]

@@ -106,10 +106,11 @@ def with_reflex(ensemble: Ensemble) -> WithReflex | None:
     if len(ensemble) < LEAST_REALIZATIONS:
         return None
     try:
-        if not reflex_test_of(ensemble).shown:
+        test = reflex_test_of(ensemble)
+        if not test.shown:
             return None
         method = JointCascade()
-        search, fits, chosen = method.solved(ensemble)
+        search, fits, chosen = method.solved(ensemble, "positive" if test.direction > 0 else "negative")
     except InputError:  # realizations are too short
         return None
-    return WithReflex.of(search, chosen, model(repr(method), search, fits, chosen)) if chosen.shown else None
+    return WithReflex.of(search, chosen, model(repr(method), search, fits, chosen))

@@ -72,7 +72,7 @@ def _first(smooth: Smooth, grid: Grid, columns: Columns) -> State:
     options = [(0.0, ()), (float(single[best]), (float(columns.positions[best]),))]
     options.append((pair_value - 2 * grid.log_positions, tuple(float(ends[k]) for k in pair)))
     value, places = max(options)
-    return State(places, smooth.score + value)
+    return State(places, smooth.score + value, max(value, REACH) + REACH)
 
 
 def _pair(products: Products, grid: Grid, less: Array | None = None) -> tuple[float, tuple[int, int]]:

@@ -148,11 +148,15 @@ class JointCascade(base.Method):
     def _identify(self, ensemble: Ensemble) -> TwoPathwayModel:
         return result.model(repr(self), *self.solved(ensemble))
 
-    def solved(self, ensemble: Ensemble) -> tuple[Search, dict[str, Candidate], result.Chosen]:
-        """Solutions with each reflex and without one, and the one chosen."""
+    def solved(
+        self, ensemble: Ensemble, shown_one: str | None = None
+    ) -> tuple[Search, dict[str, Candidate], result.Chosen]:
+        """Return the solutions with each reflex and without one, and the chosen one; only one where it is known."""
         search = self._search(ensemble)
+        if shown_one:
+            search = search._replace(drives={shown_one: search.drives[shown_one]})
         fits = search.fits(self.constant)
-        name, shown = self._shown(ensemble, fits)
+        name, shown = (shown_one, True) if shown_one else self._shown(ensemble, fits)
         found = search.refined(name, fits) if shown else search.unshown(name, fits)
         return search, fits, result.Chosen(name, shown, found, self.emg)
 

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
 from tvsysid.checked import Frozen
 from tvsysid.errors import DataQualityWarning, InputError, describe_error
@@ -196,7 +195,7 @@ class Comparison(Shown, Frozen):
             text = "no held-out VAF: with the mean over realizations subtracted, it takes three realizations, got 2"
             warnings.warn(text, DataQualityWarning, stacklevel=2)
         jobs = [(label, part) for part in parts for label in found if len(ensemble) >= least]
-        with threadpool_limits(1), reported(progress, "identifying without a part") as advance:
+        with reported(progress, "identifying without a part") as advance:
             for number, (label, part) in enumerate(jobs):
                 advance(number, len(jobs))
                 try:
@@ -301,8 +300,7 @@ def compare(
     skipped: dict[str, str] = {}
     failed: dict[str, str] = {}
     limit = checked_limit(time_limit)
-    # Small matrices: BLAS threads would only wait for each other.
-    with threadpool_limits(1), reported(progress, "identifying") as advance:
+    with reported(progress, "identifying") as advance:
         for number, (label, method) in enumerate(chosen.items()):
             advance(number, len(chosen))
             try:

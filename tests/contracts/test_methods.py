@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from tests.conftest import ensemble_of, standard_errors_of
 from tests.contracts.toys import TOYS
+from threadpoolctl import threadpool_info, threadpool_limits
 
 import tvsysid as tv
 
@@ -404,3 +405,19 @@ def test_a_model_that_travels_takes_its_bands_along_and_not_the_data(method):
     for one, other in zip(model.estimates["stiffness"].band(), travelled.estimates["stiffness"].band(), strict=True):
         np.testing.assert_array_equal(one, other)
     assert travelled.diagnostics.details.keys() == model.diagnostics.details.keys()
+
+
+@pytest.mark.parametrize("verb", ["identify", "tuned"])
+def test_blas_has_one_thread_within_a_method_and_as_many_as_before_after_it(monkeypatch, verb):
+    def threads():
+        return [library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"]
+
+    seen, method = [], tv.ShortDataSegments()
+    for name in ("_identify", "_evidence"):
+        own = getattr(tv.ShortDataSegments, name)
+        monkeypatch.setattr(tv.ShortDataSegments, name, lambda *given, own=own: seen.append(threads()) or own(*given))
+    with threadpool_limits(2):
+        before = threads()
+        getattr(method, verb)(ensemble_of())
+        assert threads() == before
+    assert {tuple(each) for each in seen} == {(1, 1)} != {tuple(before)}

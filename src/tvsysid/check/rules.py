@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import cloudpickle
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from tvsysid import metrics
 from tvsysid.check.subject import LEVEL, FailedError, Subject, numbers, simulated_case
@@ -17,6 +16,7 @@ from tvsysid.errors import InputError, plain_text
 from tvsysid.estimates import IMPEDANCE
 from tvsysid.methods.base import inputs_of, names_said, reason_to_skip, scheduled_by
 from tvsysid.numerics import Array
+from tvsysid.numerics.threads import single_thread
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ def check_method(method: object) -> list[Check]:
     text'
     """
     subject, done = Subject(method), dict[str, Check]()
-    with threadpool_limits(1):  # small matrices: BLAS threads would only wait for each other
+    with single_thread():
         for rule in _RULES:
             done[rule.name] = _judged(rule, subject, done)
     return list(done.values())

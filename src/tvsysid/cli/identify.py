@@ -301,18 +301,15 @@ def _judged(found: Comparison, recording: Recording, context: float, deviating: 
 
 def _account(found: Comparison, time_limit: float, source: dict[str, str], judged: Ensemble) -> Account:
     """What was found, with held-out VAF and a diagnosis."""
-    from threadpoolctl import threadpool_limits
-
     from tvsysid.quality import diagnose
     from tvsysid.report import Account
 
     with shown_warnings(), progress("predicting realizations held out") as advance:
         held_out = found.held_out_vaf(progress=advance, time_limit=time_limit)
     try:
-        with threadpool_limits(1):
-            repeats = judged is found.ensemble
-            diagnosis = (found.recommendation.diagnosis if repeats else None) or diagnose(judged, repeats=repeats)
-            return Account(found, held_out, diagnosis, source=source)
+        repeats = judged is found.ensemble
+        diagnosis = (found.recommendation.diagnosis if repeats else None) or diagnose(judged, repeats=repeats)
+        return Account(found, held_out, diagnosis, source=source)
     except InputError as error:
         return Account(found, held_out, undiagnosed=str(error).removeprefix("diagnose: "), source=source)
 

@@ -88,8 +88,6 @@ def inspect(
     Example: `tvsysid inspect ankle.mat --diagnose --angle pos --torque tq --rate 1000 --period 2
     --channel command=CMD --reference command`
     """
-    from threadpoolctl import threadpool_limits
-
     from tvsysid import preprocess
     from tvsysid.figures import recorded_channels, save
     from tvsysid.quality import diagnose as diagnosis_of
@@ -135,8 +133,7 @@ def inspect(
         # Not decimated: that would hide a clipped signal. A check that needs a low rate decimates by itself.
         known = [] if reference is None else [reference]
         ensemble = preprocess.subtract_mean(preprocess.segment(recording, period or PIECES, context), known)
-    # The matrices are small: BLAS threads would only wait for each other.
-    with waiting("diagnosing"), threadpool_limits(1):
+    with waiting("diagnosing"):
         diagnosis = diagnosis_of(ensemble, reference, repeats=period is not None)
         suited = recommend(lowered(ensemble), reference, diagnosis=diagnosis) if period is not None else None
     # A file may hold several pairs of channels: a page for each.

@@ -26,8 +26,6 @@ def warn_of_references(
     The file is read anew with each of them, by ``read`` of a list of NAME=CHANNEL. With a wrong period none is looked
     for: any channel may seem to move the joint then.
     """
-    from threadpoolctl import threadpool_limits
-
     from tvsysid import preprocess
     from tvsysid.methods.base import inputs_of
     from tvsysid.recommendation import moving
@@ -44,7 +42,7 @@ def warn_of_references(
     shapes = {channels[name].shape for name in known if name in channels}
     others = [name for name in channels if name not in known and channels[name].shape in shapes]
     for name in others[:MOST]:
-        with suppress(InputError), warnings.catch_warnings(), threadpool_limits(1):
+        with suppress(InputError), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what is doubtful in a channel that is not used
             cut = preprocess.segment(
                 read([f"{name}={name}"]), ensemble.duration, ensemble.context / ensemble.sampling_rate

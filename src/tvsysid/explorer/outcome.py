@@ -10,8 +10,6 @@ from functools import cached_property, lru_cache
 from threading import Lock
 from typing import NamedTuple, TypeVar
 
-from threadpoolctl import threadpool_limits
-
 from tvsysid.comparison import Comparison, compare
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.explorer.settings import Cutting, Reading, Settings, command, python
@@ -64,7 +62,7 @@ class Outcome:
     @cached_property
     def diagnosis(self) -> Diagnosis | str:
         """What may be wrong with the ensemble, or why nobody can say; takes a while."""
-        with ONE_AT_A_TIME, threadpool_limits(1):
+        with ONE_AT_A_TIME:
             try:
                 return self.found.recommendation.diagnosis or diagnose(self.found.ensemble)
             except InputError as error:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from tvsysid.errors import DataQualityWarning, InputError, describe_error, plain_text
 from tvsysid.models import Model
 from tvsysid.numerics.spectra import power_shares, strongest_line
+from tvsysid.numerics.threads import single_thread
 from tvsysid.quality.catalogue import FAULTS
 from tvsysid.quality.reflexes import changes
 from tvsysid.quality.statistics import LEAST_POWER, MOSTLY_NEGATIVE, mean_left, still_samples
@@ -102,13 +103,14 @@ class Method(ABC):
         """
         _check_ensemble(self, "identify", ensemble)
         started = perf_counter()
-        model = self._identify(ensemble)
-        texts = (
-            *model.diagnostics.warnings,
-            *self._own_warnings(ensemble),
-            *_common_warnings(ensemble, model, *self._needed_band(), self.takes_deviations),
-            *(_changing(ensemble) if self.time_invariant else ()),
-        )
+        with single_thread():
+            model = self._identify(ensemble)
+            texts = (
+                *model.diagnostics.warnings,
+                *self._own_warnings(ensemble),
+                *_common_warnings(ensemble, model, *self._needed_band(), self.takes_deviations),
+                *(_changing(ensemble) if self.time_invariant else ()),
+            )
         details = {**model.diagnostics.details, **aligned(ensemble)}
         diagnostics = replace(model.diagnostics, warnings=texts, seconds=perf_counter() - started, details=details)
         for text in texts:
@@ -140,7 +142,8 @@ class Method(ABC):
         _check_ensemble(self, "tuned", ensemble)
         if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
             raise InputError(f"tuned: seed must be a whole number of 0 or more, got {seed!r}")
-        evidence = self._evidence(ensemble, seed)
+        with single_thread():
+            evidence = self._evidence(ensemble, seed)
         return Choice(replace(self, **evidence.settings), evidence)
 
     @abstractmethod

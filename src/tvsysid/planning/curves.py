@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import nnls
-from threadpoolctl import threadpool_limits
 
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.limits import TIME_LIMIT
@@ -198,7 +197,7 @@ def _answers(
 def identified(method: bytes, label: str, ensembles: Iterable[Ensemble], why: dict[str, str]) -> Array:
     """Stiffness in each ensemble by a pickled method, (ensemble, time); NaN where it fails, and why."""
     found: list[Array] = []
-    with threadpool_limits(1), warnings.catch_warnings():
+    with warnings.catch_warnings():
         warnings.simplefilter("ignore", DataQualityWarning)
         for each in ensembles:
             try:

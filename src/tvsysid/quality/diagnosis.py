@@ -12,6 +12,7 @@ import numpy as np
 from tvsysid.errors import InputError
 from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.numerics.moments import window_moments
+from tvsysid.numerics.threads import single_thread
 from tvsysid.preprocess import segment, subtract_mean
 from tvsysid.quality import delays, losses, realizations, scales, structure, timing
 from tvsysid.quality.catalogue import FAULTS, Fault
@@ -277,6 +278,7 @@ def find_delay(recording: Recording, period: float, context: float = 0.5) -> Fin
     return next(check for check in checks if check.name == "delay")
 
 
+@single_thread()
 def _finding(name: str, check: Callable[..., Seen], *arguments: object) -> Finding:
     try:
         seen = check(*arguments)
@@ -305,6 +307,7 @@ TIMELY: dict[str, Callable[[FittedEnsemble], Seen]] = {
 }
 
 
+@single_thread()
 def _looked_at(data: FittedEnsemble, reference: str | None) -> tuple[FittedEnsemble, dict[str, Finding]]:
     """Fit less drifting offsets and a delay, and a finding for each fault."""
     found: dict[str, Finding] = {}

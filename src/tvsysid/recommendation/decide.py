@@ -9,14 +9,13 @@ from collections.abc import Container, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 
-from threadpoolctl import threadpool_limits
-
 from tvsysid.checked import Frozen
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods import DEFAULT_METHODS, Tuned, key_of, parse
 from tvsysid.methods.apply import Identifies
 from tvsysid.methods.base import reason_to_skip
 from tvsysid.models import Model
+from tvsysid.numerics.threads import single_thread
 from tvsysid.quality import Diagnosis, diagnose, find_reference
 from tvsysid.recommendation.properties import measured_in
 from tvsysid.recommendation.rules import AGAINST, IS_SLOW, Measured, holds, rule_of
@@ -147,7 +146,7 @@ def recommend(
         raise InputError(f"recommend: expected an Ensemble, got {type(ensemble).__name__}; cut a Recording first")
     for name in filter(None, (reference, scheduling)):
         ensemble.signal(name)  # raises for one that there is not
-    with threadpool_limits(1), warnings.catch_warnings():
+    with single_thread(), warnings.catch_warnings():
         warnings.simplefilter("ignore", DataQualityWarning)
         with suppress(InputError):  # a single realization, or too short
             diagnosis = diagnosis or diagnose(ensemble, reference)

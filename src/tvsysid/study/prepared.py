@@ -15,13 +15,14 @@ from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods import deviating_channels
 from tvsysid.methods.apply import digest
 from tvsysid.methods.base import inputs_of
+from tvsysid.numerics.threads import single_thread
 from tvsysid.preprocess import Account, Preparation, prepare
 from tvsysid.recordings import read_usable_trials
 from tvsysid.signals import Array, Ensemble, Recording
 from tvsysid.simulate import PERTURBATIONS, Participant, Simulation
 from tvsysid.study.alignment import UNKNOWN, AlignmentEffect, effect_of_alignment
 from tvsysid.study.recorded import Experiment, Recorded
-from tvsysid.study.task import Known, single_thread
+from tvsysid.study.task import Known
 
 NOTHING = "nothing"  # digest of what could not be prepared, for whatever reason
 EXCERPT = 10.0  # seconds of a recording that are shown

@@ -9,7 +9,7 @@ import time
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import version
@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import ThreadpoolController
 
 from tvsysid import __version__, metrics
 from tvsysid.errors import DataQualityWarning, InputError, describe_error, printable
@@ -29,6 +28,7 @@ from tvsysid.methods.forkserver import HungError, MethodError
 from tvsysid.methods.travel import module_of, name_of_module
 from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_known
+from tvsysid.numerics.threads import single_thread
 from tvsysid.signals import Array, Ensemble
 from tvsysid.study.settings import differences
 
@@ -108,12 +108,6 @@ def carry_out(task: Task) -> Outcome:
         return task.work()
 
 
-def single_thread() -> AbstractContextManager[object]:
-    """BLAS with one thread, for the last bits of what it gives depend on their number."""
-    limited: AbstractContextManager[object] = _blas().limit(limits=1)
-    return limited
-
-
 _given_up: dict[str, dict[str, str]] = {}
 """Methods that hung in this process, and what is said of them, by run."""
 
@@ -123,7 +117,6 @@ def given_up(task: Task) -> dict[str, str]:
     return _given_up.get(task.run, {})
 
 
-_blas = cache(ThreadpoolController)
 _ONE_AT_A_TIME = threading.Lock()
 
 

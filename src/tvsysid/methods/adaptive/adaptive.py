@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from tvsysid.estimates import Estimate, StandardError
 from tvsysid.methods import base, shared
@@ -133,11 +132,10 @@ class AdaptiveRegression(base.Method):
         return None
 
     def _identify(self, ensemble: Ensemble) -> AdaptiveModel:
-        with threadpool_limits(1):  # small matrices: BLAS threads would only wait for each other
-            reflex = with_reflex(ensemble)
-            if reflex is not None and len(reflex.rows) >= LEAST:
-                return Identification(ensemble, reflex).model(repr(self))
-            return Identification(ensemble, Derived.of(ensemble)).model(repr(self))
+        reflex = with_reflex(ensemble)
+        if reflex is not None and len(reflex.rows) >= LEAST:
+            return Identification(ensemble, reflex).model(repr(self))
+        return Identification(ensemble, Derived.of(ensemble)).model(repr(self))
 
     def _needed_band(self) -> tuple[float, float]:
         return EXCITED_BELOW, base.EXCITED_ABOVE

@@ -307,6 +307,24 @@ def test_a_reflex_is_taken_out_of_the_stiffness():
     assert "reflex_gain" not in model_of("sine", "prbs").estimates
 
 
+@pytest.mark.parametrize("reflex_gain", [0.0, 8.0])
+def test_a_refit_keeps_what_the_whole_found_and_predicts_as_well(reflex_gain, monkeypatch):
+    joint = tv.simulate.ReflexJoint(stiffness=tv.simulate.SquareWave(), reflex_gain=reflex_gain)
+    recording = joint.simulate(40.0, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=4).recording
+    ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0))
+    for method in (METHOD, tv.JointCascade()):
+        whole, kept, left = method.identify(ensemble), ensemble.select(range(15)), ensemble.select(range(15, 20))
+        anew = method.identify(kept)
+        with monkeypatch.context() as patch:
+            patch.setattr(averaging, "found_sets", None)
+            found = method.refit(kept, whole)
+        vafs = [tv.metrics.vaf(left.torque[:, left.core], each.predict(left)).mean() for each in (found, anew)]
+        assert vafs[0] == pytest.approx(vafs[1], abs=0.2)
+        pairs = [(each.beside or each) if method is METHOD else each for each in (found, whole)]
+        shapes = [[each.diagnostics.details.get(name) for name in ("frequency", "damping")] for each in pairs]
+        assert shapes[0] == shapes[1]
+
+
 def odd_ensembles():
     random = np.random.default_rng(3)
     angle = np.cumsum(random.normal(size=(8, 84)), axis=1)

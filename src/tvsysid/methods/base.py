@@ -122,6 +122,10 @@ class Method(ABC):
 
         A method that searches starts from what the model found instead; others ignore it.
         """
+        with single_thread():
+            return self._refit(ensemble, model)
+
+    def _refit(self, ensemble: Ensemble, model: Model) -> Model:
         return self.identify(ensemble)
 
     def skip(self, ensemble: Ensemble) -> str | None:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -12,11 +13,12 @@ import numpy as np
 from tvsysid.estimates import Estimate, StandardError
 from tvsysid.methods import base, shared
 from tvsysid.methods.adaptive import tables
-from tvsysid.methods.adaptive.averaging import Averaged, Outcome, averaged, averaged_beside
+from tvsysid.methods.adaptive.averaging import Averaged, Hypotheses, Outcome, averaged, averaged_beside
 from tvsysid.methods.adaptive.evidence import Line
 from tvsysid.methods.adaptive.mixture import Mixture
 from tvsysid.methods.adaptive.model import AdaptiveModel, MixtureError
 from tvsysid.methods.adaptive.moments import (
+    MIN_REALIZATIONS,
     SHORTEST,
     A,
     Constants,
@@ -33,11 +35,11 @@ from tvsysid.methods.adaptive.noise import Misfit, Scatter, alike, misfit, scatt
 from tvsysid.methods.adaptive.prior import DECIMATOR, USUAL_TAPS, Axis
 from tvsysid.methods.adaptive.reflex import WithReflex, with_reflex
 from tvsysid.methods.cascade.result import doubtful_gain, negative_viscosity, not_of_second_order
-from tvsysid.models import Diagnostics
+from tvsysid.models import Diagnostics, Model
 from tvsysid.quality.statistics import LEAST_REALIZATIONS
 from tvsysid.signals import Array, Ensemble
 
-LEAST, LONGEST = 4, 3000  # realizations at least, samples of one at most
+LONGEST = 3000  # samples of a realization at most
 ROUNDS = 2  # of stiffness beside a viscosity that changes
 EXCITED_BELOW = 5.0  # Hz
 UNSEEN = 1e4  # standard error, in sizes, of what a signal that is still says
@@ -120,8 +122,8 @@ class AdaptiveRegression(base.Method):
     def skip(self, ensemble: Ensemble) -> str | None:
         """Too few realizations, or samples of one."""
         known = ensemble.samples - 2 * base.missing_edge(shared.HALF_WIDTH, ensemble)
-        if len(ensemble) < LEAST:
-            return f"it needs at least {LEAST} realizations, got {len(ensemble)}; kbr does with one"
+        if len(ensemble) < MIN_REALIZATIONS:
+            return f"it needs at least {MIN_REALIZATIONS} realizations, got {len(ensemble)}; kbr does with one"
         if known < SHORTEST:
             return (
                 f"it needs realizations of at least {SHORTEST} samples with derivatives, got {max(known, 0)} "
@@ -132,10 +134,15 @@ class AdaptiveRegression(base.Method):
         return None
 
     def _identify(self, ensemble: Ensemble) -> AdaptiveModel:
-        reflex = with_reflex(ensemble)
-        if reflex is not None and len(reflex.rows) >= LEAST:
-            return Identification(ensemble, reflex).model(repr(self))
-        return Identification(ensemble, Derived.of(ensemble)).model(repr(self))
+        return Identification(ensemble, with_reflex(ensemble) or Derived.of(ensemble)).model(repr(self))
+
+    def _refit(self, ensemble: Ensemble, model: Model) -> Model:
+        """Fit what the model found plausible, and no more: its reflex, smooth parts and numbers of switches."""
+        if not isinstance(model, AdaptiveModel) or self.skip(ensemble):
+            return self.identify(ensemble)
+        reflex = None if model.beside is None else with_reflex(ensemble, model.beside)
+        found = Identification(ensemble, reflex or Derived.of(ensemble), model.hypotheses)
+        return found.model(repr(self))
 
     def _needed_band(self) -> tuple[float, float]:
         return EXCITED_BELOW, base.EXCITED_ABOVE
@@ -153,10 +160,12 @@ class Stiffness(NamedTuple):
 
 
 class Identification:
-    """An ensemble, reduced to its moments at each time."""
+    """An ensemble, reduced to its moments at each time; all that is plausible if hypotheses are not ``known``."""
 
-    def __init__(self, ensemble: Ensemble, signals: Signals) -> None:
-        self.ensemble, self.signals = ensemble, signals
+    def __init__(
+        self, ensemble: Ensemble, signals: Signals, known: Mapping[str, Hypotheses] = MappingProxyType({})
+    ) -> None:
+        self.ensemble, self.signals, self.known = ensemble, signals, known
         self.gram = gram_of(signals)
         self.low = self.gram if isinstance(signals, WithReflex) else gram_of(signals, low=True)
         self.independent = signals.realizations[1]
@@ -193,7 +202,7 @@ class Identification:
             error += np.diag(mixed[:, 0] ** 2 * variance)
         line = self._line(U, seen, error)
         del known, error  # each is as large as the line
-        result = averaged(line)
+        result = averaged(line, self.known.get("stiffness", ()))
         return Stiffness(result, result.mixture.mean(), result.mixture.variance(), found, beyond, scatters)
 
     def viscosity(self, beside: Stiffness) -> Averaged:
@@ -212,7 +221,7 @@ class Identification:
             error += alike(len(gram), self.signals.rate) * (beside.misfit.inertia * np.outer(mixed[:, A], mixed[:, A]))
         line = self._line(V, seen, error)
         del error
-        return averaged_beside(line, beside.averaged)
+        return averaged_beside(line, beside.averaged, self.known.get("viscosity", ()))
 
     def _line(self, signal: int, seen: Array, error: Array) -> Line:
         """What is seen of a signal's coefficient; its size is its mean by the signal's power, and never 0.
@@ -278,6 +287,7 @@ class Identification:
             switches=tuple(row for each in both.items() for row in tables.switches(*each, unit, edges[0], rate)),
             smoothness=tuple(row for each in both.items() for row in tables.smoothness(*each, unit, rate)),
             beside=None if reflex is None else reflex.beside,
+            hypotheses={name: tuple(each.hypothesis for each in found.candidates) for name, found in both.items()},
             diagnostics=Diagnostics(
                 tables.parameters(stiffness.averaged) + tables.parameters(viscosity) + 1,
                 warnings=tuple(self._warnings(stiffness, estimates["viscosity"])),

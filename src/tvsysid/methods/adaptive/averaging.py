@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from tvsysid.methods.adaptive.evidence import Line, Smooth, every_sizes, jumps_of_every_size
-from tvsysid.methods.adaptive.mixture import LIGHTEST, Candidate, Mixture, mixture_of, path
+from tvsysid.methods.adaptive.mixture import LIGHTEST, Candidate, Hypothesis, Mixture, mixture_of, path
 from tvsysid.methods.adaptive.placing import Found, Placed, Windows, add, joined, refined, simplified, total
 from tvsysid.methods.adaptive.prior import JITTERS, Axis, Roughness, roughnesses
 from tvsysid.methods.adaptive.search import Grid, first_states, found_sets
@@ -18,10 +18,11 @@ from tvsysid.numerics import Array
 from tvsysid.numerics.bands import arc_length
 
 LIKELY, MOST_MODELS = 7.0, 32  # log evidence below the best down to which models count, and how many at most
-MOST_SETS = 8  # of switches that are refined
 MOST_SMEARED = 6  # switches up to which it is tried how steps are smeared
 COARSELY = 1 / 4  # sample between positions where smears are compared
 OPEN = 3.0  # log evidence below the usual low-pass's down to which another smear counts
+
+Hypotheses = Sequence[Hypothesis]
 
 
 def candidates(smooths: tuple[Smooth, ...], sets: list[Placed]) -> list[Candidate]:
@@ -92,12 +93,16 @@ class Averaged(NamedTuple):
         return arc_length(features, np.eye(features.shape[1]))
 
 
-def averaged(line: Line) -> Averaged:
-    """Everything that is likely of a line, weighted by its evidence.
+def averaged(line: Line, known: Hypotheses = ()) -> Averaged:
+    """Average all plausible models of a line, weighted by their evidence; of ``known`` ones, no others.
 
     How a step is smeared, by a low-pass before sampling or because realizations switch at different times, is tried
     where there are steps; the usual low-pass has a prior probability of 1/2, and what the data leave open is averaged.
     """
+    if known:
+        known_axes = dict.fromkeys(each.axis for each in known)
+        parts = [_smeared(line, axis, [each for each in known if each.axis == axis]) for axis in known_axes]
+        return _weighed(line, [candidate for part in parts for candidate in part])
     every = _found(line)
     found = _weighed(line, every)
     best = found.candidates[0]
@@ -105,21 +110,28 @@ def averaged(line: Line) -> Averaged:
         return found
     axes = [line.axis._replace(taps=0.0), *(line.axis._replace(jitter=jitter) for jitter in JITTERS)]
     scores = [_score(best, line, axis) for axis in (line.axis, *axes)]
-    other, prior = int(np.argmax(scores[1:])), -math.log(len(axes))
-    if scores[1 + other] + prior < scores[0] - OPEN:
+    other = int(np.argmax(scores[1:]))
+    if scores[1 + other] - math.log(len(axes)) < scores[0] - OPEN:
         return found
-    beside = _found(replace(line, axis=axes[other]))
-    return _weighed(line, [*every, *(replace(each, evidence=each.evidence + prior) for each in beside)])
+    return _weighed(line, [*every, *_smeared(line, axes[other])])
 
 
-def averaged_beside(line: Line, other: Averaged) -> Averaged:
+def _smeared(line: Line, axis: Axis, known: Hypotheses = ()) -> list[Candidate]:
+    """Return the candidates for steps smeared as an axis says; all axes but the line's share a prior of 1/2."""
+    axis = line.axis._replace(taps=axis.taps, jitter=axis.jitter)
+    prior = 0.0 if axis == line.axis else -math.log(1 + len(JITTERS))
+    found = _found(replace(line, axis=axis), known=known)
+    return [replace(each, evidence=each.evidence + prior) for each in found]
+
+
+def averaged_beside(line: Line, other: Averaged, known: Hypotheses = ()) -> Averaged:
     """The same of a line that is mostly constant, and that may switch where another does.
 
     That it switches where the other's best candidate does has a prior probability of 1/2. No other switches are
     searched for where none seems to be there at first.
     """
     own = replace(line, axis=other.candidates[0].smooth.line.axis)
-    return _weighed(own, _found(own, other.candidates[0].placed))
+    return _weighed(own, _found(own, other.candidates[0].placed, known))
 
 
 def tied(placed: Placed, line: Line) -> Placed:
@@ -138,21 +150,27 @@ def _score(best: Candidate, line: Line, axis: Axis) -> float:
     return total(simplified(found, smooth, windows), smooth)
 
 
-def _found(line: Line, others: Placed | None = None) -> list[Candidate]:
+def _found(line: Line, others: Placed | None = None, known: Hypotheses = ()) -> list[Candidate]:
     """Everything that may be said of a line, steps being smeared as its axis says; see :func:`averaged_beside`."""
-    grid = Grid(line)
-    smooths = tuple(Smooth(line, each) for each in roughnesses(line.axis))
+    likely = {each.roughness[:3] for each in known}
+    smooths = tuple(Smooth(line, each) for each in roughnesses(line.axis) if not known or each[:3] in likely)
     own = [tied(others, line)] if others is not None and len(others.positions) else []
-    states = first_states(smooths, grid)
-    if others is not None and not states[0].places:
-        most = max([each.evidence for each in candidates(smooths, own)] + [state.score for state in states[1:]])
-        if most < states[0].score - 1:
-            none = Placed(np.zeros(0), line.columns(np.zeros(0)), (), (), 0.0)
-            return candidates(smooths, [none])
-    found_ones = found_sets(grid, smooths, states)
-    del grid  # of as many steps as there are times, or more
+    if known:
+        beside = {smooth.roughness[:3]: smooth for smooth in smooths}
+        best_ones = {tuple(each.positions): each for each in reversed(known)}.values()
+        found_ones = [Found(each.positions, beside[each.roughness[:3]]) for each in best_ones]
+    else:
+        grid = Grid(line)
+        states = first_states(smooths, grid)
+        if others is not None and not states[0].places:
+            most = max([each.evidence for each in candidates(smooths, own)] + [state.score for state in states[1:]])
+            if most < states[0].score - 1:
+                none = Placed(np.zeros(0), line.columns(np.zeros(0)), (), (), 0.0)
+                return candidates(smooths, [none])
+        found_ones = found_sets(grid, smooths, states)
+        del grid  # of as many steps as there are times, or more
     windows, sets = Windows(line), list[Placed]()
-    for found in [*found_ones[:-1][:MOST_SETS], found_ones[-1]]:
+    for found in found_ones:
         placed = refined(found, windows)
         add(sets, placed, line)
         add(sets, simplified(placed, found.smooth, windows), line)

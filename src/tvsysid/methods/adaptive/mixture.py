@@ -10,10 +10,19 @@ from numpy.typing import NDArray
 
 from tvsysid.methods.adaptive.evidence import Jumps, Sizes, Smooth, directions, jumps
 from tvsysid.methods.adaptive.placing import Placed, distance
+from tvsysid.methods.adaptive.prior import Axis, Roughness
 from tvsysid.numerics import Array
 
 LIGHTEST = 0.002  # weight of a model, and share of a position's, that count
 MOST_POSITIONS = 24  # of a switch, in a model that has all the weight
+
+
+class Hypothesis(NamedTuple):
+    """A smooth part, and switches at positions in samples that are smeared as an axis says."""
+
+    axis: Axis
+    roughness: Roughness
+    positions: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,6 +33,11 @@ class Candidate:
     evidence: float
     placed: Placed
     sizes: Sizes | None
+
+    @property
+    def hypothesis(self) -> Hypothesis:
+        """Without its products with the data."""
+        return Hypothesis(self.smooth.line.axis, self.smooth.roughness, self.placed.positions)
 
 
 class Mixture(NamedTuple):

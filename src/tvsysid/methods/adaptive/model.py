@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 from scipy.special import ndtr
 
 from tvsysid.estimates import StandardError
-from tvsysid.methods.adaptive.mixture import Mixture
-from tvsysid.methods.shared.pathways import TwoPathwayModel
+from tvsysid.methods.adaptive.mixture import Hypothesis, Mixture
+from tvsysid.methods.cascade.result import JointCascadeModel
 from tvsysid.models import Labelled, Model
 from tvsysid.numerics import Array
 from tvsysid.numerics.bands import critical_value, simultaneous_value
@@ -101,12 +102,13 @@ class AdaptiveModel(Model):
 
     ``switches`` (of a probability of 5 % and more) and ``smoothness`` are tables of what was found. Where a reflex is
     shown, the model ``beside`` has its pathway, and the intrinsic response of which stiffness and viscosity are a part.
-    :meth:`plot` shows it all.
+    :meth:`plot` shows it all. ``hypotheses`` are what was averaged, by quantity, the most probable first.
     """
 
     switches: tuple[Switch, ...] = ()
     smoothness: tuple[Smoothness, ...] = ()
-    beside: TwoPathwayModel | None = None
+    beside: JointCascadeModel | None = None
+    hypotheses: Mapping[str, tuple[Hypothesis, ...]] = field(default_factory=dict)
 
     def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
         signals = ensemble.derivatives()

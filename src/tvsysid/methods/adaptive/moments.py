@@ -18,6 +18,7 @@ from tvsysid.signals import Ensemble
 
 LOW_BAND = firwin(21, 0.6)  # what aliasing and decimation leave alone
 LOW_SHARE = 0.6  # of the samples that are independent in the low band
+MIN_REALIZATIONS = 4  # realizations
 SHORTEST = 16  # samples of a realization that have derivatives, at least
 STILL = 1e-9  # share of the mean power below which an angle is still, or nothing is left of a regressor
 U, V, A = range(3)  # angle, velocity, acceleration; further regressors follow, the torque is last

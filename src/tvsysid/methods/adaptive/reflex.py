@@ -10,13 +10,12 @@ from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
 from tvsysid.methods.adaptive.mixture import Mixture
-from tvsysid.methods.adaptive.moments import SHORTEST, Constants
+from tvsysid.methods.adaptive.moments import MIN_REALIZATIONS, SHORTEST, Constants
 from tvsysid.methods.cascade.cascade import JointCascade
 from tvsysid.methods.cascade.choice import Search
 from tvsysid.methods.cascade.regressors import MANY, Columns, Rows, intrinsic_filters
-from tvsysid.methods.cascade.result import Chosen, model, second_order_fit
+from tvsysid.methods.cascade.result import Chosen, JointCascadeModel, model, second_order_fit
 from tvsysid.methods.cascade.shape import TERMS
-from tvsysid.methods.shared.pathways import TwoPathwayModel
 from tvsysid.numerics import Array
 from tvsysid.numerics.moments import row_blocks
 from tvsysid.quality.reflexes import reflex_test_of
@@ -40,7 +39,7 @@ class WithReflex:
     edges: tuple[int, int]
     share: float
     holds: Array
-    beside: TwoPathwayModel
+    beside: JointCascadeModel
     readout: Array
     scale: tuple[float, float] = (1.0, 1.0)
 
@@ -74,14 +73,14 @@ class WithReflex:
         return float(weights @ constants.values[rest]), float(weights @ constants.covariance[rest, rest] @ weights)
 
     @classmethod
-    def of(cls, search: Search, chosen: Chosen, beside: TwoPathwayModel) -> WithReflex | None:
-        """Of what the joint fit found; None if too little of its history is known."""
+    def of(cls, search: Search, chosen: Chosen, beside: JointCascadeModel) -> WithReflex | None:
+        """Of what the joint fit found; None if too little is known of the history of enough realizations."""
         problem, found = chosen.fit.problem, chosen.fit.found
         data = problem.data
         known = data.fitted.sum(axis=1)
         rows = np.flatnonzero(known == known.max())
         times = np.flatnonzero(data.fitted[rows].all(axis=0))
-        if len(times) < SHORTEST or np.ptp(times) + 1 != len(times):
+        if len(rows) < MIN_REALIZATIONS or len(times) < SHORTEST or np.ptp(times) + 1 != len(times):
             return None
         signals, torque, reflex = data.signals, data.torque, problem.columns_and_slopes(found)
 
@@ -101,16 +100,16 @@ class WithReflex:
         return cls(columns, rows, inside, rate, edges, data.share, holds, beside, readout)
 
 
-def with_reflex(ensemble: Ensemble) -> WithReflex | None:
-    """Signals of a joint with a reflex, if one is shown by realizations that were not fitted to."""
-    if len(ensemble) < LEAST_REALIZATIONS:
-        return None
+def with_reflex(ensemble: Ensemble, known: JointCascadeModel | None = None) -> WithReflex | None:
+    """Signals of a joint with a reflex, if held-out realizations show one; or with one that is ``known``."""
+    method = JointCascade()
     try:
-        test = reflex_test_of(ensemble)
-        if not test.shown:
+        if known is not None:
+            search, fits, chosen = method.refitted(ensemble, known)
+        elif len(ensemble) >= LEAST_REALIZATIONS and (test := reflex_test_of(ensemble)).shown:
+            search, fits, chosen = method.solved(ensemble, "positive" if test.direction > 0 else "negative")
+        else:
             return None
-        method = JointCascade()
-        search, fits, chosen = method.solved(ensemble, "positive" if test.direction > 0 else "negative")
     except InputError:  # realizations are too short
         return None
     return WithReflex.of(search, chosen, model(repr(method), search, fits, chosen))

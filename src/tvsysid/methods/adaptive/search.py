@@ -25,6 +25,7 @@ NEARLY = 5.0  # log evidence below the best down to which a set counts that is n
 FAINT = 1e-12  # share of all precision below which there is none
 PARTED, PARTS = 6, 3  # switches at most of the best sets of each number, and how many of these are polished
 REACH = 12.0  # log evidence below the best down to which sets are kept
+MOST_SETS = 8  # that are kept
 START = Sizes(0.2, False)
 
 
@@ -264,4 +265,4 @@ def found_sets(grid: Grid, smooths: tuple[Smooth, ...], states: list[State]) -> 
         ((score, key, places) for places, (score, key) in scores.items() if score > best - REACH), reverse=True
     )
     sets = [Found(np.array(places), smooths[key]) for _, key, places in near]
-    return [*sets, Found(np.zeros(0), max(smooths, key=lambda smooth: smooth.score))]
+    return [*sets[:MOST_SETS], Found(np.zeros(0), max(smooths, key=lambda smooth: smooth.score))]

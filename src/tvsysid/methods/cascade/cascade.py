@@ -15,7 +15,8 @@ from tvsysid.methods import base
 from tvsysid.methods.cascade import result
 from tvsysid.methods.cascade.choice import HISTORY, SETTLED, Candidate, Drives, Search, by_evidence
 from tvsysid.methods.cascade.regressors import Data, deviations, lagged_signals, unresolved
-from tvsysid.methods.shared.pathways import Stretch, TwoPathwayModel, history
+from tvsysid.methods.shared.pathways import Stretch, history
+from tvsysid.models import Model
 from tvsysid.numerics.bases import FourierSeries
 from tvsysid.quality.reflexes import ENOUGH, reflex_test_of
 from tvsysid.quality.statistics import LEAST_REALIZATIONS
@@ -26,6 +27,8 @@ EXCITED_BELOW = 5.0  # Hz
 FINE = 500.0  # Hz from which on a rectified velocity is one
 DIRECTIONS = {"positive": 1, "negative": -1}
 REMEMBERED = 4  # rectified velocities: of a threshold, those of its slopes, and one that is tried
+
+Solutions = tuple[Search, dict[str, Candidate], result.Chosen]
 
 
 @dataclass(frozen=True)
@@ -145,12 +148,23 @@ class JointCascade(base.Method):
         """Whether the settings take the joint as constant."""
         return self.constant is True or not any(self.harmonics[:2])
 
-    def _identify(self, ensemble: Ensemble) -> TwoPathwayModel:
+    def _identify(self, ensemble: Ensemble) -> result.JointCascadeModel:
         return result.model(repr(self), *self.solved(ensemble))
 
-    def solved(
-        self, ensemble: Ensemble, shown_one: str | None = None
-    ) -> tuple[Search, dict[str, Candidate], result.Chosen]:
+    def _refit(self, ensemble: Ensemble, model: Model) -> Model:
+        """Fit the coefficients to a part of the realizations; the shape and the sizes of the priors are the model's."""
+        if not isinstance(model, result.JointCascadeModel):
+            return self.identify(ensemble)
+        return result.model(repr(self), *self.refitted(ensemble, model))
+
+    def refitted(self, ensemble: Ensemble, model: result.JointCascadeModel) -> Solutions:
+        """Return the solutions that a model states, with their coefficients fitted to another ensemble."""
+        search = self._search(ensemble)
+        fits = {name: search.refitted(name, known) for name, known in model.hyperparameters.items()}
+        name, shown = list(fits)[-1], bool(model.diagnostics.details["reflex_shown"])
+        return search, fits, result.Chosen(name, shown, fits[name], self.emg)
+
+    def solved(self, ensemble: Ensemble, shown_one: str | None = None) -> Solutions:
         """Return the solutions with each reflex and without one, and the chosen one; only one where it is known."""
         search = self._search(ensemble)
         if shown_one:

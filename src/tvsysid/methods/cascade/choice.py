@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +43,22 @@ class Candidate(NamedTuple):
     def better_than(self, other: Candidate) -> float:
         """Probability that this one predicts so much better by chance."""
         return predicts_better(self.left, other.left)[0]
+
+
+class Hyperparameters(NamedTuple):
+    """Everything of a solution but its coefficients."""
+
+    varies: bool
+    share: float
+    remainder: float | None
+    shape: Shape
+    parameters: Array
+
+    @classmethod
+    def of(cls, fit: Candidate) -> Self:
+        """Return those of a solution."""
+        data, found = fit.problem.data, fit.found
+        return cls(data.varies, data.share, data.remainder, found.shape, found.parameters)
 
 
 class Search(NamedTuple):
@@ -114,6 +130,12 @@ class Search(NamedTuple):
         """Solution for a shape."""
         problem = self.problem(name, data)
         return self.judged(problem, problem.at(shape))
+
+    def refitted(self, name: str, known: Hyperparameters) -> Candidate:
+        """Return the solution with these hyperparameters."""
+        data = self.data if known.varies else self.data.constant()
+        problem = self.problem(name, data.counting(known.share, known.remainder), free=())
+        return Candidate(problem, problem.at(known.shape, known.parameters), np.full(len(data.torque), np.nan))
 
     def judged(self, problem: Problem, found: Found) -> Candidate:
         """Solution with what it leaves where it was not fitted to."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from tvsysid.estimates import UNITS, Estimate
 from tvsysid.methods.cascade.bands import Covariance, covariance_of
-from tvsysid.methods.cascade.choice import SETTLED, Candidate, Search
+from tvsysid.methods.cascade.choice import SETTLED, Candidate, Hyperparameters, Search
 from tvsysid.methods.cascade.regressors import intrinsic_filters, unresolved
 from tvsysid.methods.cascade.shape import LOGARITHMIC, TERMS, Found, Problem, place_of
 from tvsysid.methods.shared.pathways import Drive, Measured, Stretch, TwoPathwayModel
@@ -40,9 +40,12 @@ class JointCascadeModel(TwoPathwayModel):
 
     ``fast_response`` are viscosity and inertia (time, 2) for the velocity and acceleration that the decimated angle
     does not have (:func:`tvsysid.methods.cascade.regressors.unresolved`), if the ensemble keeps the angle as recorded.
+    ``hyperparameters`` are those of the solution with the reflex whose gain is stated; before it, without one
+    (``"none"``), if no reflex is shown.
     """
 
     fast_response: Array
+    hyperparameters: Mapping[str, Hyperparameters]
 
     def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
         found = super()._pathways(ensemble)
@@ -102,10 +105,11 @@ class Intrinsic(NamedTuple):
         return cls(weights, np.stack(over_time[1:3], axis=1), float((every[0] @ coefficients).mean()), values)
 
 
-def model(method: str, search: Search, fits: Mapping[str, Candidate], chosen: Chosen) -> TwoPathwayModel:
+def model(method: str, search: Search, fits: Mapping[str, Candidate], chosen: Chosen) -> JointCascadeModel:
     """Model of the reflex chosen if it is shown, else of none; the reflex's gain is stated in both cases."""
     ensemble, rate = search.ensemble, search.ensemble.sampling_rate
     used = chosen.fit if chosen.shown else fits["none"]
+    stated = ({} if chosen.shown else {"none": used}) | {chosen.name: chosen.fit}
     lags = search.lags
     intrinsic = Intrinsic.of(used.problem, used.found, lags, rate)
     known = np.asarray(used.problem.data.fitted.any(axis=0))
@@ -137,6 +141,7 @@ def model(method: str, search: Search, fits: Mapping[str, Candidate], chosen: Ch
         reflex_lags=reflex_lags,
         drive=_drive(chosen),
         fast_response=intrinsic.fast,
+        hyperparameters={name: Hyperparameters.of(fit) for name, fit in stated.items()},
         diagnostics=Diagnostics(used.found.solved.effective, warnings=texts, details=details),
     )
 

@@ -6,7 +6,8 @@ import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from itertools import repeat
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,7 +103,11 @@ class Comparison(Shown, Frozen):
         """
         import pandas as pd  # noqa: PLC0415  # heavy
 
-        rows = []
+        return pd.DataFrame(self.rows())
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return the rows of :meth:`summary`."""
+        rows: list[dict[str, Any]] = []
         for label, model in self.models.items():
             stiffness = model.stiffness
             known = np.isfinite(stiffness).any()  # a method may estimate it over another variable than time
@@ -122,7 +127,7 @@ class Comparison(Shown, Frozen):
                     "VAF (%)": mean_of(self.vaf[label]),
                 }
             )
-        return pd.DataFrame(rows)
+        return rows
 
     def vaf_over_time(self) -> dict[str, Array]:
         """``time_varying_vaf`` for pictures: none of a single realization, over which there is no variance."""
@@ -170,7 +175,8 @@ class Comparison(Shown, Frozen):
         Notes
         -----
         The samples of context around realizations next to a fold are the fold's own. Settings that were chosen from the
-        data (``tune``) were chosen from all of them, and are not chosen anew.
+        data (``tune``) were chosen from all of them, and are not chosen anew. ``adaptive`` starts from what it found in
+        all of them: it keeps the smooth part and the number of switches, and fits amplitudes and places anew.
 
         Examples
         --------
@@ -199,7 +205,7 @@ class Comparison(Shown, Frozen):
             for number, (label, part) in enumerate(jobs):
                 advance(number, len(jobs))
                 try:
-                    found[label][part] = _vaf_of(self.methods[label], ensemble, part, label, limit)
+                    found[label][part] = self._vaf_of(part, label, limit)
                 except Exception as error:  # a method of one's own may raise anything
                     failed.setdefault(label, _reason(error))
         for reason in dict.fromkeys(failed.values()):
@@ -208,23 +214,55 @@ class Comparison(Shown, Frozen):
             warnings.warn(text, DataQualityWarning, stacklevel=2)
         return found
 
+    def _vaf_of(self, left: NDArray[np.int64], label: str, limit: float) -> Array:
+        """VAF of the realizations ``left`` out, by what a method identifies from the others; (realization,)."""
+        method, ensemble = self.methods[label], self.ensemble
+        kept = np.setdiff1d(np.arange(len(ensemble)), left)
+        every = ensemble
+        if ensemble.mean_subtracted:
+            names = [name for name in deviating_channels([method]) if name in ensemble.channels]
+            deviations = {name: values - values[kept].mean(axis=0) for name, values in _acting(ensemble, names).items()}
+            own = {name: deviations.pop(name) for name in ("angle", "torque")}
+            every = replace(ensemble, **own, channels={**ensemble.channels, **deviations})
+        torque = every.torque[:, every.core]
+        unseen = np.array(every.torque)
+        unseen[left] = 0.0  # whatever predicts cannot look at it
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DataQualityWarning)  # that of the whole was warned of
+            known = every.select(kept)
+            unseen_torque = replace(every, torque=unseen)
+            travelling = pickled({label: method})[label]
+            values = predicted(travelling, known, unseen_torque, label, self.models[label], limit=limit)
+        if ensemble.mean_subtracted:
+            values = values - mean_known(values[kept])
+        return vaf(torque[left], values[left])
+
     def over_time(self) -> pd.DataFrame:
         """A row for each method and time: every quantity over time with its 95 % band, and the time-varying VAF."""
         import pandas as pd  # noqa: PLC0415  # heavy
 
-        tables = []
+        return pd.DataFrame(self.rows_over_time())
+
+    def rows_over_time(self) -> list[dict[str, Any]]:
+        """Return the rows of :meth:`over_time`."""
+        rows: list[dict[str, Any]] = []
         for label, model in self.models.items():
-            columns: dict[str, object] = {"time_s": model.time, "method": label}
+            columns: dict[str, Iterable[Any]] = {"time_s": model.time, "method": repeat(label)}
             for name, (lower, upper) in self.bands[label].items():
                 columns |= {name: model.over_time(name), f"{name}_lower": lower, f"{name}_upper": upper}
-            tables.append(pd.DataFrame(columns | {"time_varying_vaf": self.time_varying_vaf[label]}))
-        return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
+            columns["time_varying_vaf"] = self.time_varying_vaf[label]
+            rows += _rows(columns)
+        return rows
 
     def over_variables(self) -> pd.DataFrame:
         """A row for each method, quantity and value of a variable that it was estimated over, with its 95 % band."""
         import pandas as pd  # noqa: PLC0415  # heavy
 
-        tables = []
+        return pd.DataFrame(self.rows_over_variables())
+
+    def rows_over_variables(self) -> list[dict[str, Any]]:
+        """Return the rows of :meth:`over_variables`; none where nothing was estimated over a variable."""
+        rows: list[dict[str, Any]] = []
         for label, model in self.models.items():
             for name, estimate in model.estimates.items():
                 if len(estimate.axes) > 1 or estimate.axes[0] not in model.coordinates:
@@ -232,10 +270,11 @@ class Comparison(Shown, Frozen):
                 with warnings.catch_warnings():
                     warnings.simplefilter("ignore", DataQualityWarning)  # that there is none
                     lower, upper = estimate.band()
-                about: dict[str, object] = {"method": label, "variable": estimate.axes[0]}
-                about |= {"value": model.coordinates[estimate.axes[0]], "quantity": name, "unit": estimate.unit}
-                tables.append(pd.DataFrame(about | {"estimate": estimate.values, "lower": lower, "upper": upper}))
-        return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
+                over = estimate.axes[0]
+                columns: dict[str, Iterable[Any]] = {"method": repeat(label), "variable": repeat(over)}
+                columns |= {"value": model.coordinates[over], "quantity": repeat(name), "unit": repeat(estimate.unit)}
+                rows += _rows(columns | {"estimate": estimate.values, "lower": lower, "upper": upper})
+        return rows
 
 
 def compare(
@@ -333,25 +372,9 @@ def compare(
     )
 
 
-def _vaf_of(method: Identifies, ensemble: Ensemble, left: NDArray[np.int64], label: str, limit: float) -> Array:
-    """VAF of the realizations ``left`` out, by what the others show; (realization,)."""
-    kept = np.setdiff1d(np.arange(len(ensemble)), left)
-    every = ensemble
-    if ensemble.mean_subtracted:
-        names = [name for name in deviating_channels([method]) if name in ensemble.channels]
-        deviations = {name: values - values[kept].mean(axis=0) for name, values in _acting(ensemble, names).items()}
-        own = {name: deviations.pop(name) for name in ("angle", "torque")}
-        every = replace(ensemble, **own, channels={**ensemble.channels, **deviations})
-    torque = every.torque[:, every.core]
-    unseen = np.array(every.torque)
-    unseen[left] = 0.0  # whatever predicts cannot look at it
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DataQualityWarning)  # that of the whole was warned of
-        known = every.select(kept)
-        values = predicted(pickled({label: method})[label], known, replace(every, torque=unseen), label, limit=limit)
-    if ensemble.mean_subtracted:
-        values = values - mean_known(values[kept])
-    return vaf(torque[left], values[left])
+def _rows(columns: Mapping[str, Iterable[Any]]) -> list[dict[str, Any]]:
+    """Return the rows of a table, as many as its shortest column has."""
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=False)]
 
 
 def _acting(ensemble: Ensemble, channels: Iterable[str]) -> dict[str, Array]:

@@ -15,7 +15,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,6 +33,15 @@ if TYPE_CHECKING:
 
 ComplexArray = NDArray[np.complex128]
 Labelled = dict[str, tuple[tuple[str, ...], ArrayLike]]  # values with the names of their axes, by name
+Variables = dict[str, tuple[tuple[str, ...], NDArray[Any], dict[str, str]]]  # axes, values and attributes, by name
+
+
+class Content(NamedTuple):
+    """Content of a dataset or of a NetCDF group."""
+
+    variables: Variables
+    coordinates: Variables
+    attributes: Mapping[str, str | float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,6 +177,10 @@ class Model(Shown, ABC):
         """
         import xarray as xr  # noqa: PLC0415  # heavy
 
+        return xr.Dataset(*self.content(ensemble))
+
+    def content(self, ensemble: Ensemble | None = None) -> Content:
+        """Return what :meth:`to_xarray` holds, as plain arrays."""
         variables: Labelled = {}
         units = dict(UNITS)
         for name, estimate in self.estimates.items():
@@ -200,24 +213,21 @@ class Model(Shown, ABC):
                 )
         _joined(variables, coordinates)
 
-        def with_unit(items: Labelled) -> dict[str, tuple[tuple[str, ...], ArrayLike, dict[str, str]]]:
+        def with_unit(items: Labelled) -> Variables:
             return {
-                name: (dims, values, {"units": units[name]} if name in units else {})
+                name: (dims, np.asarray(values), {"units": units[name]} if name in units else {})
                 for name, (dims, values) in items.items()
             }
 
-        return xr.Dataset(
-            with_unit(variables),
-            with_unit(coordinates),
-            attrs={
-                "method": self.method,
-                "sampling_rate_hz": self.sampling_rate,
-                "effective_parameters": self.diagnostics.parameters,
-                "seconds": self.diagnostics.seconds,
-                "warnings": "\n".join(self.diagnostics.warnings),
-                **self.diagnostics.details,
-            },
-        )
+        about: dict[str, str | float] = {
+            "method": self.method,
+            "sampling_rate_hz": self.sampling_rate,
+            "effective_parameters": self.diagnostics.parameters,
+            "seconds": self.diagnostics.seconds,
+            "warnings": "\n".join(self.diagnostics.warnings),
+            **self.diagnostics.details,
+        }
+        return Content(with_unit(variables), with_unit(coordinates), about)
 
     def _identified(self) -> tuple[Labelled, Labelled]:
         """Variables and coordinates beside the estimates."""

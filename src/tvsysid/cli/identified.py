@@ -19,11 +19,10 @@ if TYPE_CHECKING:
 def write_results(found: Comparison, out: Path, name: str) -> list[str]:
     """Write models and estimates, and draw these; returns the files' names but ``models.nc``, not final yet."""
     from tvsysid.figures import identified_impedance, variable_of
-    from tvsysid.recordings import whole_file, write_models
+    from tvsysid.recordings import write_models, write_table
 
     title = _title(name, found)
-    with whole_file(out / "stiffness.csv") as table:
-        found.over_time().to_csv(table, index=False, float_format="%.6g")
+    write_table(out / "stiffness.csv", found.rows_over_time())
     models = {label.replace("/", "_"): each for label, each in found.models.items()}
     write_models(out / "models.nc", models, found.ensemble)
     over = variable_of(found.models, found.ensemble)
@@ -47,13 +46,11 @@ def write_account(account: Account, out: Path, sheet: bool) -> list[str]:
 def _write_scheduled(found: Comparison, out: Path, title: str) -> list[str]:
     """Write what was estimated over variables, and draw it over the first of them; returns the names of the files."""
     from tvsysid.figures import scheduled_estimates, variable_of
-    from tvsysid.recordings import whole_file
+    from tvsysid.recordings import write_table
 
-    table = found.over_variables()
-    if table.empty:
+    if not (rows := found.rows_over_variables()):
         return []
-    with whole_file(out / "scheduled.csv") as file:
-        table.to_csv(file, index=False, float_format="%.6g")
+    write_table(out / "scheduled.csv", rows)
     if not (variable := variable_of(found.models, found.ensemble)):
         return ["scheduled.csv"]
     _save(scheduled_estimates(found.models, found.ensemble, variable, title), out / "scheduled")

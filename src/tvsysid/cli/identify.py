@@ -231,7 +231,7 @@ def _show_impedance(account: Account) -> None:
             _number(row["VAF (%)"]),
             _number(account.held_out_mean(row["method"])),
         )
-        for row in found.summary().to_dict("records")
+        for row in found.rows()
     ]
     cut = f"{count(len(found.ensemble), 'realization')} of {found.ensemble.duration:g} s"
     title = f"stiffness (N·m/rad) with its pointwise band and extremes (at, s), inertia (kg·m²) and VAF (%): {cut}"
@@ -266,9 +266,9 @@ def _show_over_variables(found: Comparison) -> None:
 
     from tvsysid.figures.words import unit_name
 
-    table = found.over_variables()
-    if table.empty:
+    if not found.rows_over_variables():
         return
+    table = found.over_variables()
     for (label, variable), own in table.groupby(["method", "variable"], sort=False):
         units = own.drop_duplicates("quantity").set_index("quantity").unit
         headings = [

@@ -81,14 +81,19 @@ def _identified(method: Identifies, ensemble: Ensemble, label: str, tune: bool) 
     return Identified(model, evidence, time.perf_counter() - started)
 
 
-def predicted(method: bytes, kept: Ensemble, every: Ensemble, label: str, *, limit: float = TIME_LIMIT) -> Array:
-    """Torque of all realizations, (realization, time), by what a pickled method identifies from those ``kept``."""
+def predicted(
+    method: bytes, kept: Ensemble, every: Ensemble, label: str, model: Model, *, limit: float = TIME_LIMIT
+) -> Array:
+    """Torque of all realizations, (realization, time), by what a pickled method identifies from those ``kept``.
+
+    The package's own methods start from the ``model`` that they identified from all realizations.
+    """
     try:
         own = plain(method)
     except Exception:  # as in :func:`identify`
         found: Array = call(method, _predicted, kept, every, label, limit=limit)
         return found
-    return _predicted(own, kept, every, label)
+    return own.refit(kept, model).predict(every) if isinstance(own, Method) else _predicted(own, kept, every, label)
 
 
 def _predicted(method: Identifies, kept: Ensemble, every: Ensemble, label: str) -> Array:

@@ -17,3 +17,4 @@ from .write import write_ensemble as write_ensemble
 from .write import write_models as write_models
 from .write import write_recording as write_recording
 from .write import write_simulation as write_simulation
+from .write import write_table as write_table

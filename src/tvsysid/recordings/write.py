@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import csv
 import json
+import math
 import os
 import re
 import tempfile
@@ -11,7 +13,7 @@ from contextlib import contextmanager
 from dataclasses import fields
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,12 +21,9 @@ from scipy.io import savemat
 from scipy.io.matlab import MatWriteError
 
 from tvsysid.errors import InputError, printable
-from tvsysid.models import Model
+from tvsysid.models import Content, Model, Variables
 from tvsysid.recordings.process import contents_of
 from tvsysid.signals import Ensemble, Recording
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 LONGEST_NAME = 28  # letters of a variable; MATLAB's files of version 5 hold 31, with a number behind
 UNITS = {"angle": "rad", "torque": "N m"}
@@ -73,6 +72,18 @@ def write_simulation(path: str | Path, columns: Mapping[str, NDArray[np.float64]
             pd.DataFrame(dict(columns)).to_csv(temporary, sep=separator, index=False, float_format="%.9g")
 
 
+def write_table(path: str | Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Write rows to a CSV file: numbers with six digits, nothing where they are NaN or a row has no such column."""
+    names = dict.fromkeys(name for row in rows for name in row)
+    with whole_file(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(names)
+        for row in rows:
+            cells = (row.get(name, math.nan) for name in names)
+            texts = (f"{cell:.6g}" if isinstance(cell, float) else cell for cell in cells)
+            writer.writerow("" if text == "nan" else text for text in texts)
+
+
 def write_models(path: str | Path, models: Mapping[str, Model], ensemble: Ensemble | None = None) -> None:
     """Write models to a NetCDF file, one group for each; ``xarray.open_datatree`` reads it.
 
@@ -100,10 +111,7 @@ def write_models(path: str | Path, models: Mapping[str, Model], ensemble: Ensemb
     >>> dict(tree["birf"].torque_intrinsic.sizes)
     {'realization': 20, 'time': 200}
     """
-    import xarray as xr  # noqa: PLC0415  # heavy
-
-    groups = {name: _without_complex(model.to_xarray(ensemble)) for name, model in models.items()}
-    content = xr.DataTree.from_dict(groups).to_netcdf(engine="h5netcdf")  # HDF5 itself crashes where a disk is full
+    content = _netcdf({name: model.content(ensemble) for name, model in models.items()})
     with whole_file(path) as temporary:
         temporary.write_bytes(content)
 
@@ -125,14 +133,42 @@ def describe_models(path: str | Path, about: Mapping[str, str | float]) -> None:
         temporary.write_bytes(content.getvalue())
 
 
-def _without_complex(dataset: xr.Dataset) -> xr.Dataset:
-    for name, values in dataset.data_vars.items():
-        if np.iscomplexobj(values):
-            parts = {f"{name}_real": values.real, f"{name}_imag": values.imag}
-            for part in parts.values():
-                part.attrs = dict(values.attrs)
-            dataset = dataset.drop_vars(str(name)).assign(parts)
-    return dataset
+def _netcdf(groups: Mapping[str, Content]) -> bytes:
+    """Return the content of a NetCDF file with these groups; xarray takes ten times as long to write it."""
+    import h5py  # noqa: PLC0415  # heavy
+
+    content, text = BytesIO(), h5py.string_dtype()  # HDF5 itself crashes where a disk is full
+    with h5py.File(content, "w", track_order=True) as root:
+        for path, (variables, coordinates, attributes) in groups.items():
+            group = root[path] if path in root else root.create_group(path, track_order=True)
+            group.attrs.update(attributes)
+            items = {**coordinates, **_without_complex(variables)}
+            lengths = {
+                axis: n for axes, values, _ in items.values() for axis, n in zip(axes, values.shape, strict=True)
+            }
+            for axis, length in lengths.items():
+                if axis not in items:  # NetCDF knows such a dimension by the beginning of its name
+                    name = f"This is a netCDF dimension but not a netCDF variable.{length:10}"
+                    group.create_dataset(axis, (length,), ">f4").make_scale(name)
+            for name, (axes, values, about) in items.items():
+                kept = values if values.dtype.kind in "fiu" else values.astype(object)
+                dataset = group.create_dataset(name, data=kept, dtype=text if kept.dtype == object else None)
+                dataset.attrs.update(about if kept.dtype.kind != "f" else {"_FillValue": np.array([np.nan]), **about})
+                if name in lengths:
+                    dataset.make_scale(name)
+                    continue
+                for place, axis in enumerate(axes):
+                    dataset.dims[place].attach_scale(group[axis])
+    return content.getvalue()
+
+
+def _without_complex(variables: Variables) -> Variables:
+    """Variables whose complex ones are split into a real and an imaginary part."""
+    found: Variables = {}
+    for name, (axes, values, about) in variables.items():
+        parts = {"_real": values.real, "_imag": values.imag} if np.iscomplexobj(values) else {"": values}
+        found |= {f"{name}{ending}": (axes, part, about) for ending, part in parts.items()}
+    return found
 
 
 def write_recording(path: str | Path, recording: Recording) -> None:
@@ -229,15 +265,10 @@ def _write(
             except MatWriteError as error:
                 raise InputError(f"{file}: a MAT file cannot hold this ({error}); write a NetCDF file (.nc)") from error
         else:
-            import xarray as xr  # noqa: PLC0415  # heavy
-
-            axes = (*dims, "sample")
-            content: dict[str, object] = {name: (axes[: values.ndim], values) for name, values in arrays.items()}
-            content |= {name: (vector_dim, values) for name, values in vectors.items()}
-            dataset = xr.Dataset(content, attrs={**about, **labels})
-            for name, unit in UNITS.items():
-                dataset[name].attrs["units"] = unit
-            temporary.write_bytes(dataset.to_netcdf(engine="h5netcdf"))
+            axes, units = (*dims, "sample"), {name: {"units": unit} for name, unit in UNITS.items()}
+            content = {name: (axes[: each.ndim], each, units.get(name, {})) for name, each in arrays.items()}
+            content |= {name: ((vector_dim,), values, {}) for name, values in vectors.items()}
+            temporary.write_bytes(_netcdf({"/": Content(content, {}, {**about, **labels})}))
 
 
 @contextmanager

@@ -134,8 +134,10 @@ def doubtful_reflex(found: Comparison) -> str:
 
 def _over_variable(found: Comparison, label: str) -> list[str]:
     """Stiffness at both ends and in the middle of a variable that it was estimated over; empty if there is none."""
+    if not found.rows_over_variables():
+        return []
     table = found.over_variables()
-    if table.empty or (own := table[(table.method == label) & (table.quantity == "scheduled_stiffness")]).empty:
+    if (own := table[(table.method == label) & (table.quantity == "scheduled_stiffness")]).empty:
         return []
     at = own.iloc[[0, len(own) // 2, -1]]
     rows = at[["value", "estimate", "lower", "upper"]].to_numpy(dtype=float)

@@ -44,6 +44,8 @@ VAF = (
     "VAF is the share of the torque’s variance that a model predicts; a prediction worse than none counts as 0. In "
     "sample, it is that of the data that the model was identified from, and rises with every parameter, whatever it "
     "means. Held out, it is that of realizations that the model was not identified from: compare methods by this one. "
+    "For this, adaptive keeps the smooth part and the number of switches that it found in all realizations, and fits "
+    "their amplitudes and places anew. "
     "Noise of the torque, which nothing predicts, keeps both below 100 %. A high VAF does not make a stiffness right: "
     "a reflex that is taken for stiffness is predicted too."
 )
@@ -298,7 +300,7 @@ def _methods(account: Account, figures: list[page.Block]) -> page.Section:
                 page.number(account.held_out_mean(row["method"]), decimals=1),
             )
         )
-        for row in found.summary().to_dict("records")
+        for row in found.rows()
     ]
     unit = "N·m/rad"
     headings = {"mean": unit, "95 % band, ±": unit, "lowest": unit, "highest": unit, "inertia": "kg·m²"}

@@ -59,14 +59,14 @@ def _write_scheduled(found: Comparison, out: Path, title: str) -> list[str]:
 
 def write_tuning(found: Comparison, out: Path) -> list[str]:
     """Print which settings were chosen, and write all that were tried; returns the names of the files."""
+    if not found.evidence:
+        return []
     import pandas as pd
 
     from tvsysid.figures import tuning_curves
     from tvsysid.methods import Method, typed
     from tvsysid.recordings import whole_file
 
-    if not found.evidence:
-        return []
     tuned = [each for label, each in found.methods.items() if label in found.evidence and isinstance(each, Method)]
     for label, item in found.evidence.items():
         say(f"{label}: {item}")

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, TypeVar
 from tvsysid.errors import InputError
 from tvsysid.figures.style import LOOK
 from tvsysid.recordings import whole_file
-from tvsysid.study import processes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -55,6 +54,8 @@ def helpers(workers: int) -> Iterator[Executor | None]:
 
     A script must be guarded by ``if __name__ == "__main__":``.
     """
+    from tvsysid.study import processes  # noqa: PLC0415  # heavy
+
     with ExitStack() as stack:
         pool = None
         with suppress(InputError):  # where none can be made, this process draws everything

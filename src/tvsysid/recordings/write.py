@@ -17,8 +17,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.io import savemat
-from scipy.io.matlab import MatWriteError
 
 from tvsysid.errors import InputError, printable
 from tvsysid.models import Content, Model, Variables
@@ -63,6 +61,8 @@ def write_simulation(path: str | Path, columns: Mapping[str, NDArray[np.float64]
     file = _checked(path, ".mat", ".csv", ".tsv")
     with whole_file(file) as temporary:
         if file.suffix.lower() == ".mat":
+            from scipy.io import savemat  # noqa: PLC0415  # heavy
+
             matrices = {name: np.asarray(values).reshape(len(values), -1) for name, values in columns.items()}
             savemat(temporary, {**matrices, "sampling_rate": sampling_rate}, do_compression=True)
         else:
@@ -260,6 +260,9 @@ def _write(
         arrays["recorded_angle"] = signals.recorded_angle
     with whole_file(file) as temporary:
         if file.suffix.lower() == ".mat":
+            from scipy.io import savemat  # noqa: PLC0415  # heavy
+            from scipy.io.matlab import MatWriteError  # noqa: PLC0415
+
             try:
                 savemat(temporary, {**arrays, **vectors, **about, **labels}, do_compression=True, oned_as="column")
             except MatWriteError as error:

@@ -1,0 +1,10 @@
+# What the package offers; read by type checkers, and by lazy_loader when a name is first used.
+from .answer import Account as Account
+from .diagnosis import diagnosis_section as diagnosis_section
+from .diagnosis import write_diagnosis as write_diagnosis
+from .experiment import write_experiment_report as write_experiment_report
+from .identification import write_identification as write_identification
+from .sections import problems as problems
+from .sheet import write_sheet as write_sheet
+from .study import CLAIMS as CLAIMS
+from .study import write_report as write_report

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import repeat
@@ -25,7 +26,8 @@ from tvsysid.methods.travel import pickled
 from tvsysid.metrics import time_varying_vaf, vaf
 from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_known, mean_of
-from tvsysid.recommendation import Recommendation, recommend
+from tvsysid.quality import Diagnosis
+from tvsysid.recommendation import Recommendation, Trust, recommend, trust_in
 from tvsysid.showing import Progress, Shown, reported, summary_html
 from tvsysid.signals import Array, Ensemble
 
@@ -74,11 +76,39 @@ class Comparison(Shown, Frozen):
 
     @property
     def leading(self) -> str:
-        """Label of the method whose answer to go by: what suits the data, else ``adaptive``, else the first."""
+        """Label of the recommended method: what suits the data, else ``adaptive``, else the first."""
         if len(self.models) == 1:
             return next(iter(self.models))
         methods = {label: self.methods[label] for label in self.models}
         return self.recommendation.leading(methods, self.evidence) or self._adaptive[0]
+
+    @property
+    def is_suited(self) -> bool:
+        """Whether the ``leading`` method suits the data."""
+        label = self.leading
+        return self.recommendation.leading({label: self.methods[label]}, self.evidence) is not None
+
+    def trust(
+        self,
+        diagnosis: Diagnosis | None = None,
+        held_out_vaf: float = math.nan,
+        unnamed_references: Sequence[str] = (),
+    ) -> Trust:
+        """Return how far the stiffness of the ``leading`` method can be trusted, and why not further.
+
+        Parameters
+        ----------
+        diagnosis
+            Of the data, if it is known better than by ``recommendation``.
+        held_out_vaf
+            Typical VAF in % of realizations held out, by the leading method.
+        unnamed_references
+            A sentence for each channel outside the ensemble that moves the angle.
+        """
+        label, best = self.leading, self.recommendation
+        unnamed = (*unnamed_references, *best.unnamed_references)
+        known = diagnosis or best.diagnosis
+        return trust_in(self.models[label], self.methods[label], best, self.is_suited, known, held_out_vaf, unnamed)
 
     @property
     def _adaptive(self) -> tuple[str, Model]:
@@ -93,6 +123,8 @@ class Comparison(Shown, Frozen):
     def _repr_html_(self) -> str:
         table, told = self.summary(), {"skipped": self.skipped, "failed": self.failed}
         notes = [f"{label} {what}: {why}" for what, each in told.items() for label, why in each.items()]
+        if (trust := self.trust()).level == "none":
+            notes = [f"No stiffness is stated. {' '.join(trust.reasons)}", *notes]
         about = f"{', '.join(self.models)} on {self.ensemble!r}"
         return summary_html("Comparison", about, list(map(str, table.columns)), table.itertuples(index=False), notes)
 
@@ -296,7 +328,7 @@ def compare(
         Realizations, mean subtracted.
     methods
         Keys with settings if need be (``"sds:window=0.2"``), ``"module:Class"``, or objects with ``identify``; by
-        default ``adaptive``, whose answer to go by, and the paper's five.
+        default ``adaptive``, which is recommended, and the paper's five.
     tune
         Whether each method's settings are chosen from the data first.
     progress

@@ -100,9 +100,7 @@ def test_by_default_the_answer_comes_first(tvsysid, tmp_path):
     code, out, _ = tvsysid("identify", "joint.mat", *IDENTIFY)
     assert code == 0
     _, first, switch, other, between, *table = out.splitlines()
-    found = re.fullmatch(
-        r"stiffness by adaptive, the one to go by: ([\d.]+) to ([\d.]+) N·m/rad, .* band ± [\d.]+", first
-    )
+    found = re.fullmatch(r"recommended \(adaptive\): stiffness ([\d.]+) to ([\d.]+) N·m/rad, .* band ± [\d.]+", first)
     assert [float(each) for each in found.groups()] == pytest.approx([50, 150], abs=5)
     assert switch.startswith("  it switches by +")
     assert float(re.search(r"at ([\d.]+) s", other)[1]) == pytest.approx(1.5, abs=0.02)
@@ -135,11 +133,12 @@ def told_with_period(tvsysid, period):
 @pytest.mark.usefixtures("undrawn", "not_held_out")
 def test_a_wrong_period_is_said_right_under_the_answer(tvsysid):
     out, _ = told_with_period(tvsysid, 1.9)
-    _, first, warning, *rest = out.splitlines()
-    assert first.startswith("stiffness by birf: ")
-    assert warning.startswith("  the behaviour does not repeat every 1.9 s (wrong-period: stiffness varies by ")
-    assert warning.endswith("stated as a half of the true one, it makes the period twice as long")
-    assert "whatever the method" in warning
+    _, told, *rest = out.splitlines()
+    assert told.startswith(
+        "no stiffness is stated. The behaviour does not repeat with this period: stiffness varies by "
+    )
+    assert told.endswith("whatever the method. Check --period and --rate.")
+    assert rest[0].strip().startswith("not valid: stiffness (N·m/rad)")
     assert not any("not repeat" in line for line in rest)
 
 

@@ -121,7 +121,7 @@ def test_what_was_chosen_meanwhile_is_not_begun():
 
 @pytest.mark.slow
 def test_an_outcome_in_words_and_in_a_picture(found):
-    assert found.lines[0].startswith("stiffness by sds:window=0.2")
+    assert found.lines[0].startswith("sds:window=0.2,reference=command: stiffness ")
     assert found.diagnosis.verdict
     pictures = {found.picture(), found.picture("inertia"), found.picture(simultaneous=True)}
     assert all(each.lstrip().startswith(b"<?xml") for each in pictures)

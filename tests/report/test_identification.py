@@ -24,7 +24,7 @@ def elements(identification_page):
 
 def test_the_answer_comes_first_with_its_reason(elements):
     told = section(elements, "outcome")
-    assert told.startswith("The stiffness to report Stiffness by adaptive, the one to go by: ")
+    assert told.startswith("The stiffness to report Recommended (adaptive): stiffness ")
     assert "it has no settings that could be chosen wrongly" in told
     assert re.search(r"It switches by \+\d+\.\d ± \d\.\d N·m/rad at 0\.\d+ s", told)
     rows = table(elements, "By adaptive: mean over time")
@@ -109,12 +109,15 @@ def test_what_follows_a_variable_comes_first_and_an_impossible_sign_is_said(tmp_
     whole = tv.preprocess.segment(tv.preprocess.decimate(recording, 100, sharp=True), None)
     whole = replace(whole, channels={"scheduling": whole.channels[variable]})
     account = tv.report.Account(tv.compare(whole, ["lpvkbi"]))
-    over, along, sign = answer(account.found)
-    assert over.startswith("stiffness by lpvkbi over scheduling: -")
-    assert along.startswith("over time: -")
-    assert "the torque's sign is probably reversed" in sign
+    (told,) = answer(account)
+    assert told.startswith("no stiffness is stated. No joint has a negative stiffness. ")
+    assert "read it with --torque-sign -1" in told
+    turned = tv.report.Account(tv.compare(replace(whole, torque=-whole.torque), ["lpvkbi"]))
+    over, along = answer(turned)
+    assert over.startswith("lpvkbi: stiffness over scheduling: ")
+    assert along.startswith("over time: ")
     assert 80 < account.held_out_mean("lpvkbi") < 100  # of fifths of the record, which the method left out itself
-    assert "in fifths of the record that it was not identified from, and" in methods_paragraph(account)
+    assert "in fifths of the record that it was not identified from, and" in methods_paragraph(turned)
 
 
 @pytest.mark.slow
@@ -124,15 +127,20 @@ def test_a_wrong_period_is_said_with_the_answer_and_no_method_is_recommended(tmp
     ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 1.9)  # of 2 s
     found = tv.compare(tv.preprocess.subtract_mean(ensemble), ["sds", "birf"])
     account = tv.report.Account(found, diagnosis=found.recommendation.diagnosis)
-    assert not any("wrong-period" in line for line in answer(found))
-    warning = answer(found, account.diagnosis)[1]
-    assert warning.startswith("the behaviour does not repeat every 1.9 s (wrong-period: stiffness varies by ")
-    assert "of its mean with 2 s, beside what repeats every 1.9 s), so that its time variation averages out" in warning
+    (told,) = answer(account)
+    assert told.startswith(
+        "no stiffness is stated. The behaviour does not repeat with this period: stiffness varies by "
+    )
+    assert "of its mean with 2 s, beside what repeats every 1.9 s. Its time variation averages out" in told
     tv.report.write_identification(tmp_path / "report.html", account)
-    told = Elements((tmp_path / "report.html").read_text())
-    assert "The behaviour does not repeat every 1.9 s (wrong-period: " in section(told, "outcome")
-    assert "no method is right: the behaviour does not repeat every 1.9 s" in section(told, "suited")
+    page = Elements((tmp_path / "report.html").read_text())
+    assert section(page, "outcome").startswith("No stiffness is stated No stiffness is stated. The behaviour does not")
+    assert table(page, "Not valid, for the reasons above: stiffness, inertia and VAF by each method")
+    assert "no method is right: the behaviour does not repeat every 1.9 s" in section(page, "suited")
+    for claim in ("should lie in the band", "recommended", "What to report", "methods section of a paper"):
+        assert claim not in (tmp_path / "report.html").read_text()
     assert found.recommendation.suited == ()
+    assert "<p>No stiffness is stated. The behaviour does not repeat with this period" in found._repr_html_()
 
 
 @pytest.mark.slow
@@ -149,22 +157,24 @@ def test_a_reflex_whose_gain_is_negative_makes_the_answer_doubtful(tmp_path, ide
         return replace(identified, found=replace(found, models=models))
 
     sound, doubtful = with_gain(4.0), with_gain(-4.0)
-    assert answer(sound.found)[0].startswith("stiffness by adaptive, the one to go by: ")
+    assert answer(sound)[0].startswith("recommended (adaptive): stiffness ")
     assert "This stiffness is the intrinsic one" in methods_paragraph(sound)
-    first, doubt, *_ = answer(doubtful.found)
-    assert first.startswith("stiffness by adaptive: ")
-    assert doubt.startswith("the reflex gain is negative over 25 % of the time, with its whole 95 % band; no stretch")
+    first, doubt, *_ = answer(doubtful)
+    assert first.startswith("doubtful (adaptive): stiffness ")
+    assert doubt.startswith(
+        "The reflex gain is negative over 25 % of the time, with its whole 95 % band, as no stretch"
+    )
     tv.report.write_identification(tmp_path / "report.html", doubtful)
     told = Elements((tmp_path / "report.html").read_text())
-    assert "the difference from the stiffness of a method with one pathway (as kbr) for" in section(told, "outcome")
-    assert "adaptive is the method to go by" not in section(told, "outcome")
+    assert "The difference from a method with one pathway (as kbr) is an" in section(told, "outcome")
+    assert "recommended" not in section(told, "outcome")
     paragraph = methods_paragraph(doubtful)
     assert (
         "its gain was negative over 25 % of the time, with its whole 95 % band, as no stretch reflex's is" in paragraph
     )
     assert "the intrinsic one" not in paragraph
     unshown = with_gain(-4.0, shown=0.0)
-    assert "the one to go by" in answer(unshown.found)[0]
+    assert answer(unshown)[0].startswith("recommended (adaptive): ")
     assert "show no stretch reflex, and this stiffness is that of a joint without one" in methods_paragraph(unshown)
 
 
@@ -175,7 +185,7 @@ def test_a_stiffness_that_is_not_known_at_any_time_has_a_page_without_a_warning(
     unknown = tv.Estimate(np.full(len(model.time), np.nan), "N m/rad")
     models = {"birf": replace(model, estimates={**model.estimates, "stiffness": unknown})}
     account = tv.report.Account(replace(found, models=models))
-    assert answer(account.found) == ["birf estimates no stiffness over time"]
+    assert answer(account) == ["birf estimates no stiffness over time"]
     tv.report.write_identification(tmp_path / "report.html", account)
     told = Elements((tmp_path / "report.html").read_text())
     assert "Birf estimates no stiffness over time." in section(told, "outcome")
@@ -206,7 +216,7 @@ def test_the_paragraph_says_whose_stiffness_includes_the_reflex():
     diagnosis = tv.diagnose(ensemble)
     account = tv.report.Account(tv.compare(ensemble, ["cascade", "sds"]), diagnosis=diagnosis)
     captions = [each.description for each in _illustrations(account).values()]
-    assert captions[0].startswith("Stiffness, viscosity, inertia and reflex gain by the method to go by, with 95 %")
+    assert captions[0].startswith("Stiffness, viscosity, inertia and reflex gain by cascade, with 95 %")
     assert captions[1].startswith("Each method’s stiffness, viscosity, inertia and reflex gain, with 95 % bands")
     told = methods_paragraph(account)
     assert "This stiffness is the intrinsic one: a stretch reflex was estimated beside it. That of sds includes" in told

@@ -1,5 +1,7 @@
 """A sheet of A4 about one person."""
 
+from dataclasses import replace
+
 import pytest
 import xarray as xr
 from tests.report.elements import Elements, table
@@ -27,8 +29,23 @@ def test_one_visit_says_its_answer(identified, tmp_path):
     tv.recordings.describe_models(tmp_path / "models.nc", facts(identified))
     tv.report.write_sheet(tmp_path / "sheet.html", [tmp_path])
     told = " ".join(text for _, text in Elements((tmp_path / "sheet.html").read_text()).of("p"))
-    assert "stiffness by adaptive, the one to go by: " in told
+    assert "Recommended (adaptive): stiffness " in told
     assert "Person: ____" in told
+
+
+@pytest.mark.usefixtures("sketched")
+def test_a_visit_without_a_valid_stiffness_says_why_and_has_no_numbers(identified, tmp_path):
+    visits = [tmp_path / name for name in ("sound", "biased")]
+    withdrawn = replace(identified, unnamed_references=["Channel 'command' moves the angle."])
+    for folder, account in zip(visits, (identified, withdrawn), strict=True):
+        tv.recordings.write_models(folder / "models.nc", dict(identified.found.models))
+        tv.recordings.describe_models(folder / "models.nc", facts(account))
+    for folders, place in (([visits[1]], 1), (visits, 2)):
+        tv.report.write_sheet(tmp_path / "sheet.html", folders)
+        told = Elements((tmp_path / "sheet.html").read_text())
+        box = " ".join(text for _, text in told.of("p"))
+        assert "No stiffness is stated. Channel 'command' moves the angle." in box
+        assert f"{place}. biased 60 × 2 s adaptive{' not valid' * 5}" in table(told, "Means over time")
 
 
 def test_what_identify_did_not_write_is_refused(tmp_path):

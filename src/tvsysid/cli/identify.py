@@ -14,7 +14,7 @@ import typer
 from tvsysid.cli import options
 from tvsysid.cli.console import progress, remark, say, say_written, show_table, shown_warnings
 from tvsysid.cli.identified import write_account, write_results, write_tuning
-from tvsysid.cli.references import warn_of_references
+from tvsysid.cli.references import unnamed_references
 from tvsysid.cli.running import check_folder
 from tvsysid.errors import InputError
 from tvsysid.limits import TIME_LIMIT
@@ -75,7 +75,8 @@ def identify(
 
     Reads angle and torque (`tvsysid inspect FILE` shows the names in a file), decimates them, cuts the recording into
     realizations of one period, subtracts the mean over realizations, and identifies by each method: by default
-    `adaptive`, which has no settings and whose stiffness is the one to go by, and five for comparison.
+    `adaptive`, which has no settings and is recommended, and five for comparison. Where the data make every stiffness
+    wrong, none is stated, and the first lines say why and what to do.
 
     A 95 % band accounts for noise only: it does not include the error of a method that smooths too much. That of
     `adaptive` counts how unsure it is of how fast stiffness changes, and when it switches.
@@ -175,14 +176,14 @@ def identify(
     done = {"the torque's sign was reversed": torque_sign == -1, "degrees became radians": angle_unit == "deg"}
     done["N·mm became N·m"] = torque_unit == "Nmm"
     account = _account(found, time_limit, source, _judged(found, recording, context, deviating))
-    account = replace(account, turned=[words for words, was in done.items() if was])
-    warn_of_references(account, file, header, known, read)
+    unnamed = tuple(unnamed_references(found, file, header, known, read))
+    account = replace(account, turned=[words for words, was in done.items() if was], unnamed_references=unnamed)
     written = [*write_account(account, out, sheet), *written]
     _show_impedance(account)
     _show_further(found)
-    _show_reflex(found)
+    _show_reflex(account)
     _show_diagnosis(account)
-    _show_recommendation(found)
+    _show_recommendation(account)
     say_written(out, [*written, *write_tuning(found, out)])
     if found.failed:
         raise typer.Exit(1)
@@ -210,12 +211,13 @@ def _aligned(recording: Recording, period: float, context: float) -> Recording:
 
 
 def _show_impedance(account: Account) -> None:
-    """Print the answer of the method to go by, and a row for each method."""
+    """Print the answer, and a row for each method."""
     from tvsysid.figures.words import count
     from tvsysid.report.answer import answer
 
     found = account.found
-    if len(lines := answer(found, account.diagnosis)) > 1:  # more than the table says
+    withdrawn = account.trust.level == "none"
+    if len(lines := answer(account)) > 1 or withdrawn:  # more than the table says
         say("\n  ".join(lines))
     headings = ["method", "mean", "95 %\nband", "lowest, at", "highest, at", "inertia", "VAF", "VAF\nheld\nout"]
     rows = [
@@ -235,7 +237,7 @@ def _show_impedance(account: Account) -> None:
     ]
     cut = f"{count(len(found.ensemble), 'realization')} of {found.ensemble.duration:g} s"
     title = f"stiffness (N·m/rad) with its pointwise band and extremes (at, s), inertia (kg·m²) and VAF (%): {cut}"
-    show_table(title, headings, rows)
+    show_table(f"{'not valid: ' if withdrawn else ''}{title}", headings, rows)
 
 
 def _show_further(found: Comparison) -> None:
@@ -325,27 +327,26 @@ def _show_diagnosis(account: Account) -> None:
         say(f"diagnosis: none: {account.undiagnosed}")
 
 
-def _show_recommendation(found: Comparison) -> None:
-    """Say which method suits the data, unless it is the leading one, or none does for what the answer says."""
-    from tvsysid.recommendation.rules import holds
-
-    best = found.recommendation
-    told = not best.suited and any(holds(each, best.measured) for each in ("wrong period > 0", "mean stiffness < 0"))
-    if found.leading not in best.suited[:1] and not told:
+def _show_recommendation(account: Account) -> None:
+    """Say which method suits the data, unless it is the leading one, or no stiffness is stated."""
+    best = account.found.recommendation
+    if account.found.leading not in best.suited[:1] and account.trust.level != "none":
         say(f"method for these data: {best.sentence}")
 
 
-def _show_reflex(found: Comparison) -> None:
+def _show_reflex(account: Account) -> None:
     """Say whether the data show a reflex that some of the methods take for stiffness."""
     from tvsysid.quality import find_reflex
-    from tvsysid.report.answer import one_pathway
+    from tvsysid.report.answer import one_pathway, reflex_found
 
-    one_path = one_pathway(found)
-    reflex = find_reflex(found.ensemble)
-    names = ", ".join(one_path)
-    if one_path and reflex.found:
+    found, one_path = account.found, one_pathway(account.found)
+    told = found.leading in one_path and bool(reflex_found(account))
+    if not one_path or told or account.trust.level == "none":
+        return
+    names, reflex = ", ".join(one_path), find_reflex(found.ensemble)
+    if reflex.found:
         remark("warning", f"a reflex is taken for stiffness by {names}: {reflex.what}; {reflex.fault.remedy}")
-    elif one_path and "reflex_gain" in found.models[found.leading].estimates:
+    elif "reflex_gain" in found.models[found.leading].estimates:
         remark("note", f"{found.leading} estimates a reflex beside the stiffness, which {names} take for stiffness")
 
 

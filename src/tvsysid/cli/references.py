@@ -1,40 +1,35 @@
-"""A channel of a file that moves the joint as a reference does, and that nobody named."""
+"""Channels of a file that move the joint as a reference does, and that nobody named."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tvsysid.cli.console import remark
 from tvsysid.errors import InputError
 
 if TYPE_CHECKING:
-    from tvsysid.report import Account
+    from tvsysid.comparison import Comparison
     from tvsysid.signals import Recording
 
 MOST = 8  # channels that are looked at
 
 
-def warn_of_references(
-    account: Account, file: Path, header: bool, known: Iterable[str], read: Callable[[list[str]], Recording]
-) -> None:
-    """Say which channel that is not ``known`` moves the joint as a reference does, where no method was given one.
+def unnamed_references(
+    found: Comparison, file: Path, header: bool, known: Iterable[str], read: Callable[[list[str]], Recording]
+) -> Iterator[str]:
+    """Yield a sentence for each channel that is not ``known`` and moves the joint as a reference does.
 
-    The file is read anew with each of them, by ``read`` of a list of NAME=CHANNEL. With a wrong period none is looked
-    for: any channel may seem to move the joint then.
+    None is looked for where a method was given one. The file is read anew with each of them, by ``read`` of a list of
+    NAME=CHANNEL.
     """
     from tvsysid import preprocess
     from tvsysid.methods.base import inputs_of
     from tvsysid.recommendation import moving
     from tvsysid.recordings import describe_file
-    from tvsysid.report.answer import wrong_period
 
-    if wrong_period(account.diagnosis):
-        return
-    found = account.found
     kinds = {item.kind for method in found.methods.values() for item in inputs_of(method)}
     if kinds & {"reference", "scheduling"}:  # the one is named, the other may need no period
         return
@@ -48,4 +43,4 @@ def warn_of_references(
                 read([f"{name}={name}"]), ensemble.duration, ensemble.context / ensemble.sampling_rate
             )
             for sentence in moving(preprocess.subtract_mean(cut, [name]), [name]):
-                remark("warning", f"channel {sentence} (--channel {name}={name})")
+                yield sentence.replace("--method", f"--channel {name}={name} --method")

@@ -18,7 +18,7 @@ from tvsysid.methods import deviating_channels, parse
 from tvsysid.preprocess import align_channels, decimate, segment, subtract_mean
 from tvsysid.quality import Diagnosis, diagnose, find_delay
 from tvsysid.recordings import read_recording
-from tvsysid.report.answer import answer
+from tvsysid.report.answer import Account, answer
 from tvsysid.signals import Ensemble, Recording
 
 T = TypeVar("T")
@@ -46,8 +46,9 @@ class Outcome:
 
     @property
     def lines(self) -> list[str]:
-        """The answer in words, as ``tvsysid identify`` prints it, but for what takes a diagnosis."""
-        return answer(self.found)
+        """The answer in words, as ``tvsysid identify`` prints it; takes a while."""
+        with ONE_AT_A_TIME, threadpool_limits(1):
+            return answer(Account(self.found))
 
     @property
     def command(self) -> str:

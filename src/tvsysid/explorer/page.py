@@ -177,7 +177,7 @@ def _server(source: Source, every: Mapping[str, Mapping[str, str]]) -> Callable[
             return await in_turn(_shown, source, said, quantity, simultaneous)
 
         @reactive.extended_task
-        async def judge(shown: Shown) -> str:
+        async def judge(shown: Shown) -> tuple[list[str], str]:
             return await in_turn(_judged, shown)
 
         @reactive.effect
@@ -201,8 +201,11 @@ def _server(source: Source, every: Mapping[str, Mapping[str, str]]) -> Callable[
             shown = work.result()
             if shown.found is None:
                 return ui.div(shown.error, class_=f"alert alert-{shown.kind}")
+            if judge.status() == "running":
+                return ui.p("Checking the data …")
+            lines, _ = judge.result()
             notes = [ui.p(f"Warning: {text}", class_="alert alert-warning") for text in shown.found.notes]
-            return ui.TagList(*(ui.p(line) for line in shown.found.lines), *notes)
+            return ui.TagList(*map(ui.p, lines), *notes)
 
         @render.ui
         def picture() -> ui.Tag | None:
@@ -210,7 +213,7 @@ def _server(source: Source, every: Mapping[str, Mapping[str, str]]) -> Callable[
 
         @render.ui
         def judged() -> ui.HTML:
-            return ui.HTML(judge.result())
+            return ui.HTML(judge.result()[1])
 
         @render.ui
         def numbers() -> ui.HTML:
@@ -238,16 +241,17 @@ def _shown(source: Source, said: dict[str, Any], quantity: str, simultaneous: bo
         return Shown(error=f"this is not expected: {describe_error(error)}")
 
 
-def _judged(shown: Shown) -> str:
+def _judged(shown: Shown) -> tuple[list[str], str]:
+    """Return the answer's lines, and the recommended method and the diagnosis as HTML."""
     if shown.found is None:
-        return ""
+        return [], ""
     diagnosis = shown.found.diagnosis
     lines = [f"Method for these data: {shown.found.found.recommendation.sentence}."]
     if isinstance(diagnosis, str):
-        return html([*lines, f"No diagnosis: {diagnosis}"])
+        return shown.found.lines, html([*lines, f"No diagnosis: {diagnosis}"])
     lines.append(f"Diagnosis: {diagnosis.verdict}.")
     found = [f"{each.fault.title}: {each.what}; {each.fault.remedy}" for each in diagnosis.findings]
-    return html([*lines, *([Fold("What was found, and what to do", found)] if found else [])])
+    return shown.found.lines, html([*lines, *([Fold("What was found, and what to do", found)] if found else [])])
 
 
 def _figure(shown: Shown, quantity: str) -> ui.Tag | None:

@@ -62,7 +62,7 @@ def stiffness_of_visits(visits: Sequence[Visit], title: str = "") -> Figure:
 def _over_visits(axes: Axes, visits: Sequence[Visit]) -> None:
     """Mean over time with the mean half width of its band, and both extremes."""
     places = np.arange(len(visits))
-    ends = [(np.nanmin(each.stiffness), np.nanmax(each.stiffness)) for each in visits]
+    ends = [(np.fmin.reduce(each.stiffness), np.fmax.reduce(each.stiffness)) for each in visits]
     axes.vlines(places, *np.transpose(ends), color=style.GREY, linewidth=1.0, linestyle=":")
     for row, marker in zip(np.transpose(ends), ("v", "^"), strict=True):
         axes.plot(places, row, marker, color=style.GREY, markersize=4, linestyle="none")

@@ -2,5 +2,6 @@
 
 from tvsysid.recommendation.decide import Recommendation, moving, recommend
 from tvsysid.recommendation.rules import RULES, Rule, rule_of
+from tvsysid.recommendation.trust import Trust, trust_in
 
-__all__ = ["RULES", "Recommendation", "Rule", "moving", "recommend", "rule_of"]
+__all__ = ["RULES", "Recommendation", "Rule", "Trust", "moving", "recommend", "rule_of", "trust_in"]

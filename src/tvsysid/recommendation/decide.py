@@ -44,6 +44,8 @@ class Recommendation(Frozen):
         What to keep in mind, a sentence each.
     diagnosis
         What the properties come from; None where there is a single realization.
+    unnamed_references
+        A sentence for each channel that moves the angle and was not named as a reference.
     """
 
     suited: tuple[str, ...]
@@ -52,6 +54,7 @@ class Recommendation(Frozen):
     against: Mapping[str, str]
     caveats: tuple[str, ...] = ()
     diagnosis: Diagnosis | None = None
+    unnamed_references: tuple[str, ...] = ()
 
     @property
     def method(self) -> Identifies | None:
@@ -59,7 +62,7 @@ class Recommendation(Frozen):
         return parse(self.suited[0]) if self.suited else None
 
     def leading(self, methods: Mapping[str, object], tuned: Container[str] = ()) -> str | None:
-        """Label of the one to go by of these ``methods``; None if none suits. The settings of some are ``tuned``."""
+        """Label of the first of these ``methods`` that suits; None if none does. The settings of some are ``tuned``."""
         for wanted in map(parse, self.suited):
             for label, method in methods.items():
                 if isinstance(wanted, Tuned) and not (label in tuned or isinstance(method, Tuned)):
@@ -155,18 +158,18 @@ def recommend(
     known = {name: value for name, (value, _) in measured.items()} | {"reference": reference, "scheduling": scheduling}
     suited = [typed.format(**known) for typed in rule.methods]
     suited = [typed for typed in suited if not reason_to_skip(parse(typed), ensemble)]
-    caveats = _caveats(diagnosis, measured)
-    caveats += tuple(moving(ensemble, [name for name in ensemble.channels if name not in (reference, scheduling)]))
+    unnamed = tuple(moving(ensemble, [name for name in ensemble.channels if name not in (reference, scheduling)]))
+    caveats = (*_caveats(diagnosis, measured), *unnamed)
     against = _against(suited, ensemble, measured, known)
-    return Recommendation(tuple(suited), rule.why.format(**known), measured, against, caveats, diagnosis)
+    return Recommendation(tuple(suited), rule.why.format(**known), measured, against, caveats, diagnosis, unnamed)
 
 
 def moving(ensemble: Ensemble, channels: Iterable[str]) -> Iterator[str]:
-    """Of channels that nobody named as a reference, those that move the joint as one does, in a sentence each."""
+    """Yield a sentence for each of these channels that moves the angle as a reference does."""
     for name in channels:
         seen = find_reference(ensemble, name)
         if seen.found:
-            yield f"{name!r} moves before the angle: if it is the perturbation, name it as the reference; {seen.what}"
+            yield f"Channel {name!r} moves the angle, and was not named as the reference: {seen.what}."
 
 
 def _against(suited: list[str], ensemble: Ensemble, measured: Measured, known: Mapping[str, object]) -> dict[str, str]:

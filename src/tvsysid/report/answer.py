@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -14,10 +15,10 @@ from tvsysid.errors import DataQualityWarning
 from tvsysid.figures.words import unit_name
 from tvsysid.methods.adaptive.model import AdaptiveModel, Switch
 from tvsysid.methods.adaptive.words import changes
-from tvsysid.methods.cascade.result import negative_share
 from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_of
-from tvsysid.quality import Diagnosis, Finding
+from tvsysid.quality import Diagnosis
+from tvsysid.recommendation.trust import Trust, has_one_pathway
 from tvsysid.signals import Array
 
 IMPEDANCE_UNITS = {"stiffness": "N·m/rad", "viscosity": "N·m·s/rad", "inertia": "kg·m²"}
@@ -33,7 +34,8 @@ class Account:
     What was ``found``; the ``held_out`` VAF of :meth:`tvsysid.Comparison.held_out_vaf`, if it was computed; the
     ``diagnosis`` of the same ensemble, or why there is none (``undiagnosed``); the ``source`` of the data, as rows of a
     table (``{"file": "ankle.mat", "angle": "channel pos"}``); what was ``turned`` when the file was read, for the
-    methods paragraph (``["the torque's sign was reversed"]``).
+    methods paragraph (``["the torque's sign was reversed"]``); ``unnamed_references``, a sentence for each channel of
+    the file that moves the angle and was not read.
     """
 
     found: Comparison
@@ -42,6 +44,16 @@ class Account:
     undiagnosed: str = "nobody looked"
     source: Mapping[str, str] = field(default_factory=dict)
     turned: Sequence[str] = ()
+    unnamed_references: Sequence[str] = ()
+
+    @cached_property
+    def trust(self) -> Trust:
+        """How far the stiffness can be trusted, and why not further."""
+        label = self.found.leading
+        values = self.held_out.get(label, np.array([]))
+        known = values[np.isfinite(values)]
+        typical = float(np.median(known)) if known.size else self.held_out_mean(label)
+        return self.found.trust(self.diagnosis, typical, self.unnamed_references)
 
     def held_out_mean(self, label: str) -> float:
         """Held-out VAF of a method in per cent, mean over realizations or by the method itself; NaN if not known."""
@@ -67,72 +79,41 @@ class Further(NamedTuple):
     half_band: float
 
 
-def answer(found: Comparison, diagnosis: Diagnosis | None = None) -> list[str]:
-    """Stiffness by the method to go by: over a variable, over time; an impossible sign, what is doubtful; changes."""
-    label = found.leading
-    model = found.models[label]
-    lines = _over_variable(found, label)
+def answer(account: Account) -> list[str]:
+    """Return the lines that state the stiffness, or say why none is stated."""
+    found, trust = account.found, account.trust
+    if trust.level == "none":
+        first, *more = trust.reasons
+        return [f"no stiffness is stated. {first}", *more]
+    label, model = found.leading, found.models[found.leading]
+    role = trust.level if trust.level == "doubtful" else "recommended" if is_recommended(found) else ""
+    stated = f"{role} ({label})" if role else label
+    lines = _over_variable(found, label, stated)
     known = model.stiffness[np.isfinite(model.stiffness)]
     if not known.size:
         return lines or [f"{label} estimates no stiffness over time"]
     lower, upper = found.bands[label]["stiffness"]
     band = mean_of(upper - lower) / 2
-    wrong = why_wrong(found, diagnosis)
-    unsure = why_unsure(found, diagnosis)
-    role = ", the one to go by" if isinstance(model, AdaptiveModel) and not unsure else ""
     single = len(found.ensemble) > 1 and "realization" in model.estimates["stiffness"].axes
     without = "a mean over realizations, of which each has a band of its own" if single else "without a band"
     lines.append(
-        f"{'over time' if lines else f'stiffness by {label}{role}'}: {known.min():.1f} to {known.max():.1f} N·m/rad, "
+        f"{'over time:' if lines else f'{stated}: stiffness'} {known.min():.1f} to {known.max():.1f} N·m/rad, "
         f"{known.mean():.1f} on average, {f'95 % band ± {band:.1f}' if np.isfinite(band) else without}"
     )
-    return [*lines, *unsure, *(changes(model) if isinstance(model, AdaptiveModel) and not wrong else [])]
+    return [*lines, *trust.reasons, *(changes(model) if isinstance(model, AdaptiveModel) else [])]
 
 
-def wrong_period(diagnosis: Diagnosis | None) -> list[Finding]:
-    """Finding that the behaviour has another period, if there is one."""
-    return [each for each in (() if diagnosis is None else diagnosis.findings) if each.name == "wrong-period"]
+def sentence(text: str) -> str:
+    """Return a text as a sentence."""
+    return f"{text[:1].upper()}{text[1:].removesuffix('.')}."
 
 
-def why_wrong(found: Comparison, diagnosis: Diagnosis | None) -> list[str]:
-    """Why no method's stiffness can be right: it is negative, or the period is wrong."""
-    if mean_of(found.models[found.leading].stiffness) < 0:
-        return [
-            "no joint has a negative stiffness: the torque's sign is probably reversed; read it with --torque-sign -1 "
-            "(in Python torque_sign=-1), or without that; if the actuator gives way, record its command"
-        ]
-    return [
-        f"the behaviour does not repeat every {found.ensemble.duration:g} s ({each.name}: {each.what}), so that its "
-        f"time variation averages out whatever the method; {each.fault.remedy}"
-        for each in wrong_period(diagnosis)
-    ]
+def is_recommended(found: Comparison) -> bool:
+    """Return whether the leading method is adaptive, or the one of several that suits the data."""
+    return isinstance(found.models[found.leading], AdaptiveModel) or (len(found.models) > 1 and found.is_suited)
 
 
-def why_unsure(found: Comparison, diagnosis: Diagnosis | None) -> list[str]:
-    """Why not to trust the stiffness by the method to go by: it is wrong, or the reflex beside it is no reflex."""
-    if wrong := why_wrong(found, diagnosis):
-        return wrong
-    if share := doubtful_reflex(found):
-        return [
-            f"the reflex gain is negative over {share}; no stretch reflex's is: take the difference from the stiffness "
-            "of a method with one pathway (as kbr) for the uncertainty of this one"
-        ]
-    return []
-
-
-def reflex_shown(found: Comparison) -> bool:
-    """Whether the data show the reflex that the method to go by has beside its stiffness."""
-    return bool(found.models[found.leading].diagnostics.details.get("reflex_shown", True))
-
-
-def doubtful_reflex(found: Comparison) -> str:
-    """Over how much of the time the reflex gain beside the stiffness is one of no reflex; empty if that is not seen."""
-    gain = found.models[found.leading].estimates.get("reflex_gain")
-    share = negative_share(gain) if gain is not None and reflex_shown(found) else 0.0
-    return f"{100 * share:.0f} % of the time, with its whole 95 % band" if share else ""
-
-
-def _over_variable(found: Comparison, label: str) -> list[str]:
+def _over_variable(found: Comparison, label: str, stated: str) -> list[str]:
     """Stiffness at both ends and in the middle of a variable that it was estimated over; empty if there is none."""
     if not found.rows_over_variables():
         return []
@@ -142,7 +123,7 @@ def _over_variable(found: Comparison, label: str) -> list[str]:
     at = own.iloc[[0, len(own) // 2, -1]]
     rows = at[["value", "estimate", "lower", "upper"]].to_numpy(dtype=float)
     values = [f"{each:.1f} ± {(upper - lower) / 2:.1f} at {value:.3g}" for value, each, lower, upper in rows]
-    return [f"stiffness by {label} over {own.variable.iloc[0]}: {', '.join(values)} (N·m/rad, ± 95 % band)"]
+    return [f"{stated}: stiffness over {own.variable.iloc[0]}: {', '.join(values)} (N·m/rad, ± 95 % band)"]
 
 
 def switches(model: Model, quantity: str = "stiffness") -> list[Switch]:
@@ -161,17 +142,20 @@ def others(found: Comparison) -> str:
     return f"{low:.1f} N·m/rad ({first})" if len(known) == 1 else f"{low:.1f} ({first}) to {high:.1f} N·m/rad ({last})"
 
 
-def why_leading(found: Comparison, sure: bool) -> str:
-    """Why it is this method whose stiffness to report; nothing if it would be the one to go by, but is not ``sure``."""
-    label = found.leading
-    if isinstance(found.models[label], AdaptiveModel):
-        why = (
-            "it has no settings that could be chosen wrongly, and its band counts how unsure it is of how fast "
-            "stiffness changes, and of when it switches"
-        )
-        return f"{label} is the method to go by: {why}." if sure else ""
-    if len(found.models) > 1 and found.recommendation.leading({label: found.methods[label]}, found.evidence):
-        return f"{label} is the method to go by: {found.recommendation.why}." if sure else ""
+def why_leading(account: Account) -> str:
+    """Return why this method leads; nothing of a recommended one whose stiffness is doubtful."""
+    found, label = account.found, account.found.leading
+    if is_recommended(found):
+        if account.trust.level == "doubtful":
+            return ""
+        if isinstance(found.models[label], AdaptiveModel):
+            why = (
+                "it has no settings that could be chosen wrongly, and its band counts how unsure it is of how fast "
+                "stiffness changes, and of when it switches"
+            )
+        else:
+            why = found.recommendation.why
+        return f"{label} is recommended: {why}."
     missing = {"skipped": found.skipped, "failed": found.failed}
     reasons = [f"adaptive is {how}: {each['adaptive']}. " for how, each in missing.items() if "adaptive" in each]
     if len(found.models) == 1:
@@ -214,12 +198,8 @@ def reflex_shape(details: Mapping[str, float]) -> str:
 
 
 def one_pathway(found: Comparison) -> list[str]:
-    """Labels of the methods that take a reflex for stiffness."""
-    return [
-        label
-        for label, model in found.models.items()
-        if "reflex" not in getattr(found.methods[label], "pathway_names", ()) and "reflex_gain" not in model.estimates
-    ]
+    """Return the labels of the methods that include a reflex in the stiffness."""
+    return [label for label, model in found.models.items() if has_one_pathway(found.methods[label], model)]
 
 
 def reflex_found(account: Account) -> str:

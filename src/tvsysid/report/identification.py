@@ -24,10 +24,10 @@ from tvsysid.report.answer import (
     others,
     reflex_found,
     reflex_shape,
+    sentence,
     switches,
     taken,
     why_leading,
-    why_unsure,
 )
 from tvsysid.report.diagnosis import findings_table
 from tvsysid.report.paragraph import methods_bibliography, methods_paragraph, settings_of
@@ -81,7 +81,7 @@ def write_identification(path: str | Path, account: Account, command: str = "") 
         page.Figure(f"{stem}-figure", picture, place, saved=False)
         for place, (stem, picture) in enumerate(pictures.items(), 1)
     ]
-    in_front = 1 + ("variable" in pictures)
+    in_front = ("answer" in pictures) + ("variable" in pictures)
     parts = [
         _outcome(account, figures[:in_front]),
         _made(account),
@@ -90,7 +90,7 @@ def write_identification(path: str | Path, account: Account, command: str = "") 
         _methods(account, figures[in_front:]),
         *_beside(account),
         _met(account),
-        _paragraph(account),
+        *_paragraph(account),
         _again(command),
     ]
     subtitle = f"{count(len(found.models), 'method')} on {count(len(found.ensemble), 'realization')} of "
@@ -101,7 +101,9 @@ def write_identification(path: str | Path, account: Account, command: str = "") 
 def _illustrations(account: Account) -> dict[str, Illustration]:
     """The answer alone, what was estimated over a variable, and all methods side by side if there are several."""
     found, label = account.found, account.found.leading
-    shown = {"answer": {label: found.models[label]}} | ({"methods": found.models} if len(found.models) > 1 else {})
+    withdrawn = account.trust.level == "none"
+    shown = {} if withdrawn else {"answer": {label: found.models[label]}}
+    shown |= {"methods": dict(found.models)} if withdrawn or len(found.models) > 1 else {}
     titles = {"answer": f"Impedance over time by {label}", "methods": "Impedance over time by all methods"}
     vaf, variable = found.vaf_over_time(), variable_of(found.models, found.ensemble)
     below = ", and the time-varying VAF" if vaf else ""
@@ -109,10 +111,10 @@ def _illustrations(account: Account) -> dict[str, Illustration]:
     for stem, models in shown.items():
         *names, last = (name.replace("_", " ") for name in drawn_quantities(models, variable))
         what = f"{', '.join(names)} and {last}"
-        text = f"{what.capitalize()} by the method to go by" if stem == "answer" else f"Each method’s {what}"
+        text = f"{what.capitalize()} by {label}" if stem == "answer" else f"Each method’s {what}"
         picture = partial(identified_impedance, models, vaf, but_over=variable)
         drawn[stem] = Illustration(picture, titles[stem], f"{text}, with 95 % bands{below}.")
-    if not variable:
+    if not variable or withdrawn:
         return drawn
     text = f"Quantities that follow {variable}, with 95 % bands, above how long {variable} was near each of its values."
     picture = partial(scheduled_estimates, found.models, found.ensemble, variable)
@@ -124,16 +126,15 @@ def _illustrations(account: Account) -> dict[str, Illustration]:
 
 def _outcome(account: Account, figures: list[page.Block]) -> page.Section:
     """The answer in a box, in pictures and in numbers."""
-    found, label = account.found, account.found.leading
-    first, *rest = answer(found, account.diagnosis)
-    lines = [_sentence(first), *([" ".join(map(_sentence, rest))] if rest else [])]
-    reflex = reflex_found(account)
-    if reflex and label in one_pathway(found):
-        lines.append(f"Part of this stiffness is a reflex: {reflex}.")
-    why = why_leading(found, sure=not why_unsure(found, account.diagnosis))
-    lines += [*([why] if why else []), *_differing(account), _trust(account)]
+    found, trust, label = account.found, account.trust, account.found.leading
+    first, *rest = answer(account)
+    lines = [sentence(first), *([" ".join(map(sentence, rest))] if rest else [])]
+    if trust.level == "none":
+        blocks: list[page.Block] = [page.Box([*lines, _judged(account)]), *figures]
+        return page.Section("outcome", "No stiffness is stated", blocks, contents="Stiffness")
+    lines += [*filter(None, [why_leading(account)]), *_differing(account), _trust(account)]
     band = ADAPTIVE_BAND if isinstance(found.models[label], AdaptiveModel) else BAND
-    blocks: list[page.Block] = [page.Box(lines), band, *figures, *_quantities(account), *_switches(account)]
+    blocks = [page.Box(lines), band, *figures, *_quantities(account), *_switches(account)]
     return page.Section("outcome", "The stiffness to report", blocks, contents="Stiffness")
 
 
@@ -160,16 +161,19 @@ def _trust(account: Account) -> str:
         sentences.append(f"It predicts {held_out:.1f} % of the torque’s variance in {where} that were held out.")
     elif math.isfinite(inside):
         sentences.append(f"It predicts {inside:.1f} % of the variance of the torque that it was identified from.")
+    return " ".join([*sentences, _judged(account)])
+
+
+def _judged(account: Account) -> str:
+    """Return the diagnosis in a sentence."""
     if account.diagnosis is None:
-        sentences.append(f"The data were not diagnosed: {account.undiagnosed}.")
-    else:
-        titles = ", ".join(each.fault.title.lower() for each in account.diagnosis.findings)
-        sentences.append(f"Diagnosis of the data: {account.diagnosis.verdict}{': ' if titles else ''}{titles}.")
-    return " ".join(sentences)
+        return f"The data were not diagnosed: {account.undiagnosed}."
+    titles = ", ".join(each.fault.title.lower() for each in account.diagnosis.findings)
+    return f"Diagnosis of the data: {account.diagnosis.verdict}{': ' if titles else ''}{titles}."
 
 
 def _quantities(account: Account) -> list[page.Block]:
-    """Every quantity over time by the method to go by."""
+    """Return a table of every quantity over time by the leading method."""
     found, label = account.found, account.found.leading
     model, rows = found.models[label], []
     for name, (lower, upper) in found.bands[label].items():
@@ -192,7 +196,7 @@ def _quantities(account: Account) -> list[page.Block]:
 
 
 def _switches(account: Account) -> list[page.Block]:
-    """Sudden changes that the method to go by found, and those that more likely are none."""
+    """Return tables of the sudden changes that the leading method found, likely and unlikely."""
     model = account.found.models[account.found.leading]
     rows: dict[bool, list[page.Row]] = {True: [], False: []}
     for name in IMPEDANCE_UNITS:
@@ -257,9 +261,9 @@ def _diagnosed(account: Account) -> page.Section:
     diagnosis = account.diagnosis
     if diagnosis is None:
         return page.Section("diagnosis", title, [f"Not diagnosed: {account.undiagnosed}."], contents="Diagnosis")
-    blocks: list[page.Block] = [_sentence(diagnosis.verdict)]
+    blocks: list[page.Block] = [sentence(diagnosis.verdict)]
     blocks += findings_table(diagnosis, account.source.get("file", "the ensemble"))
-    blocks += [_sentence(line) for line in diagnosis.notes]
+    blocks += [sentence(line) for line in diagnosis.notes]
     what = "the ensemble as it was identified" if len(account.found.ensemble) > 1 else "the record in pieces"
     blocks.append(
         f"This is {what}. tvsysid inspect FILE --diagnose, with the same options, looks at the recorded rate, where "
@@ -279,7 +283,7 @@ def _suited(account: Account) -> page.Section:
     ]
     columns = [page.Column("property"), page.Column("value", kind="number"), page.Column("unit")]
     caption = "What was measured in the data; nothing where it is not shown, or cannot be told from these data."
-    lines = [_sentence(each) for each in (*suited.objections, *suited.caveats)]
+    lines = [sentence(each) for each in (*suited.objections, *suited.caveats)]
     table = page.Table("Properties", caption, columns, rows, narrow=True)
     return page.Section("suited", "Which method suits these data", [f"{suited.sentence}.", table, page.Bullets(lines)])
 
@@ -308,6 +312,8 @@ def _methods(account: Account, figures: list[page.Block]) -> page.Section:
     columns = [page.Column("method", kind="label")]
     columns += [page.Column(heading, unit, "number") for heading, unit in headings.items()]
     caption = f"Stiffness, inertia and VAF by each method. {VAF}"
+    if account.trust.level == "none":
+        caption = f"Not valid, for the reasons above: {caption[0].lower()}{caption[1:]}"
     table = page.Table("Methods", caption, columns, rows, "methods-table", sortable=len(rows) > 1, narrow=True)
     return page.Section("methods", "The methods side by side", [table, *figures, _differences(account)], "Methods")
 
@@ -363,8 +369,10 @@ def _met(account: Account) -> page.Section:
     return page.Section("problems", "Warnings", blocks)
 
 
-def _paragraph(account: Account) -> page.Section:
-    """What was done, ready for a paper."""
+def _paragraph(account: Account) -> list[page.Section]:
+    """Return what was done, ready for a paper; nothing without a stiffness to report."""
+    if account.trust.level == "none":
+        return []
     blocks: list[page.Block] = [
         "For the methods section of a paper. Numbers and settings are those of this identification; say yourself who "
         "was measured, with which apparatus, doing what.",
@@ -372,7 +380,7 @@ def _paragraph(account: Account) -> page.Section:
         "The publications cited, as BibTeX:",
         page.Code("BibTeX", methods_bibliography(account)),
     ]
-    return page.Section("paragraph", "Methods paragraph and references", blocks, contents="For a paper")
+    return [page.Section("paragraph", "Methods paragraph and references", blocks, contents="For a paper")]
 
 
 def _again(command: str) -> page.Section:
@@ -385,8 +393,3 @@ def _again(command: str) -> page.Section:
         page.Code("Reading the results", reading),
     ]
     return page.Section("again", "How to repeat it", blocks)
-
-
-def _sentence(text: str) -> str:
-    """Text as a sentence."""
-    return f"{text[:1].upper()}{text[1:].removesuffix('.')}."

@@ -14,7 +14,8 @@ from tvsysid.methods.apply import Identifies
 from tvsysid.methods.references import bibliography, cited
 from tvsysid.methods.tuning.evidence import Tuned
 from tvsysid.numerics.bands import mean_of
-from tvsysid.report.answer import Account, doubtful_reflex, one_pathway, reflex_found, reflex_shown
+from tvsysid.recommendation.trust import negative_reflex, reflex_shown
+from tvsysid.report.answer import Account, one_pathway, reflex_found
 from tvsysid.signals import Ensemble
 
 
@@ -118,9 +119,9 @@ def _pathways(account: Account, label: str) -> list[str]:
     """What became of a reflex: it is no part of the stiffness, or it is, and of which methods'."""
     blamed = one_pathway(account.found)
     if label not in blamed:
-        if not reflex_shown(account.found):
+        if not reflex_shown(account.found.models[label]):
             return ["The data show no stretch reflex, and this stiffness is that of a joint without one."]
-        share = doubtful_reflex(account.found)
+        share = negative_reflex(account.found.models[label])
         intrinsic = (
             f"A stretch reflex was modelled beside this stiffness, but its gain was negative over {share}, as no "
             "stretch reflex's is: the difference from methods with one pathway is an uncertainty of this estimate."
@@ -141,7 +142,7 @@ def _faults(account: Account) -> list[str]:
 
 
 def _results(account: Account, label: str) -> list[str]:
-    """What came out by the method to go by."""
+    """Return what the leading method found."""
     found, model = account.found, account.found.models[label]
     known = model.stiffness[np.isfinite(model.stiffness)]
     if not known.size:

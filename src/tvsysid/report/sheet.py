@@ -15,7 +15,7 @@ from tvsysid.figures import Illustration, draw_all
 from tvsysid.figures.visits import Visit, stiffness_of_visits
 from tvsysid.numerics.bands import mean_of
 from tvsysid.report import page
-from tvsysid.report.answer import Account, answer
+from tvsysid.report.answer import Account, answer, sentence
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -39,6 +39,11 @@ class Known(NamedTuple):
     viscosity: float
     inertia: float
 
+    @property
+    def valid(self) -> bool:
+        """Whether a stiffness is stated."""
+        return bool(np.isfinite(self.visit.stiffness).any())
+
 
 def facts(account: Account) -> dict[str, str | float]:
     """What a sheet needs beside the models, as attributes of their file."""
@@ -47,7 +52,8 @@ def facts(account: Account) -> dict[str, str | float]:
     return {
         "tvsysid": __version__,
         "leading": _group(label),
-        "answer": "; ".join(answer(found, account.diagnosis)),
+        "answer": " ".join(map(sentence, answer(account))),
+        "trust": account.trust.level,
         "file": account.source.get("file", ""),
         "data": f"{len(found.ensemble)} × {found.ensemble.duration:g} s",
         "faults": "not diagnosed" if names is None else names or "none",
@@ -80,15 +86,17 @@ def write_sheet(path: str | Path, folders: Sequence[str | Path]) -> None:
         raise InputError(f"write_sheet: expected 1 to {MOST} folders of tvsysid identify, got {len(folders)}")
     known = [_read(Path(folder)) for folder in folders]
     several = len(known) > 1
-    lines = [] if several else [f"{known[0].about['answer']}."]
+    lines = [f"{each.visit.label}: {each.about['answer']}" for each in known if not each.valid]
+    lines = lines if several else [known[0].about["answer"]]
     title = "Stiffness of a joint over visits" if several else "Stiffness of a joint"
     illustration = Illustration(
         partial(stiffness_of_visits, [each.visit for each in known]),
         "Stiffness over time" + (", and over visits (circles: means with the mean half width of the band)" * several),
         "",
     )
-    picture = draw_all({"sheet": illustration})["sheet"]
-    blocks: list[page.Block] = [BY_HAND, *([page.Box(lines)] if lines else []), page.Figure("sheet", picture)]
+    blocks: list[page.Block] = [BY_HAND, *([page.Box(lines)] if lines else [])]
+    if any(each.valid for each in known):
+        blocks.append(page.Figure("sheet", draw_all({"sheet": illustration})["sheet"]))
     blocks += [_table(known), NOTE]
     subtitle = f"Identified by tvsysid {known[-1].about['tvsysid']} from {', '.join(_files(known))}."
     page.write_page(path, page.Page(title, subtitle, [page.Section("sheet-result", "Result", blocks)], notice=NOTICE))
@@ -118,6 +126,8 @@ def _read(folder: Path) -> Known:
         raise InputError(f"{file}: {about['leading']} estimates no stiffness over time; a sheet shows that")
     time = np.asarray(model.time.values, dtype=float)
     limits = [_over_time(model, f"stiffness_{end}") for end in ("lower", "upper")]
+    if about.get("trust") == "none":  # no stiffness is stated
+        stiffness, *limits = (np.full_like(time, np.nan) for _ in range(3))
     means = [mean_of(_over_time(model, name)) for name in ("viscosity", "inertia")]
     return Known(Visit(folder.name or str(folder), time, stiffness, *limits), about, *means)
 
@@ -138,16 +148,22 @@ def _table(known: Sequence[Known]) -> page.Table:
     rows = []
     for place, each in enumerate(known, start=1):
         visit, about = each.visit, each.about
-        ends = [int(find(visit.stiffness)) for find in (np.nanargmin, np.nanargmax)]
-        extremes = [
-            page.Cell(f"{visit.stiffness[at]:.1f} at {visit.time[at]:.2f} s", visit.stiffness[at]) for at in ends
-        ]
+        values: list[page.Cell | str] = ["not valid"] * 5
+        if each.valid:
+            ends = [int(find(visit.stiffness)) for find in (np.nanargmin, np.nanargmax)]
+            values = [
+                page.number(visit.mean, visit.half_band, 1),
+                *(
+                    page.Cell(f"{visit.stiffness[at]:.1f} at {visit.time[at]:.2f} s", visit.stiffness[at])
+                    for at in ends
+                ),
+                *(page.number(each.viscosity, decimals=2), page.number(each.inertia, decimals=4)),
+            ]
         rows.append(
             page.Row(
                 (
                     *(f"{place}. {visit.label}", about["data"].replace(" ", "\u00a0"), about["leading"]),
-                    *(page.number(visit.mean, visit.half_band, 1), *extremes),
-                    *(page.number(each.viscosity, decimals=2), page.number(each.inertia, decimals=4)),
+                    *values,
                     *(page.number(float(about["held_out_vaf"]), decimals=1), about["faults"]),
                 )
             )

@@ -1,0 +1,141 @@
+"""How far an identified stiffness can be trusted, and why not further."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Literal, NamedTuple
+
+from tvsysid.methods.base import inputs_of
+from tvsysid.methods.cascade.result import negative_share
+from tvsysid.models import Model
+from tvsysid.numerics.bands import mean_of
+from tvsysid.quality import Diagnosis, Finding
+from tvsysid.recommendation.decide import Recommendation
+from tvsysid.recommendation.rules import IS_SLOW, holds
+
+MAX_DELAY_MS = 4.0  # up to which a late torque hardly changes the stiffness
+# Faults that make the stiffness doubtful, the worst first.
+DOUBTFUL = (
+    *("clipped-angle", "clipped-torque", "sampling-rate", "narrow-excitation", "slow-answer", "delay", "drift"),
+    *("scattered-realizations", "misaligned-realizations", "mean-angle", "mean-torque", "lost-torque"),
+)
+REVERSED = (
+    "No joint has a negative stiffness. If the actuator gives way, record its command. Otherwise the torque's sign is "
+    "reversed: read it with --torque-sign -1 (in Python torque_sign=-1), or without that."
+)
+SWAPPED = (
+    "Angle and torque are probably swapped: {angle}, and {stiffness}. Name the channels the other way round (--angle, "
+    "--torque), or read degrees with --angle-unit deg."
+)
+WRONG = {  # faults that make every method's stiffness wrong, the cause of others first
+    "same-channel": "Angle and torque are one signal. Name two channels: --angle, --torque.",
+    "angle-unit": "The movement is too large for radians: {what}. Read degrees with --angle-unit deg.",
+    "torque-unit": "No joint is so stiff or so soft: {what}. Check the torque's unit: --torque-unit Nmm.",
+    "reversed-torque": REVERSED,
+    "wrong-period": "The behaviour does not repeat with this period: {what}. Its time variation averages out, whatever "
+    "the method. Check --period and --rate.",
+}
+LOOP = {  # those that a reference mends
+    "loop-bias": "The torque moves the angle (a closed loop): {what}.",
+    "feedback": "Noise in the torque moves the angle (a closed loop), which biases every method. Record the actuator's "
+    "command, and identify with it: --channel command=… --method kbr:reference=command,weighting=residual.",
+}
+
+
+class Trust(NamedTuple):
+    """Level of trust in a stiffness, and the reasons for doubt; at the level ``"none"`` no stiffness is stated."""
+
+    level: Literal["good", "doubtful", "none"]
+    reasons: tuple[str, ...] = ()
+
+
+def trust_in(
+    model: Model,
+    method: object,
+    recommendation: Recommendation,
+    is_suited: bool,
+    diagnosis: Diagnosis | None,
+    held_out_vaf: float,
+    unnamed_references: Sequence[str],
+) -> Trust:
+    """Return how far the stiffness of a model can be trusted.
+
+    Parameters
+    ----------
+    model, method
+        What was identified, and by which method.
+    recommendation, is_suited
+        Which methods suit the data, and whether this one does.
+    diagnosis
+        Of the data, if there is one.
+    held_out_vaf
+        Typical VAF of the model in % of realizations held out; NaN if it is not known.
+    unnamed_references
+        A sentence for each channel that moves the angle and was not named as the reference.
+    """
+    faults = {} if diagnosis is None else {each.name: each for each in diagnosis.findings}
+    by_reference = any(item.kind == "reference" for item in inputs_of(method))
+    wrong = list(_faults(model, faults, unnamed_references, by_reference))
+    if not wrong and not by_reference:
+        if not recommendation.suited:
+            wrong = [_sentence(recommendation.why)]
+        elif held_out_vaf <= 0:
+            wrong = ["Realizations held out are not predicted at all. Check which channels are angle and torque."]
+    if wrong:
+        return Trust("none", tuple(wrong))
+    biased = not is_suited and all(holds(each, recommendation.measured) for each in (IS_SLOW, "noise bias > 10"))
+    doubts = [f"{_sentence(recommendation.why)} Identify by --method {recommendation.suited[0]}."] if biased else []
+    doubts += _doubts(model, method, faults)
+    return Trust("doubtful" if doubts else "good", tuple(doubts))
+
+
+def _faults(
+    model: Model, faults: Mapping[str, Finding], unnamed_references: Sequence[str], by_reference: bool
+) -> Iterator[str]:
+    """Yield which faults of the data make every method's stiffness wrong, and what to do."""
+    if {"angle-unit", "torque-unit"} <= faults.keys():
+        yield SWAPPED.format(angle=faults["angle-unit"].what, stiffness=faults["torque-unit"].what)
+        return
+    if not by_reference and "wrong-period" not in faults:  # with a wrong period, any channel seems to move the joint
+        yield from unnamed_references
+    texts = WRONG if by_reference or unnamed_references else WRONG | LOOP
+    for name, text in texts.items():
+        if name in faults:
+            yield text.format(what=faults[name].what)
+    if mean_of(model.stiffness) < 0 and "reversed-torque" not in faults:
+        yield REVERSED
+
+
+def _doubts(model: Model, method: object, faults: Mapping[str, Finding]) -> Iterator[str]:
+    """Yield what may make the stiffness wrong, and what to do."""
+    if share := negative_reflex(model):
+        yield (
+            f"The reflex gain is negative over {share}, as no stretch reflex's is. The difference from a method with "
+            "one pathway (as kbr) is an uncertainty of this stiffness."
+        )
+    if "reflex" in faults and has_one_pathway(method, model):
+        yield f"Part of this stiffness is a stretch reflex: {faults['reflex'].what}. {faults['reflex'].fault.remedy}."
+    for fault in (faults[name] for name in DOUBTFUL if name in faults):
+        if fault.name != "delay" or abs(fault.value) > MAX_DELAY_MS:
+            yield f"{fault.fault.title}: {fault.what}. {_sentence(fault.fault.remedy)}"
+
+
+def _sentence(text: str) -> str:
+    return f"{text[:1].upper()}{text[1:]}."
+
+
+def has_one_pathway(method: object, model: Model) -> bool:
+    """Return whether a model's stiffness includes a reflex, if there is one."""
+    return "reflex" not in getattr(method, "pathway_names", ()) and "reflex_gain" not in model.estimates
+
+
+def reflex_shown(model: Model) -> bool:
+    """Return whether the data show the reflex that a model has beside its stiffness."""
+    return bool(model.diagnostics.details.get("reflex_shown", True))
+
+
+def negative_reflex(model: Model) -> str:
+    """Return over how much of the time a model's reflex gain is negative; empty if it is not."""
+    gain = model.estimates.get("reflex_gain")
+    share = negative_share(gain) if gain is not None and reflex_shown(model) else 0.0
+    return f"{100 * share:.0f} % of the time, with its whole 95 % band" if share else ""

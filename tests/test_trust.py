@@ -1,0 +1,105 @@
+"""How far a stiffness can be trusted: what withdraws it, and what makes it doubtful."""
+
+import math
+from dataclasses import replace
+from types import SimpleNamespace
+
+import pytest
+from tests.conftest import ensemble_of
+
+import tvsysid as tv
+from tvsysid.quality import FAULTS, Finding
+from tvsysid.recommendation import Recommendation
+from tvsysid.recommendation.trust import DOUBTFUL, LOOP, WRONG, trust_in
+
+SUITS = Recommendation(("adaptive",), "the behaviour repeats", {}, {})
+
+
+@pytest.fixture(scope="module")
+def model():
+    return tv.BasisIRF().identify(tv.preprocess.subtract_mean(ensemble_of(20.0)))
+
+
+def found(*names, value=-math.inf):
+    """Diagnosis with these findings."""
+    return SimpleNamespace(findings=[Finding(name, value, True, f"{name} was seen") for name in names])
+
+
+def judged(model, diagnosis=None, method=None, recommendation=SUITS, suited=True, held_out_vaf=80.0, unnamed=()):
+    given = method or tv.BasisIRF()
+    return trust_in(model, given, recommendation, suited, diagnosis, held_out_vaf, unnamed)
+
+
+def test_sound_data_are_trusted(model):
+    assert judged(model) == ("good", ())
+    assert judged(model, found("few-realizations", "coarse-angle")) == ("good", ())
+
+
+@pytest.mark.parametrize("name", [*WRONG, *LOOP])
+def test_what_makes_every_method_wrong_withdraws_the_stiffness(model, name):
+    level, (reason,) = judged(model, found(name))
+    assert level == "none"
+    assert "--" in reason or f"{name} was seen" in reason
+    assert reason.count(". ") <= 2
+
+
+def test_swapped_channels_are_said_in_one_reason(model):
+    level, (reason,) = judged(model, found("angle-unit", "torque-unit", "reversed-torque", "feedback"))
+    assert (level, reason[:39]) == ("none", "Angle and torque are probably swapped: ")
+
+
+def test_a_negative_stiffness_is_withdrawn_without_a_diagnosis(model):
+    values = model.estimates["stiffness"].values
+    estimates = {**model.estimates, "stiffness": replace(model.estimates["stiffness"], values=-values)}
+    level, (reason,) = judged(replace(model, estimates=estimates))
+    assert level == "none"
+    assert "--torque-sign -1" in reason
+    assert judged(replace(model, estimates=estimates), found("reversed-torque")) == (level, (reason,))
+
+
+def test_a_channel_that_moves_the_joint_takes_the_place_of_the_loop(model):
+    assert judged(model, found("feedback"), unnamed=["'cmd' moves."]) == ("none", ("'cmd' moves.",))
+    # With a wrong period, any channel seems to move the joint.
+    (reason,) = judged(model, found("wrong-period"), unnamed=["'cmd' moves."]).reasons
+    assert "does not repeat" in reason
+
+
+def test_a_reference_mends_a_loop_and_nothing_else(model):
+    by_reference = tv.BasisIRF(reference="cmd")
+    none_suits = replace(SUITS, suited=())
+    assert judged(model, found("feedback", "loop-bias"), by_reference, none_suits, held_out_vaf=0.0) == ("good", ())
+    assert judged(model, found("angle-unit"), by_reference).level == "none"
+
+
+def test_no_method_and_no_prediction_withdraw_the_stiffness(model):
+    none_suits = replace(SUITS, suited=(), why="the torque is too weak: perturb more")
+    assert judged(model, recommendation=none_suits) == ("none", ("The torque is too weak: perturb more.",))
+    assert judged(model, held_out_vaf=0.0).level == "none"
+    assert judged(model, held_out_vaf=math.nan).level == "good"
+
+
+@pytest.mark.parametrize("name", DOUBTFUL)
+def test_what_may_make_it_wrong_makes_it_doubtful(model, name):
+    level, (reason,) = judged(model, found(name))
+    assert level == "doubtful"
+    assert reason.startswith(f"{FAULTS[name].title}: {name} was seen. ")
+
+
+def test_a_short_delay_is_no_doubt(model):
+    assert judged(model, found("delay", value=2.3)).level == "good"
+    assert judged(model, found("delay", value=-7.0)).level == "doubtful"
+
+
+def test_a_reflex_is_a_doubt_of_one_pathway_alone(model):
+    level, (reason,) = judged(model, found("reflex"))
+    assert level == "doubtful"
+    assert reason.startswith("Part of this stiffness is a stretch reflex: reflex was seen. ")
+    assert judged(model, found("reflex"), tv.JointCascade()).level == "good"
+
+
+def test_a_bias_that_another_method_lacks_is_a_doubt(model):
+    measured = {"slow noise": (12.0, "dB"), "noise bias": (26.0, "%")}
+    other = Recommendation(("kbr:weighting=residual",), "stiffness is 26 % lower", measured, {})
+    doubt = "Stiffness is 26 % lower. Identify by --method kbr:weighting=residual."
+    assert judged(model, recommendation=other, suited=False) == ("doubtful", (doubt,))
+    assert judged(model, recommendation=other).level == "good"

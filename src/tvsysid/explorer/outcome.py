@@ -47,7 +47,7 @@ class Outcome:
     @property
     def lines(self) -> list[str]:
         """The answer in words, as ``tvsysid identify`` prints it; takes a while."""
-        with ONE_AT_A_TIME, threadpool_limits(1):
+        with ONE_AT_A_TIME:
             return answer(Account(self.found))
 
     @property

@@ -195,7 +195,7 @@ def test_what_cannot_be_written_or_loaded_is_refused(tmp_path, random, monkeypat
             half.write(b"half of it")
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("tvsysid.recordings.write.savemat", lose_power)
+    monkeypatch.setattr("scipy.io.savemat", lose_power)
     monkeypatch.setattr(Path, "write_bytes", lose_power)
     with pytest.raises(OSError, match="No space left"):
         write_recording(tmp_path / f"ankle{ending}", tv.Recording(torque, angle, 100.0))

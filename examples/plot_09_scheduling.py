@@ -20,11 +20,10 @@ simulation = joint.simulate(100, perturbation=tv.simulate.FilteredNoise(), snr_d
 ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), period=None)
 
 # %%
-# ``lpv`` takes stiffness as a polynomial in the variable. The order is chosen by what it predicts of data left out.
+# ``lpv`` takes stiffness as a polynomial in the variable. Its order is the one that predicts data left out best.
 
-method, evidence = tv.ScheduledIRF(variable="ankle").tuned(ensemble)
-model = method.identify(ensemble)
-print(evidence)
+model = tv.ScheduledIRF(variable="ankle").identify(ensemble)
+print(model.diagnostics.details["order"])
 
 # %%
 # Stiffness over the variable, with its band; the true relation is dashed.

@@ -266,7 +266,7 @@ def test_a_moving_ankle_follows_its_angle(ankle, key):
         model = tv.methods.parse(key).identify(ankle)
     alone, *at_rest = model.diagnostics.warnings
     assert alone.startswith("scheduling is below -0.306 in the third of 5 parts of the record only")
-    assert ["stiffness would be" in text and "use rest_order=2" in text for text in at_rest] == [True] * (
+    assert ["stiffness would be" in text and "use rest_order=" in text for text in at_rest] == [True] * (
         "reflex_gain" in model.estimates
     )
     assert model.diagnostics.details["vaf_folds"] > least

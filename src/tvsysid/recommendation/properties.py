@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -65,11 +64,10 @@ def _model(method: Method, ensemble: Ensemble) -> Model | None:
 
 
 def _held_out(ensemble: Ensemble, scheduling: str) -> dict[str, tuple[float, str]]:
-    """By how much more of folds held out is predicted with a reflex, and with a curve, over the variable."""
-    plain = ScheduledImpedance(scheduling, reflex=False)
-    models = [_model(each, ensemble) for each in (plain, replace(plain, reflex=True), replace(plain, order=1))]
+    """Return how much more a reflex pathway predicts of folds held out."""
+    models = [_model(ScheduledImpedance(scheduling, reflex=each), ensemble) for each in (False, True)]
     folds = [math.nan if each is None else each.diagnostics.details["vaf_folds"] for each in models]
-    return {"reflex held out": (folds[1] - folds[0], "%"), "curvature held out": (folds[0] - folds[2], "%")}
+    return {"reflex held out": (folds[1] - folds[0], "%")}
 
 
 def _slowness(diagnosis: Diagnosis) -> float:

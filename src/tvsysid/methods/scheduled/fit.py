@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +22,7 @@ FOLDS = 5  # stretches of consecutive time that are predicted from the others
 RIDGE = 1e-6  # share of a column's power that is added to it, for columns that are alike
 COLOUR = 0.4  # seconds up to which the noise's autocorrelation counts, less and less
 FEWEST = 2  # samples for each column below which nothing is fitted
+AS_WELL = 0.5  # standard errors over folds by which lower orders may predict worse
 EMPTY = 1e-12  # share of its mean square below which a column does not vary
 
 
@@ -41,7 +44,7 @@ class Rows(NamedTuple):
 
     @classmethod
     def of(cls, structure: Structure, ensemble: Ensemble) -> Rows:
-        """Rows of an ensemble; raises InputError where they are too few."""
+        """Rows of an ensemble."""
         order = np.concatenate(ensemble.runs)
         parts = structure.parts(ensemble)
         columns = _in_order(np.concatenate(parts), ensemble)
@@ -51,11 +54,6 @@ class Rows(NamedTuple):
         gap = round(COLOUR * ensemble.sampling_rate)
         gaps = np.repeat(np.arange(len(ensemble.runs)) * gap, [len(run) * ensemble.samples for run in ensemble.runs])
         known = np.asarray(np.isfinite(columns).all(axis=0))
-        if known.sum() < FEWEST * len(columns):
-            raise InputError(
-                f"{known.sum()} samples, at which all lags and the reflex's memory were recorded, are too few for "
-                f"{len(columns)} coefficients; give a longer record, more context, a lower order or a shorter memory"
-            )
         place = np.arange(columns.shape[1]) + gaps
         columns = columns if known.all() else columns[:, known]
         return cls(columns, tuple(map(len, parts)), torque[known], variable[known], place[known], known)
@@ -76,6 +74,7 @@ class Fit(NamedTuple):
     """Solution: its ``coefficients`` and the ``inverse`` of their moments, for columns as they are.
 
     ``held_out`` (fold,): variance of the torque in each fold accounted for by the fit to the others, in per cent.
+    ``tried`` holds the same of other orders (order, reflex_order).
     """
 
     structure: Structure
@@ -83,6 +82,7 @@ class Fit(NamedTuple):
     coefficients: Array
     inverse: Array
     held_out: Array
+    tried: dict[tuple[int, int], Array]
 
     @property
     def parameters(self) -> float:
@@ -90,9 +90,44 @@ class Fit(NamedTuple):
         return float(np.count_nonzero(self.coefficients))
 
 
-def fitted(structure: Structure, ensemble: Ensemble) -> Fit:
-    """Fit of the torque, and of each fold's by the others."""
-    return _fitted(structure, Rows.of(structure, ensemble))
+def fitted(structure: Structure, ensemble: Ensemble, orders: Sequence[int], reflex_orders: Sequence[int]) -> Fit:
+    """Fit the torque with the lowest orders of the polynomials that predict folds as well as the best do.
+
+    The orders of both pathways rise together at first. Then each is chosen anew beside the other. ``structure`` has the
+    highest of both.
+
+    Raises
+    ------
+    InputError
+        If the samples are too few for the lowest orders.
+    """
+    rows = Rows.of(structure, ensemble)
+    samples, lowest = len(rows.torque), structure.within(orders[0], reflex_orders[0]).sum()
+    if samples < FEWEST * lowest:
+        raise InputError(
+            f"{samples} samples, at which all lags and the reflex's memory were recorded, are too few for {lowest} "
+            "coefficients; give a longer record, more context, a lower order or a shorter memory"
+        )
+    moments, tried = _moments(rows), dict[tuple[int, int], Array]()
+
+    def best(pairs: Iterable[tuple[int, int]]) -> tuple[int, int]:
+        for pair in pairs:
+            kept = structure.within(*pair)
+            if pair not in tried and samples >= FEWEST * kept.sum():
+                tried[pair] = _held_out(_part(moments, kept))
+        return max(tried, key=lambda pair: float(tried[pair].mean()))
+
+    alike = 1 not in (len(orders), len(reflex_orders))
+    chosen = best(pair for pair in product(orders, reflex_orders) if pair[0] == pair[1] or not alike)
+    chosen = best([(chosen[0], each) for each in reflex_orders])
+    chosen = best([(each, chosen[1]) for each in orders])
+    worse = {pair: tried[chosen] - folds for pair, folds in tried.items()}
+    as_good = [pair for pair, by in worse.items() if by.mean() <= AS_WELL * by.std(ddof=1) / math.sqrt(FOLDS)]
+    chosen = min(as_good, key=lambda pair: (sum(pair), pair))
+    kept = structure.within(*chosen)
+    own = structure.of_orders(*chosen)
+    rows = rows._replace(columns=rows.columns[kept], parts=own.sizes)
+    return _fitted(own, rows, _part(moments, kept), tried)
 
 
 def with_rest(fit: Fit, ensemble: Ensemble, degrees: int) -> Fit:
@@ -100,16 +135,31 @@ def with_rest(fit: Fit, ensemble: Ensemble, degrees: int) -> Fit:
     structure, rows = replace(fit.structure, rest=degrees), fit.rows
     rest = _in_order(structure.at_rest(ensemble), ensemble)[:, rows.known]
     columns = np.concatenate([rest, rows.columns[rows.parts[0] :]])
-    return _fitted(structure, rows._replace(columns=columns, parts=(degrees, *rows.parts[1:])))
+    rows = rows._replace(columns=columns, parts=structure.sizes)
+    return _fitted(structure, rows, _moments(rows), {})
 
 
-def _fitted(structure: Structure, rows: Rows) -> Fit:
+def _fitted(structure: Structure, rows: Rows, moments: Array, tried: dict[tuple[int, int], Array]) -> Fit:
+    coefficients, inverse = _solved(moments.sum(axis=0))
+    return Fit(structure, rows, coefficients, inverse, _held_out(moments), tried)
+
+
+def _moments(rows: Rows) -> Array:
+    """Moments of the columns, the torque and a one with each other, in each fold."""
     both = np.concatenate([rows.columns, rows.torque[None], np.ones((1, len(rows.torque)))])
-    moments = [both[:, fold] @ both[:, fold].T for fold in rows.folds]
-    whole = np.sum(moments, axis=0)
-    coefficients, inverse = _solved(whole)
-    held_out = [_explained(own, _solved(whole - own)[0]) for own in moments]
-    return Fit(structure, rows, coefficients, inverse, np.array(held_out))
+    return np.stack([both[:, fold] @ both[:, fold].T for fold in rows.folds])
+
+
+def _part(moments: Array, kept: NDArray[np.bool_]) -> Array:
+    """Moments of some columns, the torque and a one."""
+    place = np.append(np.flatnonzero(kept), [-2, -1])
+    return moments[:, place[:, None], place]
+
+
+def _held_out(moments: Array) -> Array:
+    """Variance of the torque in each fold accounted for by the fit to the others, in per cent."""
+    whole = moments.sum(axis=0)
+    return np.array([_explained(own, _solved(whole - own)[0]) for own in moments])
 
 
 def _solved(moments: Array) -> tuple[Array, Array]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -18,11 +17,11 @@ from tvsysid.methods.scheduled.model import GRID, Curves, ScheduledModel
 from tvsysid.methods.scheduled.structure import Reflex, Structure
 from tvsysid.methods.shared.pathways import Stretch, history
 from tvsysid.methods.shared.residuals import independent_realizations
-from tvsysid.methods.tuning.evidence import Evidence, edge_of
+from tvsysid.methods.tuning.evidence import Evidence
 from tvsysid.models import Diagnostics
 from tvsysid.signals import Array, Ensemble
 
-ORDERS = range(7)  # of the polynomials, that are tried
+ORDERS = range(11)  # of the polynomials, that are tried
 CLEARLY = 0.5  # per cent of the torque's variance by which an order must predict better than the one given
 POOR = 60.0  # per cent of the torque's variance held out below which the model is doubtful
 RESTS = 2.0  # standard errors by which stiffness may change if the torque at rest follows the variable
@@ -39,9 +38,9 @@ class Scheduled(base.Method):
     """Settings and steps that both methods share; see :class:`ScheduledIRF`."""
 
     variable: str = "scheduling"
-    order: int = 2
+    order: int | None = None
     reflex: bool = True
-    reflex_order: int = 2
+    reflex_order: int | None = None
     rest_order: int = 0
     delay: float = 0.05
     memory: float = 0.76
@@ -54,7 +53,8 @@ class Scheduled(base.Method):
     def __post_init__(self) -> None:
         name = type(self).__name__
         base.check_positive(self, memory=self.memory, time_constant=self.time_constant)
-        base.check_whole(self, 0, order=self.order, reflex_order=self.reflex_order, rest_order=self.rest_order)
+        orders = {"order": self.order, "reflex_order": self.reflex_order, "rest_order": self.rest_order}
+        base.check_whole(self, 0, **{name: order for name, order in orders.items() if order is not None})
         base.check_whole(self, 1, filters=self.filters)
         for setting in ("delay", "threshold"):
             value = getattr(self, setting)
@@ -109,15 +109,15 @@ class Scheduled(base.Method):
         )
 
     def _fit(self, ensemble: Ensemble) -> tuple[Fit, dict[int, float]]:
-        """Fit with the direction of stretch that predicts folds better, and what each predicts, in per cent."""
-        structure, best, shares = self._structure(ensemble), None, dict[int, float]()
-        for direction in (1, -1) if self.reflex else (1,):
-            found = fitted(structure.stretched(direction), ensemble)
-            shares[direction] = float(found.held_out.mean())
-            if best is None or shares[direction] > shares[1]:
-                best = found
-        assert best is not None
-        return best, shares
+        """Fit with the orders and the direction of stretch that predict folds best, and each direction's share."""
+        structure = self._structure(ensemble)
+        orders = [ORDERS if each is None else (each,) for each in (self.order, self.reflex_order if self.reflex else 0)]
+        fits = {
+            direction: fitted(structure.stretched(direction), ensemble, *orders)
+            for direction in ((1, -1) if self.reflex else (1,))
+        }
+        shares = {direction: float(fit.held_out.mean()) for direction, fit in fits.items()}
+        return fits[max(shares, key=shares.__getitem__)], shares
 
     def _structure(self, ensemble: Ensemble) -> Structure:
         values, angle = (ensemble.signal(name)[:, ensemble.core] for name in (self.variable, "angle"))
@@ -126,9 +126,11 @@ class Scheduled(base.Method):
             delay, memory = (base.whole_samples(each, ensemble) for each in (self.delay, self.memory))
             decay = self.time_constant * ensemble.sampling_rate
             drive = Stretch(self.threshold)
-            reflex = Reflex(delay, max(1, memory), self.filters, decay, self.reflex_order + 1, drive)
+            degrees = 1 + (ORDERS[-1] if self.reflex_order is None else self.reflex_order)
+            reflex = Reflex(delay, max(1, memory), self.filters, decay, degrees, drive)
         limits = float(values.min()), float(values.max())
-        sizes = self._lags(ensemble), self.order + 1, self.rest_order + 1
+        degrees = 1 + (ORDERS[-1] if self.order is None else self.order)
+        sizes = self._lags(ensemble), degrees, self.rest_order + 1
         return Structure(self.variable, limits, float(angle.mean()), *sizes, reflex)
 
     @abstractmethod
@@ -155,10 +157,11 @@ class ScheduledIRF(Scheduled):
     variable
         Channel with the scheduling variable, in any unit.
     order
-        Degree p of the polynomials. Too high an order fits what is in the record, and fails wherever else the variable
-        goes: ``tuned`` chooses one by folds.
+        Degree p of the polynomials. If None, that of 0 to 10 which predicts folds best; ``order`` among the
+        diagnostics' details is the one chosen. Too low an order is biased, which no band counts. Too high an order fits
+        the record, and fails wherever else the variable goes.
     reflex, reflex_order
-        Whether there is a reflex pathway, and q. A reflex that is left out is taken for stiffness.
+        Whether there is a reflex pathway, and q, chosen as p is. A reflex that is left out is taken for stiffness.
     rest_order
         Degree of the polynomial for the torque at rest, :math:`y_0`. Two things make that follow the variable: a torque
         that the variable causes by itself, and an angle that does not count from where the joint is at rest, which adds
@@ -252,32 +255,24 @@ class ScheduledImpedance(Scheduled):
 
 
 def evidence_by_folds(method: Scheduled, ensemble: Ensemble) -> Evidence:
-    """Orders of the polynomials, of both pathways alike, by what they predict of folds of consecutive time."""
-    tried = [{"order": method.order, "reflex_order": method.reflex_order}]
-    tried += [both for order in ORDERS if (both := {"order": order, "reflex_order": order}) not in tried]
-    found, possible = [method._fit(ensemble)[0].held_out], tried[:1]
-    for settings in tried[1:]:
-        with suppress(InputError):  # too few samples for so many coefficients
-            other = replace(method, order=settings["order"], reflex_order=settings["reflex_order"])
-            found.append(other._fit(ensemble)[0].held_out)
-            possible.append(settings)
-    folds = np.array(found)
-    values = folds.mean(axis=1)
-    best = int(np.argmax(values))
-    chosen = best if values[best] > values[0] + CLEARLY else 0
-    orders = [settings["order"] for settings in possible]
+    """Orders of the polynomials by what they predict of folds of consecutive time."""
+    fits = [each._fit(ensemble)[0] for each in (method, replace(method, order=None, reflex_order=None))]
+    given, best = (fit.structure.orders for fit in fits)
+    tried = {given: fits[0].held_out} | fits[1].tried
+    folds = np.array(list(tried.values()))
     return Evidence(
         criterion=f"variance accounted for in {FOLDS} folds of consecutive time",
         unit="%",
         better="higher",
-        tried=tuple(possible),
-        values=values,
+        tried=tuple({"order": order, "reflex_order": reflex_order} for order, reflex_order in tried),
+        values=folds.mean(axis=1),
         standard_errors=(folds - folds[0]).std(axis=1, ddof=1) / np.sqrt(FOLDS),
-        chosen=chosen,
+        chosen=list(tried).index(best),
         axis="order",
-        positions=np.array(orders, dtype=np.float64),
-        lines=("",) * len(possible),
-        edges=edge_of("order", orders[chosen], orders) if chosen and orders[chosen] else (),
+        positions=np.array([order for order, _ in tried], dtype=np.float64),
+        lines=tuple(f"reflex of order {reflex_order}" for _, reflex_order in tried)
+        if method.reflex
+        else ("",) * len(tried),
     )
 
 
@@ -291,9 +286,15 @@ def _details(fit: Fit, shares: Mapping[int, float]) -> dict[str, float]:
     details |= {f"vaf_{name}": _explained(rows.torque, torque) for name, torque in zip(names, torques[1:], strict=True)}
     details |= {"vaf_folds": float(fit.held_out.mean()), "vaf_worst_fold": float(fit.held_out.min())}
     details |= dict(zip(("scheduling_low", "scheduling_high"), fit.structure.limits, strict=True))
+    order, reflex_order = map(float, fit.structure.orders)
+    details |= {"order": order}
     if fit.structure.reflex is not None:
         direction = fit.structure.reflex.drive.direction
-        details |= {"direction": float(direction), "vaf_folds_other_direction": shares[-direction]}
+        details |= {
+            "reflex_order": reflex_order,
+            "direction": float(direction),
+            "vaf_folds_other_direction": shares[-direction],
+        }
     return details
 
 
@@ -316,10 +317,15 @@ def _warnings(fit: Fit, details: dict[str, float]) -> Iterator[str]:
     if details["vaf"] - details["vaf_folds"] > LOST:
         yield (
             f"of the torque {details['vaf']:.1f} % is explained, but only {details['vaf_folds']:.1f} % of folds of "
-            "consecutive time that were not fitted to: the order is too high for this record; use a lower one (tuned)"
+            "consecutive time that were not fitted to: the order is too high for this record; use a lower one"
         )
     elif details["vaf_folds"] < POOR:
         yield f"only {details['vaf_folds']:.1f} % of the torque is explained in folds that were not fitted to"
+    if len(fit.tried) > 1 and fit.structure.degrees >= ORDERS[-1]:
+        yield (
+            f"of all orders tried, {fit.structure.degrees - 1} predicts best: the joint changes faster with {name} "
+            "than polynomials follow, and the bands do not count that"
+        )
 
 
 def _at_rest(fit: Fit, ensemble: Ensemble, grid: Array, stiffness: Estimate) -> Iterator[str]:

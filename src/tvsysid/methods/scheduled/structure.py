@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from tvsysid.estimates import IMPEDANCE
@@ -77,6 +78,28 @@ class Structure:
     def counts(self) -> tuple[int, ...]:
         """Degrees of each intrinsic signal."""
         return (self.degrees,) * (2 * self.lags + 1) if self.lags else (self.degrees, self.degrees, 1)
+
+    @property
+    def orders(self) -> tuple[int, int]:
+        """Orders of the polynomials of the intrinsic and of the reflex pathway."""
+        return self.degrees - 1, self.reflex.degrees - 1 if self.reflex else 0
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Columns at rest, of the intrinsic and of the reflex torque."""
+        return self.rest, sum(self.counts), *([self.reflex.filters * self.reflex.degrees] if self.reflex else [])
+
+    def of_orders(self, order: int, reflex_order: int) -> Structure:
+        """The same with polynomials of other orders."""
+        reflex = self.reflex and replace(self.reflex, degrees=reflex_order + 1)
+        return replace(self, degrees=order + 1, reflex=reflex)
+
+    def within(self, order: int, reflex_order: int) -> NDArray[np.bool_]:
+        """Which columns polynomials of these orders have, (column,)."""
+        kept = [np.ones(self.rest, dtype=bool), *(np.arange(count) <= order for count in self.counts)]
+        if self.reflex is not None:
+            kept.append(np.tile(np.arange(self.reflex.degrees) <= reflex_order, self.reflex.filters))
+        return np.concatenate(kept)
 
     def polynomials(self, values: Array) -> Array:
         """Chebyshev polynomials of values of the variable, (..., degree), as many as the highest needs."""

@@ -121,7 +121,7 @@ def _smeared(line: Line, axis: Axis, known: Hypotheses = ()) -> list[Candidate]:
     axis = line.axis._replace(taps=axis.taps, jitter=axis.jitter)
     prior = 0.0 if axis == line.axis else -math.log(1 + len(JITTERS))
     found = _found(replace(line, axis=axis), known=known)
-    return [replace(each, evidence=each.evidence + prior) for each in found]
+    return [each._replace(evidence=each.evidence + prior) for each in found]
 
 
 def averaged_beside(line: Line, other: Averaged, known: Hypotheses = ()) -> Averaged:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -25,8 +24,7 @@ class Hypothesis(NamedTuple):
     positions: Array
 
 
-@dataclass(frozen=True, eq=False)
-class Candidate:
+class Candidate(NamedTuple):
     """A smooth part, switches and the prior of their sizes; ``evidence`` is the log of it all with the prior."""
 
     smooth: Smooth

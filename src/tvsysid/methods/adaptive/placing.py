@@ -98,13 +98,11 @@ def distance(line: Line, positions: Array, other: float | Array) -> Array:
     return np.minimum(apart, line.axis.times - apart) if line.axis.periodic else apart
 
 
-def best_sizes(smooth: Smooth, columns: Columns) -> tuple[Sizes, float]:
-    """Prior of sizes that suits some switches best, and their log evidence."""
-    products = smooth.products(columns)
-    gram = products.between(products)
-    evidence = jumps_of_every_size(gram, products.cross, smooth.line.axis.periodic)
+def best_sizes(switches: Products, periodic: bool) -> tuple[Sizes, float]:
+    """Return the prior of sizes that suits some switches best, and their log evidence."""
+    evidence = jumps_of_every_size(switches.between(switches), switches.cross, periodic)
     best = int(np.argmax(evidence))
-    return every_sizes(smooth.line.axis.periodic)[best], float(evidence[best])
+    return every_sizes(periodic)[best], float(evidence[best])
 
 
 def refined(found: Found, windows: Windows) -> Placed:
@@ -113,16 +111,19 @@ def refined(found: Found, windows: Windows) -> Placed:
     own = smooth.products(line.columns(np.array(found.positions)))
     if not count:
         return Placed(found.positions, own.columns, (), (), 0.0)
-    sizes = best_sizes(smooth, own.columns)[0]
+    sizes = best_sizes(own, line.axis.periodic)[0]
     shares, volumes = [np.ones(1)] * count, np.full(count, math.log(windows.resolved))
     positions = own.columns.positions
-    about = list(positions[:, None])
+    about, tried = list(positions[:, None]), dict[int, tuple[float, ...]]()
     for _ in range(SWEEPS if count > 1 else 1):
-        before = positions.copy()
         for place in range(count):
-            others = own.take(np.delete(np.arange(count), place))
+            rest = [other for other in range(count) if other != place]
+            setting = round(positions[place]), *positions[rest]
+            if tried.get(place) == setting:  # nothing has moved since
+                continue
+            tried[place] = setting
             window = windows.beside(positions[place], smooth)
-            value = _values(window, others, sizes, line)
+            value = _values(window, own.take(np.array(rest, dtype=np.intp)), sizes, line)
             best = int(np.argmax(value))
             if not np.isfinite(value[best]):  # others are too close everywhere
                 continue
@@ -131,8 +132,6 @@ def refined(found: Found, windows: Windows) -> Placed:
             share = np.exp(value - value[best])
             volumes[place] = math.log(float(share.sum()) * windows.resolved)
             shares[place] = share / share.sum()
-        if np.all(positions == before):
-            break
     order = np.argsort(positions)
     columns = own.columns.take(order)
     volume = float(volumes.sum())
@@ -156,8 +155,8 @@ def total(placed: Placed, smooth: Smooth) -> float:
     count = len(placed.positions)
     if not count:
         return smooth.score
-    times = math.log(smooth.line.axis.times)
-    return smooth.score + best_sizes(smooth, placed.columns)[1] + placed.log_volume - count * times
+    axis, products = smooth.line.axis, smooth.products(placed.columns)
+    return smooth.score + best_sizes(products, axis.periodic)[1] + placed.log_volume - count * math.log(axis.times)
 
 
 def simplified(placed: Placed, smooth: Smooth, windows: Windows) -> Placed:

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.methods.adaptive.evidence import Columns, Line, Products, Sizes, Smooth, jumps_of_every_size, one_more
-from tvsysid.methods.adaptive.placing import APART, Found, Windows, distance, refined, together
+from tvsysid.methods.adaptive.evidence import Columns, Line, Products, Sizes, Smooth, one_more
+from tvsysid.methods.adaptive.placing import APART, Found, Windows, best_sizes, distance, refined, together
 from tvsysid.methods.adaptive.prior import SIZES
 from tvsysid.numerics import Array
 
@@ -114,8 +114,8 @@ class Walk:
         if not places:
             return self.smooth.score
         steps = self.at(places)[0]
-        best = jumps_of_every_size(steps.between(steps), steps.cross, self.grid.line.axis.periodic).max()
-        return self.smooth.score + float(best) - len(places) * self.grid.log_positions
+        best = best_sizes(steps, self.grid.line.axis.periodic)[1]
+        return self.smooth.score + best - len(places) * self.grid.log_positions
 
     def scan(self, places: tuple[float, ...]) -> tuple[float, float]:
         """Best score of a set and one switch more, and where that is."""

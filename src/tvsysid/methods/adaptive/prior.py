@@ -73,7 +73,7 @@ class Axis(NamedTuple):
     def late(self, positions: Array) -> Array:
         """Samples by which times are later than positions (time, position): at most half of them where they repeat."""
         late = np.arange(self.times)[:, None] - positions
-        return np.asarray(np.mod(late + self.times / 2, self.times) - self.times / 2 if self.periodic else late)
+        return np.asarray(late - self.times * np.floor(late / self.times + 0.5) if self.periodic else late)
 
     def sharp(self, late: Array) -> Array:
         """Steps of 1, so many samples late; a sawtooth that jumps by 1 where the end goes on at the beginning."""

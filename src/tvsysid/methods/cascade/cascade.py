@@ -167,9 +167,7 @@ class JointCascade(base.Method):
     def solved(self, ensemble: Ensemble, shown_one: str | None = None) -> Solutions:
         """Return the solutions with each reflex and without one, and the chosen one; only one where it is known."""
         search = self._search(ensemble)
-        if shown_one:
-            search = search._replace(drives={shown_one: search.drives[shown_one]})
-        fits = search.fits(self.constant)
+        fits = search.fits(self.constant, (shown_one,) if shown_one else ("none", *search.drives))
         name, shown = (shown_one, True) if shown_one else self._shown(ensemble, fits)
         found = search.refined(name, fits) if shown else search.unshown(name, fits)
         return search, fits, result.Chosen(name, shown, found, self.emg)

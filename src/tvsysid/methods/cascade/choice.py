@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import NamedTuple, Self
 
@@ -90,12 +90,11 @@ class Search(NamedTuple):
         reflex = Reflex(self.drives[name], basis, self.period, self.ensemble.sampling_rate, data.fitted)
         return Problem.of(data, reflex, self.free[name] if free is None else free)
 
-    def fits(self, constant: bool | None) -> dict[str, Candidate]:
-        """Solution with each reflex, and without one; None chooses whether they are constant."""
+    def fits(self, constant: bool | None, names: Iterable[str]) -> dict[str, Candidate]:
+        """Solution with each of some reflexes, or without one ("none"); None chooses whether they are constant."""
         still = self.data.constant()
-        shapes = {"none": first_shapes(self.delay, ())[0]}
-        for name in self.drives:
-            shapes[name] = self.problem(name, still).started(first_shapes(self.delay, self.free[name])).shape
+        first = {name: first_shapes(self.delay, self.free.get(name, ())) for name in names}
+        shapes = {name: self.problem(name, still).started(each).shape for name, each in first.items()}
         varying = self.data.varies and not constant
         known = self._noise(shapes, self.data if varying else still)
         found = {name: self.candidate(name, still.counting(*known), shape) for name, shape in shapes.items()}

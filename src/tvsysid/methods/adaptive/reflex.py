@@ -112,4 +112,4 @@ def with_reflex(ensemble: Ensemble, known: JointCascadeModel | None = None) -> W
             return None
     except InputError:  # realizations are too short
         return None
-    return WithReflex.of(search, chosen, model(repr(method), search, fits, chosen))
+    return WithReflex.of(search, chosen, model(repr(method), search, fits, chosen, only_gain=True))

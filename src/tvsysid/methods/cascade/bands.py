@@ -21,13 +21,15 @@ LONGEST = 60  # samples up to which the noise's autocorrelation counts
 
 
 class Covariance(NamedTuple):
-    """Of the columns' coefficients, and then of the free numbers of the shape; with its degrees of ``freedom``."""
+    """Of the columns' coefficients from the ``first`` on, and then of the free numbers of the shape."""
 
     matrix: Array
     freedom: float
+    first: int
 
     def error(self, features: Array, known: NDArray[np.bool_], start: int) -> StandardError:
         """Standard error of sums of coefficients from ``start`` on, with features (time, coefficient), where known."""
+        start -= self.first
         stop = start + features.shape[1]
         covariance = self.matrix[start:stop, start:stop]
         variance = np.einsum("tj,jk,tk->t", features, covariance, features, optimize=True)
@@ -35,8 +37,8 @@ class Covariance(NamedTuple):
         return StandardError(values, np.array(self.freedom), arc_length(features, covariance))
 
 
-def covariance_of(problem: Problem, found: Found, left: Array) -> Covariance:
-    r"""Sandwich covariance of a solution that ``left`` something of the torque (realization, time).
+def covariance_of(problem: Problem, found: Found, left: Array, first: int = 0) -> Covariance:
+    r"""Sandwich covariance of a solution's coefficients from the ``first`` on; it ``left`` some torque.
 
     .. math:: H^{-1} \left(\Phi^T \Sigma \Phi + \sigma^4 P^{-1}\right) H^{-1}, \qquad
               H = \Phi^T \Phi + \sigma^2 P^{-1}
@@ -51,10 +53,13 @@ def covariance_of(problem: Problem, found: Found, left: Array) -> Covariance:
     shape = np.array([TERMS[name].spread for name in problem.free]) ** 2
     weight = np.concatenate([1 / found.spread**2, noise / shape])
     freedom = max(1.0, problem.data.number - found.solved.effective - len(shape))
-    coloured = _coloured(problem, further, scale, _spectrum(left, freedom))
-    inverse = np.linalg.inv(gram + np.diag(weight))
-    matrix = inverse @ (problem.data.share**2 * coloured + noise * np.diag(weight)) @ inverse
-    return Covariance(matrix / np.outer(scale, scale), freedom)
+    inverse = np.linalg.inv(gram + np.diag(weight))[first:] / scale[first:, None]
+    weights = inverse / scale
+    coloured = _coloured(problem, further, len(scale), weights if first else None, _spectrum(left, freedom))
+    if not first:
+        coloured = weights @ coloured @ weights.T
+    matrix = problem.data.share**2 * coloured + noise * (inverse * weight) @ inverse.T
+    return Covariance(matrix, freedom, first)
 
 
 def _spectrum(left: Array, freedom: float) -> Array:
@@ -70,9 +75,10 @@ def _spectrum(left: Array, freedom: float) -> Array:
     return np.asarray(np.maximum(rfft(both).real, 0.0))
 
 
-def _coloured(problem: Problem, further: Columns, scale: Array, power: Array) -> Array:
-    """Products of all columns with each other, weighted by the noise's autocovariance at their distance."""
-    data, count = problem.data, len(scale)
+def _coloured(problem: Problem, further: Columns, every: int, mixture: Array | None, power: Array) -> Array:
+    """Products of the columns, or of mixtures of them, weighted by the noise's autocovariance at their distance."""
+    data = problem.data
+    count = every if mixture is None else len(mixture)
     size = 2 * (len(power) - 1)
     times = data.torque.shape[1]
     out = np.zeros((count, count), order="F")
@@ -80,9 +86,10 @@ def _coloured(problem: Problem, further: Columns, scale: Array, power: Array) ->
     twice = np.full(len(power), 2.0)
     twice[[0, -1]] = 1.0
     weights = np.sqrt(power * twice / size)
-    for rows in row_blocks(len(data.torque), count * times):
-        columns = np.concatenate([data.modulated(rows), further(rows)]) / scale[:, None, None]
-        spectra = rfft(columns, size, axis=-1) * weights
+    for rows in row_blocks(len(data.torque), every * times):
+        columns = np.concatenate([data.modulated(rows), further(rows)])
+        mixed = columns if mixture is None else np.tensordot(mixture, columns, axes=1)
+        spectra = rfft(mixed, size, axis=-1) * weights
         flat = spectra.view(np.float64).reshape(count, -1)
         out = blas.dsyrk(1.0, flat.T, beta=1.0, c=out, trans=1, lower=1, overwrite_c=1)
     return np.asarray(np.tril(out) + np.tril(out, -1).T)

@@ -105,8 +105,10 @@ class Intrinsic(NamedTuple):
         return cls(weights, np.stack(over_time[1:3], axis=1), float((every[0] @ coefficients).mean()), values)
 
 
-def model(method: str, search: Search, fits: Mapping[str, Candidate], chosen: Chosen) -> JointCascadeModel:
-    """Model of the reflex chosen if it is shown, else of none; the reflex's gain is stated in both cases."""
+def model(
+    method: str, search: Search, fits: Mapping[str, Candidate], chosen: Chosen, only_gain: bool = False
+) -> JointCascadeModel:
+    """Model of the reflex chosen if it is shown, else of none; the gain is stated in both, with ``only_gain`` alone."""
     ensemble, rate = search.ensemble, search.ensemble.sampling_rate
     used = chosen.fit if chosen.shown else fits["none"]
     stated = ({} if chosen.shown else {"none": used}) | {chosen.name: chosen.fit}
@@ -115,14 +117,18 @@ def model(method: str, search: Search, fits: Mapping[str, Candidate], chosen: Ch
     known = np.asarray(used.problem.data.fitted.any(axis=0))
     torques = used.problem.torques(used.found)
     left = used.problem.data.torque - np.sum(torques, axis=0)
-    sure = covariance_of(used.problem, used.found, left)
+    start = len(chosen.fit.problem.data.own.cross)
+    sure = covariance_of(used.problem, used.found, left, start if only_gain else 0)
     reflex_sure = sure if chosen.shown else covariance_of(chosen.fit.problem, chosen.fit.found, left)
     estimates = {
-        name: Estimate(np.where(known, values, np.nan), UNITS[name], error=sure.error(features, known, first))
+        name: Estimate(
+            np.where(known, values, np.nan),
+            UNITS[name],
+            error=None if only_gain else sure.error(features, known, first),
+        )
         for name, values, (features, first) in intrinsic.estimated
     }
     gain, basis = _gain(chosen.fit, ensemble.time)
-    start = len(chosen.fit.problem.data.own.cross)
     unit = "N m/V" if chosen.emg else UNITS["reflex_gain"]
     error = reflex_sure.error(basis, known, start)
     estimates["reflex_gain"] = Estimate(np.where(known, gain, np.nan), unit, error=error)

@@ -134,7 +134,7 @@ def model(
     estimates["reflex_gain"] = Estimate(np.where(known, gain, np.nan), unit, error=error)
     response, reflex_lags = _reflex_response(search, chosen)
     details = _details(fits, chosen, torques, reflex_sure) | {"stiffness_fitted": intrinsic.fitted_stiffness}
-    texts = tuple(_warnings(chosen, details, estimates))
+    texts = () if only_gain else tuple(_warnings(chosen, details, estimates))
     nan = np.where(known, 1.0, np.nan)[:, None]
     return JointCascadeModel(
         method=method,

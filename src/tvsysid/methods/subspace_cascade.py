@@ -173,12 +173,12 @@ class SubspaceCascade(Method):
         pieces = [piece for piece in (line.core() for line in lines) if len(piece.output) >= 2 * depth]
         found = subspace.dynamics(pieces, depth, self.order)
         rows = subspace.joined([subspace.rows_of(piece, found) for piece in pieces])
-        response = subspace.project(rows).response
-        rest = [piece._replace(output=piece.output - piece.regressors() @ response) for piece in pieces]
+        left = subspace.project(rows)
+        rest = [piece._replace(output=piece.output - piece.regressors() @ left.response) for piece in pieces]
         reflex = subspace.dynamics(rest, depth, found.order, lagged=False)
         later = subspace.joined([subspace.rows_of(piece, reflex) for piece in pieces])
         sizes = [len(piece.output) for piece in pieces]
-        whole = fit(rows, later, reflex, sizes, ensemble.sampling_rate)
+        whole = fit(rows, left, later, reflex, sizes, ensemble.sampling_rate)
         fits: list[Fit | None] = [whole]
         between = np.ones((ensemble.samples, 1))
         if self.window is not None:
@@ -215,7 +215,7 @@ class SubspaceCascade(Method):
                 )
                 for of in whole
             )
-            fits.append(fit(rows, later, reflex, sizes, ensemble.sampling_rate, weights))
+            fits.append(fit(rows, subspace.project(rows), later, reflex, sizes, ensemble.sampling_rate, weights))
         return fits, between
 
     def _model(
@@ -288,6 +288,7 @@ class Fit(NamedTuple):
 
 def fit(
     rows: subspace.Rows,
+    left: subspace.Rows,
     later: subspace.Rows,
     dynamics: subspace.Dynamics,
     sizes: Sequence[int],
@@ -296,10 +297,9 @@ def fit(
 ) -> Fit:
     """Both pathways of samples in which the joint is constant: so many in each stretch, one after the other.
 
-    The intrinsic response is that of ``rows``; the reflex, with these ``weights`` or its own, is fitted to what that
-    leaves of ``later``, of which ``dynamics`` are the poles.
+    ``left`` are the projected ``rows``, which give the intrinsic response. The reflex, with these ``weights`` or its
+    own and the poles of ``dynamics``, is fitted to what that response leaves of ``later``.
     """
-    left = subspace.project(rows)
     response, count = left.response, len(left.output)
     rest = later._replace(output=later.output - later.signals @ response)
     if weights is None:

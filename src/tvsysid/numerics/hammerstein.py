@@ -57,7 +57,16 @@ class LaggedProducts(NamedTuple):
 
 
 def lagged_products(signals: Array, output: Array) -> LaggedProducts:
-    r"""Sums of products of lagged signals (signal, realization, before + time), with an output (realization, time).
+    """Sums of products of lagged signals (signal, realization, before + time), with an output (realization, time)."""
+    times = output.shape[1]
+    late = sliding_window_view(signals, times, axis=2)[:, :, ::-1]  # (signal, realization, lag, time)
+    cross = [late[:, :, lag].reshape(len(signals), -1) @ output.ravel() for lag in range(late.shape[2])]
+    gram = lagged_gram(signals, late.shape[2] - 1)
+    return LaggedProducts(gram, np.stack(cross, axis=1), float(np.sum(output * output)), output.size)
+
+
+def lagged_gram(signals: Array, before: int) -> Array:
+    r"""Sums of products of lagged signals (signal, realization, before + time) with each other.
 
     .. math:: G_{ki,lj} = \sum_{r,t} u_{kr}(t - i)\, u_{lr}(t - j), \qquad 0 \le i, j \le before
 
@@ -65,12 +74,11 @@ def lagged_products(signals: Array, output: Array) -> LaggedProducts:
     that all follow from those with lag 0; no matrix of lagged signals is built.
     """
     count, _, length = signals.shape
-    times = output.shape[1]
-    before = length - times
-    late = sliding_window_view(signals, times, axis=2)[:, :, ::-1]  # (signal, realization, lag, time)
+    times = length - before
     now = signals[:, :, before:].reshape(count, -1)
-    with_now = np.stack([now @ late[:, :, lag].reshape(count, -1).T for lag in range(before + 1)])
-    cross = np.stack([late[:, :, lag].reshape(count, -1) @ output.ravel() for lag in range(before + 1)], axis=1)
+    with_now = np.stack(
+        [now @ signals[:, :, before - lag : length - lag].reshape(count, -1).T for lag in range(before + 1)]
+    )
     gram = np.empty((count, before + 1, count, before + 1))
     gram[:, 0] = with_now.transpose(1, 2, 0)
     gram[:, :, :, 0] = with_now.transpose(2, 0, 1)
@@ -81,7 +89,7 @@ def lagged_products(signals: Array, output: Array) -> LaggedProducts:
     change = (entering @ entering.T - leaving @ leaving.T).reshape(count, before, count, before)
     for lag in range(before):
         gram[:, lag + 1, :, 1:] = gram[:, lag, :, :-1] + change[:, lag]
-    return LaggedProducts(gram, cross, float(np.sum(output * output)), output.size)
+    return gram
 
 
 def response(gram: Array, cross: Array, square: float, samples: int) -> Solution:

@@ -7,18 +7,25 @@ input of a piece still does is estimated as the free response of its initial sta
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import ArrayLike
-from scipy.linalg import qr
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import cholesky, solve_triangular
 from scipy.signal import lfilter
 
 from tvsysid.numerics import Array
+from tvsysid.numerics.hammerstein import lagged_gram
 
+Indices = NDArray[np.int64]
 ROUNDING = 1e-9  # share of the largest singular value below which a direction of the inputs is rounding
-ROWS = 8192  # of a Hankel matrix that are made at once
+ROWS = 2048  # of a Hankel matrix that are made at once
+SHIFT = 1e-13  # of products of unit columns, so that they have a Cholesky factor
+WEAK = 300.0  # coefficients of a combination of unit columns that the columns' products do not tell well enough
+REFINED = 1e-8  # as COLLINEAR, of products of such combinations: 1e-10 of the columns themselves
+COLLINEAR = 1e-12  # eigenvalue of products of unit columns below which a direction is rounding
 SLOWEST = 0.999  # size of a pole at most
 TINY = 1e-12  # relative change of the error at which the alternation ends
 ROUNDS = 1000  # of the alternation at most
@@ -118,11 +125,7 @@ def dynamics(pieces: Sequence[Piece], horizon: int, order: int | None = None, la
     ``order`` is the number of poles; None takes that after which the singular values fall most. The ``lagged`` signals
     are among the inputs where the short path is still in the output.
     """
-    triangle, columns = _triangle(pieces, horizon, lagged)
-    parts = np.split(triangle, [columns, 2 * columns], axis=1)
-    known = _span(parts[0])
-    earlier = _span(parts[1] - known @ (known.T @ parts[1]))
-    left, singular, _ = np.linalg.svd(parts[2].T @ earlier, full_matrices=False)
+    left, singular, _ = np.linalg.svd(_from_past(pieces, horizon, lagged), full_matrices=False)
     if order is None:
         candidates = singular[: horizon // 2 + 1]
         order = 1 + int(np.argmax(candidates[:-1] / np.maximum(candidates[1:], ROUNDING * singular[0])))
@@ -160,7 +163,7 @@ def project(rows: Rows) -> Rows:
     are the least squares of what is left, the response of the short path whatever numerator and weights the system has:
     U are the lagged signals, :math:`\Phi` the answers.
     """
-    answers = _span(rows.answers, scaled=True)
+    answers = _basis(rows.answers)
     return rows._replace(
         signals=rows.signals - answers @ (answers.T @ rows.signals),
         output=rows.output - answers @ (answers.T @ rows.output),
@@ -174,10 +177,10 @@ def weights_of(rows: Rows, found: Dynamics) -> Array:
     coefficients of all inputs through all systems, until the error does not fall any more. The first weight that is not
     zero is positive.
     """
-    orthogonal, triangle = np.linalg.qr(rows.answers)
-    target = orthogonal.T @ rows.output
-    product = triangle.reshape(len(triangle), found.order + 1, -1)
-    start = np.linalg.lstsq(triangle, target, rcond=ROUNDING)[0].reshape(product.shape[1:])
+    basis = _basis(rows.answers)
+    target, product = basis.T @ rows.output, basis.T @ rows.answers
+    start = np.linalg.lstsq(product, target, rcond=ROUNDING)[0].reshape(found.order + 1, -1)
+    product = product.reshape(len(target), *start.shape)
     weights = np.linalg.svd(start, full_matrices=False)[2][0]
     total, error = float(target @ target), np.inf
     for _ in range(ROUNDS):
@@ -200,54 +203,78 @@ def hammerstein(rows: Rows, found: Dynamics, weights: Array) -> Hammerstein:
     return Hammerstein(weights, numerator, found.denominator, rows.output - columns @ numerator)
 
 
-def _triangle(pieces: Sequence[Piece], horizon: int, lagged: bool) -> tuple[Array, int]:
-    """Triangle R of [future inputs, past inputs, future outputs] = QR, and how many columns each of the inputs has."""
-    rows: list[Array] = []  # a triangle, and what is not folded into it yet
-    for block in _hankel(pieces, horizon, lagged):
-        rows.append(block)
-        if sum(map(len, rows)) >= ROWS:
-            rows = [_folded(rows)]
-    triangle = _folded(rows)
-    return triangle, (triangle.shape[1] - horizon) // 2
+def _from_past(pieces: Sequence[Piece], horizon: int, lagged: bool) -> Array:
+    """Future outputs (sample, direction) along what past inputs add to the directions of future ones.
+
+    A part of the triangle R of [future inputs, past inputs, future outputs] = QR, from products of all columns; where
+    inputs are nearly collinear, from products of nearly orthonormal combinations of columns.
+    """
+    groups = _alike(pieces, lagged)
+    count, twice = len(groups[0]), 2 * pieces[0].lags * lagged
+    lags, signal = np.arange(2 * horizon + twice), np.arange(count)[:, None]
+    end = horizon + np.where(signal == count - 1, twice, 0)  # samples that are future ones are not past ones too
+    inputs = [np.flatnonzero((signal > 0) & each) for each in (lags < end, (lags >= end) & (lags < end + horizon))]
+    columns = np.concatenate([*inputs, np.arange(horizon)[::-1]])
+    gram = reduce(np.add, (lagged_gram(each, len(lags) - 1) for each in groups)).reshape(2 * (count * len(lags),))
+    gram, known = gram[np.ix_(columns, columns)], len(columns) - horizon
+    size = np.sqrt(np.diag(gram))
+    size[known:] = size[known:].max()
+    size[size == 0] = 1.0
+    first = cholesky(gram / np.outer(size, size) + SHIFT * np.eye(len(size)))
+    own, outputs = first[:known, :known], first[:known, known:]
+    inverse = solve_triangular(own, np.eye(known))
+    weak = np.linalg.norm(inverse, axis=0) > WEAK
+    products = np.eye(known) - SHIFT * inverse.T @ inverse
+    if weak.any():
+        combined = np.zeros((count * len(lags), weak.sum()))
+        combined[columns[:known]] = inverse[:, weak] / size[:known, None]
+        cross = reduce(np.add, (rows.T @ (rows @ combined) for rows in _hankel(groups, len(lags))))[columns]
+        cross /= size[:, None]
+        products[:, weak] = inverse.T @ cross[:known]
+        products[weak], outputs[weak] = products[:, weak].T, cross[known:].T
+    future = len(inputs[0])
+    basis = _whitener(products[:future, :future], REFINED)
+    explained = products[future:, :future] @ basis
+    whitener = _whitener(products[future:, future:] - explained @ explained.T, REFINED)
+    return np.asarray((outputs[future:] - explained @ (basis.T @ outputs[:future])).T @ whitener)
 
 
-def _folded(blocks: Sequence[Array]) -> Array:
-    """Triangle of rows; the rows may be a triangle of others, and further ones."""
-    rows = np.concatenate(blocks)
-    return np.asarray(qr(rows, mode="r", overwrite_a=True, check_finite=False)[0][: rows.shape[1]])
-
-
-def _hankel(pieces: Sequence[Piece], horizon: int, lagged: bool) -> Iterator[Array]:
-    """Rows of the Hankel matrices, some at a time."""
-    size = np.sqrt(np.mean([np.mean(piece.lagged**2) for piece in pieces])) or 1.0
-    for piece in pieces:
-        signals = [(piece.inputs, horizon)]
+def _alike(pieces: Sequence[Piece], lagged: bool) -> list[Array]:
+    """Output, inputs and, if asked for, lagged signal (signal, piece, time) of pieces that are equally long."""
+    found = []
+    for samples in sorted({len(piece.output) for piece in pieces}):
+        alike = [piece for piece in pieces if len(piece.output) == samples]
+        signals = np.stack([np.vstack([piece.output, piece.inputs.T]) for piece in alike], axis=1)
         if lagged:
-            signals.append((piece.lagged[:, None] / size, horizon + 2 * piece.lags))
-        count = len(piece.output) - 2 * horizon + 1
-        for first in range(0, count, ROWS):
-            rows = slice(first, min(first + ROWS, count))
-            later = slice(rows.start + horizon, rows.stop + horizon)
-            inputs = [_windows(values, width, part) for part in (later, rows) for values, width in signals]
-            yield np.concatenate([*inputs, _windows(piece.output[:, None], horizon, later)], axis=1)
+            early = np.pad(signals, ((0, 0), (0, 0), (2 * pieces[0].lags, 0)))
+            signals = np.concatenate([early, [[piece.lagged for piece in alike]]])
+        found.append(signals)
+    return found
 
 
-def _windows(values: Array, width: int, rows: slice) -> Array:
-    """Samples from each row on, (row, width * column)."""
-    windows = sliding_window_view(values[rows.start : rows.stop + width - 1], width, axis=0)
-    return windows.reshape(len(windows), -1)
+def _hankel(groups: Sequence[Array], lags: int) -> Iterator[Array]:
+    """Rows of the Hankel matrices of all signals at so many lags, some at a time."""
+    for signals in groups:
+        for windows in sliding_window_view(signals, lags, axis=2)[..., ::-1].transpose(1, 2, 0, 3):
+            for first in range(0, len(windows), ROWS):
+                yield windows[first : first + ROWS].reshape(-1, len(signals) * lags)
+
+
+def _whitener(gram: Array, least: float = COLLINEAR) -> Array:
+    """Combinations of columns, by their products, that are an orthonormal basis of what they span."""
+    values, vectors = np.linalg.eigh(gram)
+    kept = values > least
+    return np.asarray(vectors[:, kept] / np.sqrt(values[kept]))
 
 
 def _impulse_response(numerator: ArrayLike, denominator: Array, samples: int) -> Array:
     return np.asarray(lfilter(numerator, denominator, np.eye(1, samples)[0]))
 
 
-def _span(columns: Array, scaled: bool = False) -> Array:
-    """Orthonormal basis of what the columns span beyond rounding."""
-    if scaled:
-        size = np.sqrt(np.einsum("ij,ij->j", columns, columns))
-        columns = columns / np.where(size > 0, size, 1.0)
-    if not columns.size:
-        return columns[:, :0]
-    left, singular, _ = np.linalg.svd(columns, full_matrices=False)
-    return np.asarray(left[:, singular > ROUNDING * singular[0]])
+def _basis(columns: Array) -> Array:
+    """Return an orthonormal basis of what columns span, beyond rounding."""
+    size = np.sqrt(np.einsum("ij,ij->j", columns, columns))
+    basis = columns / np.where(size > 0, size, 1.0)
+    for _ in range(2):  # products of columns that are nearly collinear are not accurate enough for one step
+        basis = basis @ _whitener(basis.T @ basis)
+    return basis

@@ -47,8 +47,9 @@ class VelocityPolynomial:
 
 def degrees_of(velocity: Array, limits: tuple[float, float], degree: int) -> Array:
     """Chebyshev polynomials of degree 1 to the highest, less what they are at rest: (..., degree)."""
-    still = chebyshev_of(np.zeros(1), limits, degree + 1)[0]
-    return np.asarray((chebyshev_of(velocity, limits, degree + 1) - still)[..., 1:])
+    degrees = chebyshev_of(velocity, limits, degree + 1)
+    degrees -= chebyshev_of(np.zeros(1), limits, degree + 1)[0]
+    return degrees[..., 1:]
 
 
 def limits_of(velocity: Array) -> tuple[float, float]:

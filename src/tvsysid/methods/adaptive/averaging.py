@@ -12,8 +12,8 @@ import numpy as np
 from tvsysid.methods.adaptive.evidence import Line, Smooth, every_sizes, jumps_of_every_size
 from tvsysid.methods.adaptive.mixture import LIGHTEST, Candidate, Hypothesis, Mixture, mixture_of, path
 from tvsysid.methods.adaptive.placing import Found, Placed, Windows, add, joined, refined, simplified, total
-from tvsysid.methods.adaptive.prior import JITTERS, Axis, Roughness, roughnesses
-from tvsysid.methods.adaptive.search import Grid, first_states, found_sets
+from tvsysid.methods.adaptive.prior import JITTERS, Axis, Roughness, distinct
+from tvsysid.methods.adaptive.search import REACH, Grid, first_states, found_sets
 from tvsysid.numerics import Array
 from tvsysid.numerics.bands import arc_length
 
@@ -84,6 +84,11 @@ class Averaged(NamedTuple):
         """Of all candidates of a kind together."""
         return float(self.probabilities()[[wanted(each) for each in self.every]].sum())
 
+    def plausible(self) -> tuple[Roughness, ...]:
+        """Return the smooth parts that may matter beside a somewhat other viscosity, or stiffness."""
+        least = max(each.evidence for each in self.every) - 2 * REACH
+        return distinct(each.roughness for each in self.every if each.evidence > least)
+
     def arc(self) -> float:
         """Length of the path of the estimate apart from its size, for simultaneous bands."""
         paths = [path(each) for each in self.candidates]
@@ -152,8 +157,7 @@ def _score(best: Candidate, line: Line, axis: Axis) -> float:
 
 def _found(line: Line, others: Placed | None = None, known: Hypotheses = ()) -> list[Candidate]:
     """Everything that may be said of a line, steps being smeared as its axis says; see :func:`averaged_beside`."""
-    likely = {each.roughness[:3] for each in known}
-    smooths = tuple(Smooth(line, each) for each in roughnesses(line.axis) if not known or each[:3] in likely)
+    smooths = tuple(Smooth(line, each) for each in line.roughnesses)
     own = [tied(others, line)] if others is not None and len(others.positions) else []
     if known:
         beside = {smooth.roughness[:3]: smooth for smooth in smooths}
@@ -162,7 +166,7 @@ def _found(line: Line, others: Placed | None = None, known: Hypotheses = ()) -> 
     else:
         grid = Grid(line)
         states = first_states(smooths, grid)
-        if others is not None and not states[0].places:
+        if others is not None and smooths[0].constant and not states[0].places:
             most = max([each.evidence for each in candidates(smooths, own)] + [state.score for state in states[1:]])
             if most < states[0].score - 1:
                 none = Placed(np.zeros(0), line.columns(np.zeros(0)), (), (), 0.0)

@@ -15,9 +15,11 @@ from tvsysid.methods import base
 from tvsysid.methods.cascade import result
 from tvsysid.methods.cascade.choice import HISTORY, SETTLED, Candidate, Drives, Search, by_evidence
 from tvsysid.methods.cascade.regressors import Data, deviations, lagged_signals, unresolved
-from tvsysid.methods.shared.pathways import Stretch, history
+from tvsysid.methods.shared.pathways import history, velocity_of
 from tvsysid.models import Model
 from tvsysid.numerics.bases import FourierSeries
+from tvsysid.numerics.moments import row_blocks
+from tvsysid.numerics.stretch import stretch
 from tvsysid.quality.reflexes import ENOUGH, reflex_test_of
 from tvsysid.quality.statistics import LEAST_REALIZATIONS
 from tvsysid.signals import Array, Ensemble
@@ -208,9 +210,13 @@ class JointCascade(base.Method):
             signal = _past(ensemble, ensemble.signal(self.emg))
             return {"emg": lambda threshold: signal}
 
+        velocity, ratio = velocity_of(ensemble)
+
         @lru_cache(maxsize=REMEMBERED)
         def rectified(direction: int, threshold: float) -> Array:
-            return _past(ensemble, Stretch(threshold, direction)(ensemble))
+            blocks = row_blocks(*velocity.shape)  # that fit into the processor's cache
+            parts = [stretch(velocity[some], ratio, threshold, direction) for some in blocks]
+            return _past(ensemble, np.concatenate(parts))
 
         plain = rectified(1, 0.0) + rectified(-1, 0.0)  # both directions together are not rectified
         return {"linear": lambda threshold: plain} | {name: partial(rectified, s) for name, s in DIRECTIONS.items()}

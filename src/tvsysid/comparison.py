@@ -26,6 +26,7 @@ from tvsysid.methods.travel import pickled
 from tvsysid.metrics import time_varying_vaf, vaf
 from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_known, mean_of
+from tvsysid.numerics.threads import single_thread
 from tvsysid.quality import Diagnosis
 from tvsysid.recommendation import Recommendation, Trust, recommend, trust_in
 from tvsysid.showing import Progress, Shown, reported, summary_html
@@ -165,6 +166,7 @@ class Comparison(Shown, Frozen):
         """``time_varying_vaf`` for pictures: none of a single realization, over which there is no variance."""
         return dict(self.time_varying_vaf) if len(self.ensemble) > 1 else {}
 
+    @single_thread()
     def held_out_vaf(
         self, folds: int = FOLDS, *, progress: Progress | None = None, time_limit: float = TIME_LIMIT
     ) -> dict[str, Array]:
@@ -309,6 +311,7 @@ class Comparison(Shown, Frozen):
         return rows
 
 
+@single_thread()
 def compare(
     ensemble: Ensemble,
     methods: Iterable[str | Identifies] = DEFAULT_METHODS,

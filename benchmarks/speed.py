@@ -1,39 +1,39 @@
-"""Speed and memory of the package, as ratios: run ``python benchmarks/speed.py`` from the repository root.
+"""Speed of the package beside its floors: run ``python benchmarks/speed.py`` from the repository root; two minutes.
 
-Each method identifies 600 s of simulated data on one thread, and is compared in the same run with
+Methods identify simulated data, and a real recording where ``../shared/data`` has it, with BLAS on one thread and with
+its default number of threads. A time is the shortest of several, in ms. Two floors are measured on one thread:
 
-- the plain version of it in :mod:`benchmarks.plain`: a loop over time, or the dense kernel;
-- the one matrix product that it cannot do without;
-- itself on ten times the data, in time and in peak memory.
+- product: the matrix product that the method cannot do without, which is that of its regressors, one for each effective
+  parameter, or for methods that work at each time, of the angle at all times over realizations;
+- plain: the version in :mod:`benchmarks.plain`, a loop over time or the dense kernel.
 
-What a band costs is measured at 150 s: identification with its band against identification alone.
-
-The simulation before it is compared with its random numbers and filters alone. ``--quick`` repeats less, and
-leaves out the longest of the plain versions.
+``--against DIR`` also measures another checkout, on the same data with the same Python, and shows how many times as
+long it takes.
 """
 
 from __future__ import annotations
 
 import argparse
-import statistics
+import json
+import os
+import resource
+import subprocess
 import sys
-import tracemalloc
+import tempfile
 import warnings
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from time import perf_counter, process_time
+from time import perf_counter
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
-from scipy.signal import lfilter
 from threadpoolctl import threadpool_limits
 
-sys.path.insert(0, str(Path(__file__).parents[1]))  # when run as a script
+sys.path.append(str(Path(__file__).parents[1]))  # when run as a script
 
 from benchmarks import plain, special
 
@@ -41,296 +41,191 @@ import tvsysid as tv
 from tvsysid.numerics.bases import evaluate
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 
-Array = NDArray[np.float64]
-Call = Callable[[], Any]
+Measured = dict[str, list[float]]  # processor time and wall time in ms; of a method, its effective parameters too
 
-RATE = 100.0
-RAW_RATE = 1000.0
-PERIOD = 2.0
-DURATION = 600.0
-BAND_DURATION = 150.0
-MOVING = 106.0
-TENFOLD = 6000.0
-LAGS = 12
-HALF = 5
-SEGMENT = 30
-REACH = 25
-"""Samples beyond a realization that the product of all ensemble methods is given: twice the lags, and one."""
-BLOCK = 16384
-"""Samples filtered at once in the bare stages, so that they too stay in the cache."""
-
-PERTURBATIONS = {"filtered noise": tv.simulate.FilteredNoise(), "PRBS": tv.simulate.PRBS()}
-
-
-@dataclass(frozen=True)
-class Case:
-    """A method on a record of so many seconds; its plain version, whether that takes long, who makes its ensemble."""
-
-    name: str
-    method: tv.methods.Method
-    duration: float = DURATION
-    plain: Callable[[tv.Ensemble], Any] | None = None
-    long: bool = False
-    made: Callable[[float], tv.Ensemble] | None = None
+HERE = Path(__file__).parents[1]
+RATE_HZ, RAW_RATE_HZ, PERIOD_S = 100.0, 1000.0, 2.0
+ENOUGH_S = 0.4  # time after which a call is not repeated
+REACH = 25  # samples beyond a realization that the product at each time is given: twice the lags, and one
+WALKING = HERE.parent / "shared/data/walking_ankle_small_reflex.mat"
+WALKING_OPTIONS = "--angle POSITION_SIGNAL --torque TORQUE_SIGNAL --period 1.5 --torque-sign -1"
+AT_EACH_TIME = ("eirf", "sds", "esm")
+METHODS = {
+    "20 s": ("kbr",),
+    "150 s": ("adaptive", "eirf", "sds", "birf", "esm", "kbr", "cascade", "lpv", "lpvkbi"),
+    "600 s": (
+        *("adaptive", "eirf", "sds", "birf", "birf:model=irf", "birf:prior=none", "esm", "kbr"),
+        *("kbr:reference=reference,weighting=residual", "cascade"),
+    ),
+    "reflex, 600 s": ("adaptive", "cascade", "sdss"),
+    "multisine, 600 s": ("skirt",),
+    "impulses, 600 s": ("modal",),
+    "walking": ("adaptive", "kbr", "cascade"),
+}
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Speed and memory of tvsysid, as ratios.")
-    parser.add_argument("--quick", action="store_true", help="repeat less, leave out the longest")
-    quick = parser.parse_args().quick
-    warnings.simplefilter("ignore", tv.DataQualityWarning)
-    console = Console(width=None if sys.stdout.isatty() else 120)
-    with threadpool_limits(1):
-        console.print(methods_table(quick))
-        console.print(bands_table(quick))
-        console.print(stages_table(quick))
+    parser = argparse.ArgumentParser(description="Speed of tvsysid beside its floors.")
+    parser.add_argument("--against", type=Path, metavar="DIR", help="another checkout to compare with")
+    parser.add_argument("--measure", type=Path, metavar="FOLDER", help=argparse.SUPPRESS)
+    given = parser.parse_args()
+    warnings.simplefilter("ignore")
+    if given.measure:
+        print(json.dumps(measured(given.measure)))
+        return
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        write_data(folder)
+        here = {threads: measured_apart(folder, HERE, threads) for threads in ("1", "")}
+        there = {threads: measured_apart(folder, given.against, threads) for threads in ("1", "") if given.against}
+        with threadpool_limits(1):
+            floors = {case: floor(case, each, folder) for case, each in here["1"].items()}
+            table = times_table(here, there, floors)
+    Console(width=None if sys.stdout.isatty() else 160).print(table)
 
 
-def cases() -> Iterator[Case]:
-    """Rows of the first table."""
-    yield Case("eirf", tv.EnsembleIRF(), plain=plain_eirf)
-    yield Case("sds", tv.ShortDataSegments(), plain=plain_sds)
-    yield Case("esm", tv.EnsembleSpectral(), plain=plain_esm)
-    yield Case("birf parametric, no prior", tv.BasisIRF(prior="none"), plain=plain_birf_parametric)
-    yield Case("birf parametric, sparse", tv.BasisIRF())
-    response = tv.BasisIRF(model="irf", prior="none")
-    yield Case("birf irf, no prior", response, plain=plain_birf_irf, long=True)
-    yield Case("birf irf, sparse", tv.BasisIRF(model="irf"))
-    yield Case("kbr", tv.KernelRegression())
-    yield Case("kbr, closed loop", tv.KernelRegression(reference="reference", weighting="residual"))
-    decaying = tv.KernelRegression.preset("experiment")
-    for name, method in (("kbr", tv.KernelRegression()), ("kbr, decaying kernel", decaying)):
-        for duration in (20.0, 40.0):
-            yield Case(name, method, duration, partial(plain_kbr, method=method), long=duration > 20)
-    yield Case("lpv", tv.ScheduledIRF(), MOVING)
-    yield Case("lpvkbi", tv.ScheduledImpedance(), MOVING)
-    yield Case("skirt", tv.SkirtDecomposition(), made=multisine)
-    yield Case("modal", tv.ModalDecomposition(), made=ringing)
+def write_data(folder: Path) -> None:
+    """Write an ensemble of each name in ``METHODS``, and a recording."""
+    joint, noise = tv.simulate.Joint(stiffness=tv.simulate.SquareWave()), tv.simulate.FilteredNoise()
+    systems = {"20 s": joint, "150 s": joint, "600 s": joint, "reflex, 600 s": tv.simulate.ReflexJoint()}
+    for name, system in systems.items():
+        seconds = float(name.split()[-2])
+        recording = system.simulate(seconds, perturbation=noise, snr_db=10, seed=1, rate=RAW_RATE_HZ).recording
+        # A slow variable; the angle is imposed, so that it is a reference too.
+        slowly = {"scheduling": np.sin(2 * np.pi * 0.1 * recording.time), "reference": recording.angle}
+        ensemble = tv.preprocess.segment(tv.preprocess.decimate(replace(recording, channels=slowly), RATE_HZ), PERIOD_S)
+        tv.recordings.write_ensemble(folder / f"{name}.nc", tv.preprocess.subtract_mean(ensemble, ["reference"]))
+        if name == "150 s":
+            columns = {"angle": recording.angle, "torque": recording.torque}
+            tv.recordings.write_simulation(folder / "recording.mat", columns, RAW_RATE_HZ)
+    made = special.ensemble_of(special.Joint(special.SINE), 600, special.FIVE, 10.0, 1)
+    tv.recordings.write_ensemble(folder / "multisine, 600 s.nc", made)
+    made = special.ensemble_of(special.joint_of(0.2), 600, special.IMPULSES, 30.0, 1)
+    tv.recordings.write_ensemble(folder / "impulses, 600 s.nc", made)
+    if WALKING.is_file():
+        recording = tv.read_recording(
+            WALKING, angle="POSITION_SIGNAL", torque="TORQUE_SIGNAL", sampling_rate=RAW_RATE_HZ, torque_sign=-1
+        )
+        ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, RATE_HZ), 1.5)
+        tv.recordings.write_ensemble(folder / "walking.nc", tv.preprocess.subtract_mean(ensemble))
 
 
-def methods_table(quick: bool) -> Table:
-    """Each method against its plain version, its matrix product, and itself on ten times the data."""
-    table = Table(
-        title=f"Identification on one thread, {RATE:g} Hz",
-        caption="Median times in ms. plain: loop over time, or dense kernel, which is out of reach for "
-        "longer records than those shown. product: the matrix product that the method cannot do without. "
-        f"10 x: {TENFOLD:g} s against {DURATION:g} s, in time and in peak memory.",
-    )
-    table.add_column("method")
-    ratios = "plain/fast", "product", "fast/product", "10 x: time", "memory"
-    for heading in ("record, s", "fast", "plain", *ratios):
-        table.add_column(heading, justify="right")
-    tenfold = simulated(TENFOLD)
-    wanted = {(case.duration, case.made or simulated) for case in cases()}
-    ensembles = {(duration, made): made(duration) for duration, made in wanted}
-    for case in cases():
-        ensemble = ensembles[case.duration, case.made or simulated]
-        larger = tenfold if case.duration == DURATION and case.made is None else None
-        table.add_row(case.name, f"{case.duration:g}", *measured(case, ensemble, larger, quick))
-    return table
+def measured_apart(folder: Path, checkout: Path, threads: str) -> Measured:
+    """Times in a process of its own, by a checkout, with so many threads of BLAS; the default number if empty."""
+    settings = os.environ | {"PYTHONPATH": str(checkout.resolve() / "src"), "OPENBLAS_NUM_THREADS": threads}
+    command = [sys.executable, __file__, "--measure", str(folder)]
+    done = subprocess.run(command, env=settings, stdout=subprocess.PIPE, check=True, text=True)
+    result: Measured = json.loads(done.stdout)
+    return result
 
 
-def measured(case: Case, ensemble: tv.Ensemble, tenfold: tv.Ensemble | None, quick: bool) -> list[str]:
-    """Cells of one row."""
-
-    def identify() -> Any:
-        return case.method.identify(ensemble)
-
-    fast = milliseconds(identify, 5 if quick else 25)
-    cells = [f"{fast:.1f}", *[""] * 6]
-    if case.made is None:
-        product = milliseconds(needed_product(case.method, ensemble), 5 if quick else 25)
-        cells[3:5] = [f"{product:.2f}", f"{fast / product:.1f}"]
-    if case.plain is not None and not (quick and case.long):
-        version = case.plain
-        slow = milliseconds(lambda: version(ensemble), 1 if quick or case.long else 3, warm=False)
-        cells[1:3] = [f"{slow:.0f}", f"{slow / fast:.0f}"]
-    if tenfold is not None:
-        larger = tenfold
-        slower = milliseconds(lambda: case.method.identify(larger), 2 if quick else 5)
-        peak = peak_bytes(lambda: case.method.identify(larger)) / peak_bytes(identify)
-        cells[5:] = [f"{slower / fast:.1f}", f"{peak:.1f}"]
-    return cells
-
-
-def bands_table(quick: bool) -> Table:
-    """Identification with the band of stiffness against identification alone, in turns."""
-    table = Table(
-        title=f"Band of stiffness, {BAND_DURATION:g} s",
-        caption="alone: nobody asks for a band. Medians of processor times in ms, and of ratios.",
-    )
-    table.add_column("method")
-    for heading in ("alone", "with band", "with/alone"):
-        table.add_column(heading, justify="right")
-    ensemble = simulated(BAND_DURATION)
-    methods = {
-        "eirf": tv.EnsembleIRF(),
-        "sds": tv.ShortDataSegments(),
-        "sds, window 0.4 s": tv.ShortDataSegments(window=0.4),
-        "birf": tv.BasisIRF(),
-        "birf, no prior": tv.BasisIRF(prior="none"),
-        "esm": tv.EnsembleSpectral(),
-        "kbr": tv.KernelRegression(),
-    }
-    for name, method in methods.items():
-        alone, banded = [], []
-        for _ in range(20 if quick else 100):
-            alone.append(seconds(lambda m=method: m.identify(ensemble)))
-            banded.append(seconds(lambda m=method: m.identify(ensemble).estimates["stiffness"].band()))
-        ratio = statistics.median(both / one for one, both in zip(alone, banded, strict=True))
-        times = (f"{1e3 * statistics.median(values):.2f}" for values in (alone, banded))
-        table.add_row(name, *times, f"{ratio:.2f}")
-    return table
+def measured(folder: Path) -> Measured:
+    """Times of everything that is measured."""
+    found: Measured = {}
+    for name, methods in METHODS.items():
+        if not (file := folder / f"{name}.nc").is_file():
+            continue
+        ensemble = tv.recordings.load_ensemble(file)
+        for label in methods:
+            method = tv.methods.parse(label)
+            model = method.identify(ensemble)
+            found[f"{label}, {name}"] = [*fastest(partial(method.identify, ensemble)), model.diagnostics.parameters]
+    joint, noise = tv.simulate.Joint(stiffness=tv.simulate.SquareWave()), tv.simulate.FilteredNoise()
+    simulate = partial(joint.simulate, 600, perturbation=noise, snr_db=10, seed=1, rate=RAW_RATE_HZ)
+    found["simulate 600 s"] = fastest(simulate)
+    found["decimate 600 s"] = fastest(partial(tv.preprocess.decimate, simulate().recording, RATE_HZ))
+    files = {folder / "recording.mat": "--angle angle --torque torque --period 2", WALKING: WALKING_OPTIONS}
+    for file, options in files.items():
+        if file.is_file():
+            more = f"--rate {RAW_RATE_HZ:g} --decimate {RATE_HZ:g} --out {folder / 'identified'} {options}".split()
+            command = [sys.executable, "-m", "tvsysid.cli", "identify", str(file), *more]
+            name = "walking" if file == WALKING else "150 s"
+            found[f"tvsysid identify, {name}"] = fastest(
+                partial(subprocess.run, command, capture_output=True, check=True)
+            )
+    return found
 
 
-def seconds(call: Call) -> float:
-    """Processor time of a call, which others on the machine disturb less than the time that passes."""
-    started = process_time()
-    call()
-    return process_time() - started
-
-
-def stages_table(quick: bool) -> Table:
-    """Simulation against its random numbers and filters alone; decimation and segmentation."""
-    table = Table(
-        title=f"Stages before identification, {DURATION:g} s",
-        caption="bare: random numbers and recursive filters of the simulation alone.",
-    )
-    table.add_column("stage")
-    for heading in ("ms", "bare, ms", "ms/bare", "simulated seconds per second"):
-        table.add_column(heading, justify="right")
-    repetitions = 3 if quick else 9
-    for name, perturbation in PERTURBATIONS.items():
-        whole = milliseconds(lambda p=perturbation: simulation(DURATION, p), repetitions)
-        bare = milliseconds(lambda p=perturbation: bare_simulation(DURATION, p), repetitions)
-        cells = f"{whole:.0f}", f"{bare:.0f}", f"{whole / bare:.2f}", f"{DURATION / whole * 1e3:.0f}"
-        table.add_row(f"simulate, {name}", *cells)
-    recording = simulation(DURATION).recording
-    lower = tv.preprocess.decimate(recording, RATE)
-    ensemble = tv.preprocess.segment(lower, PERIOD)
-    stages: dict[str, Call] = {
-        f"decimate {RAW_RATE:g} to {RATE:g} Hz": lambda: tv.preprocess.decimate(recording, RATE),
-        f"segment by {PERIOD:g} s": lambda: tv.preprocess.segment(lower, PERIOD),
-        "subtract mean": lambda: tv.preprocess.subtract_mean(ensemble),
-    }
-    for name, stage in stages.items():
-        time = milliseconds(stage, repetitions)
-        table.add_row(name, f"{time:.2f}", "", "", f"{DURATION / time * 1e3:.0f}")
-    return table
-
-
-def milliseconds(call: Call, repetitions: int, warm: bool = True) -> float:
-    """Median time of a call."""
-    if warm:
+def fastest(call: Callable[[], Any]) -> list[float]:
+    """Shortest processor time and shortest wall time of a call in ms, processes that it starts included."""
+    times: list[tuple[float, float]] = []
+    started = perf_counter()
+    while not times or perf_counter() - started < ENOUGH_S:
+        before = processor_seconds(), perf_counter()
         call()
-    times = []
-    for _ in range(repetitions):
-        started = perf_counter()
-        call()
-        times.append(perf_counter() - started)
-    return 1e3 * statistics.median(times)
+        times.append((processor_seconds() - before[0], perf_counter() - before[1]))
+    return [1e3 * min(column) for column in zip(*times, strict=True)]
 
 
-def peak_bytes(call: Call) -> int:
-    """Most memory that a call holds at once, beyond what was held before."""
-    tracemalloc.start()
-    call()
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    return peak
+def processor_seconds() -> float:
+    """Processor time of this process and of those that it has waited for."""
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(each.ru_utime + each.ru_stime for each in used)
 
 
-def simulation(duration: float, perturbation: Any = None) -> tv.simulate.Simulation:
-    perturbation = perturbation or tv.simulate.FilteredNoise()
-    square = tv.simulate.SquareWave()
-    return tv.simulate.Joint(stiffness=square).simulate(
-        duration, perturbation=perturbation, snr_db=10, seed=1, rate=RAW_RATE
-    )
+def floor(case: str, times: list[float], folder: Path) -> dict[str, float]:
+    """Processor time in ms of the product and of the plain version of a method; without those that there are not."""
+    label, _, name = case.partition(", ")
+    if len(times) < 3:
+        return {}
+    ensemble = tv.recordings.load_ensemble(folder / f"{name}.nc")
+    if label in AT_EACH_TIME:
+        used = slice(ensemble.context - REACH, ensemble.context + ensemble.samples + REACH)
+        regressors = np.ascontiguousarray(ensemble.angle[:, used]).T
+    else:
+        count = max(round(times[2]), 1)
+        regressors = np.random.default_rng(1).standard_normal((count, len(ensemble) * ensemble.samples))
+    found = {"product": fastest(lambda: regressors @ regressors.T)[0]}
+    if version := PLAIN.get(case):
+        found["plain"] = fastest(partial(version, ensemble))[0]
+    return found
 
 
-def simulated(duration: float) -> tv.Ensemble:
-    """Realizations with a slow variable; the angle is imposed, so that it is a reference too."""
-    recording = simulation(duration).recording
-    slowly = {"scheduling": np.sin(2 * np.pi * 0.1 * recording.time), "reference": recording.angle}
-    return tv.preprocess.segment(tv.preprocess.decimate(replace(recording, channels=slowly), RATE), PERIOD)
-
-
-def multisine(duration: float) -> tv.Ensemble:
-    """Realizations for the skirt decomposition."""
-    return special.ensemble_of(special.Joint(special.SINE), duration, special.FIVE, 10.0, 1)
-
-
-def ringing(duration: float) -> tv.Ensemble:
-    """Realizations for the modal decomposition."""
-    return special.ensemble_of(special.joint_of(0.2), duration, special.IMPULSES, 30.0, 1)
-
-
-def bare_simulation(duration: float, perturbation: Any) -> None:
-    """Perturbation; position and velocity by one second-order filter each; noise by another."""
-    samples = round((duration + 3) * RAW_RATE)  # the simulation's own margins
-    random = np.random.default_rng(1)
-    drive = perturbation.generate(samples, RAW_RATE, random)
-    numerator, denominator = np.array([0.1, 0.2, 0.1]), np.array([1.0, -1.0, 0.4])
-    states = [np.zeros(2) for _ in range(3)]
-    for first in range(0, samples, BLOCK):
-        block = drive[first : first + BLOCK]
-        for number, signal in enumerate((block, block, random.standard_normal(len(block)))):
-            _, states[number] = lfilter(numerator, denominator, signal, zi=states[number])
-
-
-def needed_product(method: tv.methods.Method, ensemble: tv.Ensemble) -> Call:
-    """Second moments over realizations; for methods with regressors, their Gram matrix."""
-    if isinstance(method, tv.KernelRegression):
-        columns = 3 * method.identify(ensemble).kernel.columns + plain.EXTERNAL_TERMS
-        bins = round((method.band[1] - method.band[0]) * len(ensemble) * ensemble.duration) + 1
-        regressors = np.random.default_rng(1).standard_normal((columns, 2 * bins))
-        return lambda: regressors @ regressors.T
-    if isinstance(method, tv.ScheduledIRF | tv.ScheduledImpedance):
-        columns = round(method.identify(ensemble).diagnostics.parameters)
-        regressors = np.random.default_rng(1).standard_normal((columns, len(ensemble) * ensemble.samples))
-        return lambda: regressors @ regressors.T
-    used = slice(ensemble.context - REACH, ensemble.context + ensemble.samples + REACH)
-    u = np.ascontiguousarray(ensemble.angle[:, used])
-    return lambda: u.T @ u
-
-
-def plain_eirf(ensemble: tv.Ensemble) -> Array:
-    return plain.eirf(ensemble.angle, ensemble.torque, ensemble.context, LAGS, rate=RATE)
-
-
-def plain_sds(ensemble: tv.Ensemble) -> Array:
-    return plain.sds(ensemble.angle, ensemble.torque, ensemble.context, LAGS, half=HALF, rate=RATE)
-
-
-def plain_esm(ensemble: tv.Ensemble) -> plain.ComplexArray:
-    return plain.esm(ensemble.angle, ensemble.torque, ensemble.context, SEGMENT)
-
-
-def plain_birf_irf(ensemble: tv.Ensemble) -> Array:
-    values = evaluate(tv.CubicBSplines(10), ensemble.samples)
-    signals = ensemble.angle, ensemble.torque
-    return plain.birf_irf(*signals, ensemble.context, LAGS, basis_values=values, rate=RATE)
-
-
-def plain_birf_parametric(ensemble: tv.Ensemble) -> plain.Impedance:
-    values = evaluate(tv.CubicBSplines(10), ensemble.samples)
+def plain_birf(ensemble: tv.Ensemble) -> plain.Impedance:
+    """Least squares on basis functions, without a prior."""
     edge = ensemble.context - HALF_WIDTH
-    signals = differentiate(ensemble.angle[:, edge : ensemble.angle.shape[1] - edge], RATE)
+    signals = differentiate(ensemble.angle[:, edge : ensemble.angle.shape[1] - edge], RATE_HZ)
+    values = evaluate(tv.CubicBSplines(10), ensemble.samples)
     return plain.birf_parametric(*signals, ensemble.torque[:, ensemble.core], values)
 
 
-def plain_kbr(ensemble: tv.Ensemble, method: tv.KernelRegression) -> plain.KernelFit:
-    signals = differentiate(plain.join(ensemble.angle, ensemble.context, HALF_WIDTH), RATE)
-    return plain.kbr_dense(
-        *signals,
-        plain.join(ensemble.torque, ensemble.context),
-        rate=RATE,
-        period=PERIOD,
-        l1=method.length_periodic,
-        l2=method.length_decay,
-        gamma=method.gamma,
-        band=method.band,
+def plain_kbr(ensemble: tv.Ensemble) -> plain.KernelFit:
+    """The dense kernel, out of reach for longer records."""
+    own = tv.KernelRegression()
+    signals = differentiate(plain.join(ensemble.angle, ensemble.context, HALF_WIDTH), RATE_HZ)
+    kernel: dict[str, Any] = {"l1": own.length_periodic, "l2": own.length_decay, "gamma": own.gamma, "band": own.band}
+    torque = plain.join(ensemble.torque, ensemble.context)
+    return plain.kbr_dense(*signals, torque, rate=RATE_HZ, period=PERIOD_S, **kernel)
+
+
+PLAIN: dict[str, Callable[[tv.Ensemble], Any]] = {
+    "eirf, 600 s": lambda e: plain.eirf(e.angle, e.torque, e.context, 12, rate=RATE_HZ),
+    "sds, 600 s": lambda e: plain.sds(e.angle, e.torque, e.context, 12, half=5, rate=RATE_HZ),
+    "esm, 600 s": lambda e: plain.esm(e.angle, e.torque, e.context, 30),
+    "birf:prior=none, 600 s": plain_birf,
+    "kbr, 20 s": plain_kbr,
+}
+
+
+def times_table(here: dict[str, Measured], there: dict[str, Measured], floors: dict[str, dict[str, float]]) -> Table:
+    """A row for everything that was measured."""
+    table = Table(
+        title="Processor (wall) time in ms",
+        caption="/product, plain/: processor times on one thread. other/: wall time of the other checkout over this.",
     )
+    table.add_column("what")
+    headings = ["one thread", "default threads", "product", "/product", "plain", "plain/"]
+    headings += ["other/, one thread", "other/, default threads"] if there else []
+    for heading in headings:
+        table.add_column(heading, justify="right")
+    for case, (used, *_) in here["1"].items():
+        own = floors[case]
+        cells = [f"{each[case][0]:.1f} ({each[case][1]:.1f})" for each in here.values()]
+        cells += [f"{own['product']:.2f}", f"{used / own['product']:.1f}"] if "product" in own else ["", ""]
+        cells += [f"{own['plain']:.0f}", f"{own['plain'] / used:.1f}"] if "plain" in own else ["", ""]
+        cells += [f"{there[threads][case][1] / here[threads][case][1]:.2f}" for threads in there]
+        table.add_row(case, *cells)
+    return table
 
 
 if __name__ == "__main__":

@@ -6,7 +6,6 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.signal import butter, sosfiltfilt
 
 from tvsysid.errors import InputError
 from tvsysid.numerics import Array
@@ -101,6 +100,8 @@ def _bandpass_matrix(count: int, sampling_rate: float, band: tuple[float, float]
 
 
 def _run_both_ways(signals: Array, sampling_rate: float, band: tuple[float, float]) -> Array:
+    from scipy.signal import butter, sosfiltfilt  # noqa: PLC0415  # heavy
+
     sections = butter(3, band, btype="bandpass", fs=sampling_rate, output="sos")
     reflected = min(signals.shape[1] - 1, round(sampling_rate / band[0]))
     return np.asarray(sosfiltfilt(sections, signals, axis=1, padtype="even", padlen=reflected))

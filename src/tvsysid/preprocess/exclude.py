@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.signal import butter, sosfiltfilt
 
 from tvsysid.errors import InputError
 from tvsysid.preprocess.account import Account, Step
@@ -139,6 +138,8 @@ def exclude_residual_outliers(ensemble: Ensemble, cutoff: float = 5.0, limit: fl
     rate = ensemble.sampling_rate
     if not 0 < cutoff < rate / 2:
         raise InputError(f"exclude_residual_outliers: cutoff must be between 0 and {rate / 2:g} Hz, got {cutoff!r}")
+    from scipy.signal import butter, sosfiltfilt  # noqa: PLC0415  # heavy
+
     sections = butter(ORDER, cutoff, fs=rate, output="sos")
     # A second of odd continuation at most; the default would forget the filter's slow start.
     padding = min(round(rate), ensemble.torque.shape[1] - 1)

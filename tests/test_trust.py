@@ -10,6 +10,7 @@ from tests.conftest import ensemble_of
 import tvsysid as tv
 from tvsysid.quality import FAULTS, Finding
 from tvsysid.recommendation import Recommendation
+from tvsysid.recommendation.decide import MAY_BE_A_LOOP
 from tvsysid.recommendation.trust import DOUBTFUL, LOOP, WRONG, trust_in
 
 SUITS = Recommendation(("adaptive",), "the behaviour repeats", {}, {})
@@ -103,3 +104,11 @@ def test_a_bias_that_another_method_lacks_is_a_doubt(model):
     doubt = "Stiffness is 26 % lower. Identify by --method kbr:weighting=residual."
     assert judged(model, recommendation=other, suited=False) == ("doubtful", (doubt,))
     assert judged(model, recommendation=other).level == "good"
+
+
+def test_noise_that_may_move_the_angle_asks_for_caution_where_no_reference_is_named(model):
+    slow = replace(SUITS, caveats=(MAY_BE_A_LOOP,))
+    level, (reason,) = judged(model, recommendation=slow)
+    assert level == "good"
+    assert reason.startswith("The torque's noise is slow or strong: if the actuator gives way")
+    assert judged(model, method=tv.BasisIRF(reference="cmd"), recommendation=slow) == ("good", ())

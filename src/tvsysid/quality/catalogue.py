@@ -316,7 +316,7 @@ FAULTS: dict[str, Fault] = {
         10,
         "%",
         "a model of second order (birf, kbr) misses this part; impulse responses hold it as far as their lags reach",
-        "use lags as long as the answer (eirf:max_lag=0.4; sds:max_lag=0.4,window=0.4), before --tune too, which "
-        "judges by the lags that are given; look for a soft coupling, or a filter in one channel",
+        "use lags as long as the answer (eirf:max_lag=0.4; sds:max_lag=0.4,window=0.4), also with --tune; look for a "
+        "wrong sampling rate, a soft coupling, or a filter in one channel",
     ),
 }

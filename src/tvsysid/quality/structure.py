@@ -19,8 +19,7 @@ MIRRORED = 1.5  # times what is predicted of the angle before that must be predi
 PAST_ANGLE = 0.2  # seconds of the angle's past that predict it by themselves
 PAST_NOISE = 0.15  # seconds of the residual torque that may add to it
 # Shares of the unpredicted movement: that what was applied predicts of the angle at least, and the angle of it at most.
-LEADS, FOLLOWS = 0.2, 0.02
-A_TORQUE = 0.96  # share of a sensor of the torque that the torque explains; of a command 0.95
+LEADS, FOLLOWS = 0.04, 0.02
 BESIDE = 6  # samples of the torque to either side from which it is explained
 SLOWEST, STEP = 0.3, 0.03  # longest lag of a slow answer and step between lags, in s
 SHORT = "realizations and their context are too short"
@@ -78,23 +77,26 @@ def loop_bias(data: FittedEnsemble, reference: str) -> Seen:
     what = (
         f"the mean stiffness is {biased:.3g} N·m/rad in open loop, {closed:.3g} with {reference!r} as the reference, "
         f"which predicts {_percent(explained)} of the angle; identify by --method "
-        f"kbr:reference={reference},weighting=residual (birf:reference={reference}; "
-        f"esm:stiffness=fit,reference={reference})"
+        f"kbr:reference={reference},weighting=residual"
     )
-    return Seen(-100 * float(missing.sum()) / closed, what, p_value_of(missing) < SIGNIFICANT)
+    return Seen(-100 * float(missing.sum()) / abs(closed), what, p_value_of(missing) < SIGNIFICANT)
 
 
 def applied(data: FittedEnsemble, channel: str) -> Seen:
     """What ``channel`` mends as a reference, if it is what was applied: it moves the angle, the angle does not move it.
 
-    EMG and further sensors of the angle follow it, or hardly lead it; those of the torque are the torque; and EMG that
-    makes the torque's noise gives a stiffness that is lower still, which is the load's.
+    EMG and further sensors of the angle follow it, or hardly lead it; those of the torque are the torque and noise; and
+    EMG that makes the torque's noise gives a stiffness that is lower still, which is the load's.
     """
     data.require(LEAST_REALIZATIONS)
     values = data.ensemble.signal(channel)
     values = values - values.mean(axis=0)
-    torques = sliding_window_view(data.torque, values.shape[1] - 2 * BESIDE, axis=1).transpose(1, 0, 2)
-    if not gained(values[:, BESIDE:-BESIDE], torques)[0] < A_TORQUE:
+    both = np.concatenate([data.torque, data.angle])
+    torques, angles = np.split(sliding_window_view(both, values.shape[1] - 2 * BESIDE, axis=1).transpose(1, 0, 2), 2, 1)
+    middle = values[:, BESIDE:-BESIDE]
+    by_torque, _ = gained(middle, torques)
+    by_angle, _ = gained(without(middle, torques), without(angles, torques))
+    if not by_angle > by_torque:  # a sensor of the torque is the torque and noise; a command is torque and load
         raise NotJudged(f"{channel!r} is the torque")
     leads = _predicted(data.angle, values, 0, data.rate).mean()
     if not leads > LEADS or _predicted(values, data.angle, 0, data.rate).mean() > FOLLOWS:

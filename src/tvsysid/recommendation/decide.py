@@ -18,11 +18,15 @@ from tvsysid.models import Model
 from tvsysid.numerics.threads import single_thread
 from tvsysid.quality import Diagnosis, diagnose, find_reference
 from tvsysid.recommendation.properties import measured_in
-from tvsysid.recommendation.rules import AGAINST, IS_SLOW, Measured, holds, rule_of
+from tvsysid.recommendation.rules import AGAINST, IS_SLOW, IS_STRONG, Measured, holds, rule_of
 from tvsysid.showing import summary_html
 from tvsysid.signals import Ensemble
 
 SAID = ("reflex", "loop-bias", "feedback")  # faults that the rules speak of
+MAY_BE_A_LOOP = (
+    "the torque's noise is slow or strong: if the actuator gives way, it moves the angle, and stiffness comes out too "
+    "low; this shows by the actuator's command alone (reference)"
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -204,9 +208,7 @@ def _caveats(diagnosis: Diagnosis | None, measured: Measured) -> tuple[str, ...]
     if diagnosis is None:
         return ("a single realization, or one too short, cannot be diagnosed",)
     found = [f"{each.fault.title.lower()}: {each.fault.effect}" for each in diagnosis.findings if each.name not in SAID]
-    if holds(IS_SLOW, measured) and not any(check.name == "loop-bias" for check in diagnosis.checks):
-        found.append(
-            "the torque's noise is slow: if the actuator gives way, it moves the angle, and stiffness comes out too "
-            "low; this shows by the actuator's command alone (reference)"
-        )
+    loud = any(holds(each, measured) for each in (IS_SLOW, IS_STRONG))
+    if loud and not any(check.name == "loop-bias" for check in diagnosis.checks):
+        found.append(MAY_BE_A_LOOP)
     return tuple(found)

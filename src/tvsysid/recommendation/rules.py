@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 FEW_HARMONICS = 3
 REFERENCE, IS_SLOW = "reference={reference}", "slow noise > 10"
+IS_STRONG = "signal-to-noise ratio < 3"
 BY_VARIABLE = ("lpvkbi:variable={scheduling}", "lpv:variable={scheduling}")
 WEIGHTED = "kbr:weighting=residual,tuned=true"
 

@@ -10,7 +10,7 @@ from tvsysid.methods.cascade.result import negative_share
 from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_of
 from tvsysid.quality import Diagnosis, Finding
-from tvsysid.recommendation.decide import Recommendation
+from tvsysid.recommendation.decide import MAY_BE_A_LOOP, Recommendation
 from tvsysid.recommendation.rules import IS_SLOW, holds
 
 MAX_DELAY_MS = 4.0  # up to which a late torque hardly changes the stiffness
@@ -43,7 +43,7 @@ LOOP = {  # those that a reference mends
 
 
 class Trust(NamedTuple):
-    """Level of trust in a stiffness, and the reasons for doubt; at the level ``"none"`` no stiffness is stated."""
+    """Level of trust in a stiffness, and reasons for doubt or caution; at the level ``"none"`` none is stated."""
 
     level: Literal["good", "doubtful", "none"]
     reasons: tuple[str, ...] = ()
@@ -86,7 +86,9 @@ def trust_in(
     biased = not is_suited and all(holds(each, recommendation.measured) for each in (IS_SLOW, "noise bias > 10"))
     doubts = [f"{_sentence(recommendation.why)} Identify by --method {recommendation.suited[0]}."] if biased else []
     doubts += _doubts(model, method, faults)
-    return Trust("doubtful" if doubts else "good", tuple(doubts))
+    cautious = MAY_BE_A_LOOP in recommendation.caveats and not by_reference and not biased
+    reasons = (*doubts, _sentence(MAY_BE_A_LOOP)) if cautious else tuple(doubts)
+    return Trust("doubtful" if doubts else "good", reasons)
 
 
 def _faults(
@@ -117,7 +119,7 @@ def _doubts(model: Model, method: object, faults: Mapping[str, Finding]) -> Iter
         yield f"Part of this stiffness is a stretch reflex: {faults['reflex'].what}. {faults['reflex'].fault.remedy}."
     for fault in (faults[name] for name in DOUBTFUL if name in faults):
         if fault.name != "delay" or abs(fault.value) > MAX_DELAY_MS:
-            yield f"{fault.fault.title}: {fault.what}. {_sentence(fault.fault.remedy)}"
+            yield f"{fault.fault.title}: {fault.what.partition(';')[0]}. {_sentence(fault.fault.remedy)}"
 
 
 def _sentence(text: str) -> str:

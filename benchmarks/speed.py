@@ -76,8 +76,11 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         write_data(folder)
-        here = {threads: measured_apart(folder, HERE, threads) for threads in ("1", "")}
-        there = {threads: measured_apart(folder, given.against, threads) for threads in ("1", "") if given.against}
+        here, there = {}, {}
+        for threads in ("1", ""):
+            here[threads] = measured_apart(folder, HERE, threads)
+            if given.against:
+                there[threads] = measured_apart(folder, given.against, threads)
         with threadpool_limits(1):
             floors = {case: floor(case, each, folder) for case, each in here["1"].items()}
             table = times_table(here, there, floors)
@@ -211,7 +214,7 @@ def times_table(here: dict[str, Measured], there: dict[str, Measured], floors: d
     """A row for everything that was measured."""
     table = Table(
         title="Processor (wall) time in ms",
-        caption="/product, plain/: processor times on one thread. other/: wall time of the other checkout over this.",
+        caption="/product, plain/: processor times on one thread. other/: times of the other checkout over these.",
     )
     table.add_column("what")
     headings = ["one thread", "default threads", "product", "/product", "plain", "plain/"]
@@ -223,7 +226,8 @@ def times_table(here: dict[str, Measured], there: dict[str, Measured], floors: d
         cells = [f"{each[case][0]:.1f} ({each[case][1]:.1f})" for each in here.values()]
         cells += [f"{own['product']:.2f}", f"{used / own['product']:.1f}"] if "product" in own else ["", ""]
         cells += [f"{own['plain']:.0f}", f"{own['plain'] / used:.1f}"] if "plain" in own else ["", ""]
-        cells += [f"{there[threads][case][1] / here[threads][case][1]:.2f}" for threads in there]
+        ratios = [np.divide(each[case][:2], here[threads][case][:2]) for threads, each in there.items()]
+        cells += [f"{processor:.2f} ({wall:.2f})" for processor, wall in ratios]
         table.add_row(case, *cells)
     return table
 

@@ -101,9 +101,9 @@ class Method(ABC):
         DataQualityWarning
             For what is legal, but makes the result doubtful; kept in the model's diagnostics.
         """
-        _check_ensemble(self, "identify", ensemble)
         started = perf_counter()
         with single_thread():
+            _check_ensemble(self, "identify", ensemble)  # whether it can serve it may take BLAS
             model = self._identify(ensemble)
             texts = (
                 *model.diagnostics.warnings,

@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 
 from tvsysid.errors import DataQualityWarning, InputError, describe_error, plain_text
 from tvsysid.models import Model
+from tvsysid.numerics.bands import mean_of
 from tvsysid.numerics.spectra import power_shares, strongest_line
 from tvsysid.numerics.threads import single_thread
 from tvsysid.quality.catalogue import FAULTS
 from tvsysid.quality.reflexes import changes
-from tvsysid.quality.statistics import LEAST_POWER, MOSTLY_NEGATIVE, mean_left, still_samples
+from tvsysid.quality.statistics import LEAST_POWER, MOSTLY_NEGATIVE, angle_inflation, mean_left, still_samples
 from tvsysid.showing import summary_html
 from tvsysid.signals import Ensemble
 
@@ -32,6 +33,8 @@ MOST_VALUES = 100_000  # of a variable of a method's own
 NOTHING = 1e-12  # share of the largest value that is rounding
 Kind = Literal["input", "reference", "scheduling"]
 
+RINGING = 15.0  # variance inflation of stiffness by velocity and acceleration above which it is undetermined
+SELDOM = 0.01  # share of the samples up to which that does not matter
 ONE_LINE = 0.995  # share of the angle's power about one frequency from which on it has no other
 
 
@@ -108,7 +111,7 @@ class Method(ABC):
             texts = (
                 *model.diagnostics.warnings,
                 *self._own_warnings(ensemble),
-                *_common_warnings(ensemble, model, *self._needed_band(), self.takes_deviations),
+                *_common_warnings(self, ensemble, model),
                 *(_changing(ensemble) if self.time_invariant else ()),
             )
         details = {**model.diagnostics.details, **aligned(ensemble)}
@@ -331,9 +334,7 @@ def _changing(ensemble: Ensemble) -> Iterator[str]:
         )
 
 
-def _common_warnings(
-    ensemble: Ensemble, model: Model, low: float, high: float, takes_deviations: bool
-) -> Iterator[str]:
+def _common_warnings(method: Method, ensemble: Ensemble, model: Model) -> Iterator[str]:
     known = model.stiffness[np.isfinite(model.stiffness)]
     if len(known) and np.mean(known < 0) > MOSTLY_NEGATIVE:
         yield (
@@ -355,7 +356,7 @@ def _common_warnings(
             "impulse response (eirf, sds; in models.nc, in Python model.impulse_response)"
         )
     left = mean_left(ensemble.torque[:, ensemble.core])
-    if left.found and not takes_deviations:
+    if left.found and not method.takes_deviations:
         yield (
             f"the torque has a mean over realizations of {left.size:.2g} N·m RMS, more than chance would leave: it is "
             "no answer to the perturbation and biases the stiffness; use tvsysid.preprocess.subtract_mean first"
@@ -368,6 +369,7 @@ def _common_warnings(
                 f"{still[0] / ensemble.sampling_rate:.3g} s: nothing is identified there, and the values mean nothing"
             )
     angle = ensemble.angle[:: max(1, len(ensemble) // 64)]
+    low, high = method._needed_band()
     below, above = power_shares(angle, ensemble.sampling_rate, (0.0, low), (high, math.inf))
     if min(below, above) < LEAST_POWER:
         side, limit, share, fault = (
@@ -383,3 +385,11 @@ def _common_warnings(
             f"the angle moves within {width:.2g} Hz of {peak:.2g} Hz only: stiffness and inertia cannot "
             "be told apart; perturb at several frequencies, none of them a multiple of 1/period"
         )
+    elif not (method.time_invariant or method.perturbation):
+        ringing = mean_of(np.where(angle_inflation(angle, ensemble.sampling_rate) > RINGING, 1.0, 0.0))
+        if ringing > SELDOM:
+            yield (
+                f"at {100 * ringing:.0f} % of the samples the angle moves like a free oscillation: its acceleration "
+                "follows from angle and velocity, so stiffness there comes from other times or from noise, and no band "
+                "counts that; perturb without rests, at more frequencies"
+            )

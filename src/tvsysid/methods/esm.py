@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from tvsysid.errors import InputError
 from tvsysid.methods import base, shared, tuning
 from tvsysid.models import Diagnostics, FrequencyResponseModel
+from tvsysid.numerics.bands import mean_of
 from tvsysid.numerics.spectra import ShortTimeSpectra
 from tvsysid.signals import Array, Ensemble
 
@@ -22,6 +23,7 @@ Stiffness = Literal["dc", "fit"]
 
 FEWEST = 10  # realizations below which averaged spectra say little
 FEWEST_AT_REST = 2  # independent realizations below which those leave nothing of the noise at 0 Hz
+LEAKING = 0.1  # share of stiffness by which the response at 0 Hz may be lower; 0.07 on an ankle
 OVERSAMPLED = 1e-6  # share of the angle's power in the band's upper half below which it counts as sampled too fast
 EXCITED = 1e-6  # share of the strongest frequency's input power from which on a frequency counts as excited
 WINDOWS = (0.12, 0.16, 0.20, 0.26, 0.30, 0.36, 0.44, 0.56, 0.70)  # s, of which a tuned one is the best
@@ -43,7 +45,8 @@ class EnsembleSpectral(base.Method):
         Duration of a segment in s, over which the joint is taken as constant.
     stiffness
         ``"dc"``: real part at 0 Hz, as in the paper. Leakage of the inertia's part from the neighbouring frequencies
-        biases it by some -2 to -3 N·m/rad, which no band of the random error covers. ``"fit"``: from the second-order
+        biases it by some -2 to -3 N·m/rad on an ankle, which no band of the random error covers; by half near a lightly
+        damped resonance, which a warning says. ``"fit"``: from the second-order
         fit that viscosity and inertia always come from; it has no such bias, and 40 % (filtered noise) to 75 % (PRBS)
         of the random error.
     reference
@@ -131,10 +134,12 @@ class EnsembleSpectral(base.Method):
         frequencies = np.asarray(np.fft.rfftfreq(length, 1 / ensemble.sampling_rate), dtype=np.float64)
         power = shared.hann(length) ** 2
         errors: SegmentErrors | shared.WhereStrong
+        warned: tuple[str, ...] = ()
         if instrument is None:
             segments, impedance, agreement = _segment_fit(ensemble, products, power, first, last)
             at_rest = None
             if self.stiffness == "dc":
+                warned = _leaking(response[:, 0].real, impedance[:, 0])
                 impedance[:, 0] = response[:, 0].real
                 at_rest = _variance_at_rest(angle, torque, impedance[:, 0], shared.independent_realizations(ensemble))
             errors = SegmentErrors(segments, at_rest, missing, shared.counted(ensemble))
@@ -146,7 +151,7 @@ class EnsembleSpectral(base.Method):
             errors = instrument.banded(shared.standard_errors(values, freedom))
             agreement = instrument.agreement(ensemble, impedance)
         stiffness, viscosity, inertia = impedance.T
-        diagnostics = Diagnostics(float(length), details={"second_order_agreement": agreement})
+        diagnostics = Diagnostics(float(length), warnings=warned, details={"second_order_agreement": agreement})
         return (FrequencyResponseModel if instrument is None else InstrumentalResponseModel)(
             method=repr(self),
             sampling_rate=ensemble.sampling_rate,
@@ -300,6 +305,17 @@ def _taken(power: Array, count: int, lags: int) -> Array:
     own = np.pad(power[centre:], (0, max(0, lags - len(power) + centre)))[:lags]
     total = float(power.sum())
     return 3 / count * (2 * own / total - _overlap(power, lags) / total**2)
+
+
+def _leaking(at_rest: Array, fit: Array) -> tuple[str, ...]:
+    """Warn where inertia leaks so far into 0 Hz that the response there is no stiffness."""
+    low, level = (mean_of(each[np.isfinite(at_rest + fit)]) for each in (at_rest, fit))
+    if not low < (1 - LEAKING) * level:
+        return ()
+    return (
+        f"the response at 0 Hz is {low:.3g} N·m/rad on average, that of a second-order fit to all frequencies "
+        f"{level:.3g}: inertia leaks into 0 Hz, as the angle moves mostly near a resonance; use esm:stiffness=fit",
+    )
 
 
 def _variance_at_rest(angle: Array, torque: Array, stiffness: Array, independent: int) -> Array:

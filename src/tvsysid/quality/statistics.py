@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.special import stdtr
 
+from tvsysid.numerics.moments import sliding_sum
 from tvsysid.quality.catalogue import FAULTS
 from tvsysid.signals import Array
 
@@ -21,6 +22,7 @@ FOLDS = 4
 RIDGE = 1e-9  # share of the regressors' mean power that keeps their fit from falling apart
 STILL = 1e-6  # share of the angle's mean power over realizations below which it does not move
 LEAST_POWER = 0.01  # share of the angle's power below which a band of frequencies counts as not excited
+STEP_S, WINDOW_S = 0.01, 0.05  # of the differences that stand for derivatives, and to either side of a time at least
 MOSTLY_NEGATIVE = 0.9  # share of the samples with negative stiffness from which on the torque's sign is in question
 
 
@@ -145,3 +147,22 @@ def still_samples(angle: Array) -> NDArray[np.intp]:
     """Samples at which the angle, shape (realization, time), does not move in any realization."""
     power = np.einsum("rt,rt->t", angle, angle)
     return np.flatnonzero(power < STILL * power.mean())
+
+
+def angle_inflation(angle: Array, sampling_rate: float) -> Array:
+    """Return by how much velocity and acceleration inflate the variance of what is regressed on the angle, (window,).
+
+    From second moments of the angle (realization, time) over realizations and windows, longer where these are few. It
+    is 1 to 10 where noise, pulses or sines move a joint, and infinite where it rings freely or moves at one frequency.
+    """
+    step = max(1, min(round(STEP_S * sampling_rate), (angle.shape[1] - 1) // 2))
+    reach = max(WINDOW_S, 1 / len(angle))
+    before, now, after = angle[:, : -2 * step], angle[:, step:-step], angle[:, 2 * step :]
+    motion = np.stack([now, after - before, after - 2 * now + before])
+    half = max(0, min(round(reach * sampling_rate), (now.shape[1] - 1) // 2))
+    moments = sliding_sum(np.einsum("art,brt->tab", motion, motion), half, half)[half : now.shape[1] - half]
+    scale = np.sqrt(np.einsum("taa->ta", moments))
+    scale[scale == 0] = np.inf
+    correlation = moments / (scale[:, :, None] * scale[:, None, :])
+    correlation[:, range(3), range(3)] = 1 + RIDGE
+    return np.asarray(np.linalg.inv(correlation)[:, 0, 0])

@@ -211,6 +211,7 @@ class Comparison(Shown, Frozen):
         The samples of context around realizations next to a fold are the fold's own. Settings that were chosen from the
         data (``tune``) were chosen from all of them, and are not chosen anew. ``adaptive`` starts from what it found in
         all of them: it keeps the smooth part and the number of switches, and fits amplitudes and places anew.
+        Folds are identified in turn: this takes less time than to start processes for them.
 
         Examples
         --------

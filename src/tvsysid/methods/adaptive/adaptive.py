@@ -247,12 +247,14 @@ class Identification:
         return Line.of(self.axis, np.where(still, total, seen), error, size, self.smooths.get(quantity))
 
     def model(self, name: str) -> AdaptiveModel:
-        """Everything that was found."""
+        """Everything that was found; the last round looks for no other switches than the round before found."""
         stiffness = self.stiffness(None, None)
         viscosity = self.viscosity(stiffness)
-        for _ in range(ROUNDS):
+        for turn in range(ROUNDS):
             if viscosity.probability(Outcome.constant) > 0.5:
                 break
+            if turn and not self.known:
+                self.known = {"stiffness": stiffness.averaged.hypotheses(), "viscosity": viscosity.hypotheses()}
             stiffness = self.stiffness(viscosity.mixture.mean(), viscosity.mixture.variance())
             viscosity = self.viscosity(stiffness)
         return self._model(name, stiffness, viscosity)
@@ -298,7 +300,7 @@ class Identification:
             switches=tuple(row for each in both.items() for row in tables.switches(*each, unit, edges[0], rate)),
             smoothness=tuple(row for each in both.items() for row in tables.smoothness(*each, unit, rate)),
             beside=None if reflex is None else reflex.beside,
-            hypotheses={name: tuple(each.hypothesis for each in found.candidates) for name, found in both.items()},
+            hypotheses={name: found.hypotheses() for name, found in both.items()},
             diagnostics=Diagnostics(
                 tables.parameters(stiffness.averaged) + tables.parameters(viscosity) + 1,
                 warnings=tuple(self._warnings(stiffness, estimates["viscosity"])),

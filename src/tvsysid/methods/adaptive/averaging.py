@@ -84,6 +84,12 @@ class Averaged(NamedTuple):
         """Of all candidates of a kind together."""
         return float(self.probabilities()[[wanted(each) for each in self.every]].sum())
 
+    def hypotheses(self) -> Hypotheses:
+        """Return what was averaged, the most probable first."""
+        return tuple(
+            Hypothesis(each.smooth.line.axis, each.smooth.roughness, each.placed.positions) for each in self.candidates
+        )
+
     def plausible(self) -> tuple[Roughness, ...]:
         """Return the smooth parts that may matter beside a somewhat other viscosity, or stiffness."""
         least = max(each.evidence for each in self.every) - 2 * REACH

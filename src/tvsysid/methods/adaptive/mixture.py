@@ -32,11 +32,6 @@ class Candidate(NamedTuple):
     placed: Placed
     sizes: Sizes | None
 
-    @property
-    def hypothesis(self) -> Hypothesis:
-        """Without its products with the data."""
-        return Hypothesis(self.smooth.line.axis, self.smooth.roughness, self.placed.positions)
-
 
 class Mixture(NamedTuple):
     """Weights, means and variances of normal distributions at each time, (time, component)."""

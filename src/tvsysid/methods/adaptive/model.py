@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -108,7 +108,7 @@ class AdaptiveModel(Model):
     switches: tuple[Switch, ...] = ()
     smoothness: tuple[Smoothness, ...] = ()
     beside: JointCascadeModel | None = None
-    hypotheses: Mapping[str, tuple[Hypothesis, ...]] = field(default_factory=dict)
+    hypotheses: Mapping[str, Sequence[Hypothesis]] = field(default_factory=dict)
 
     def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
         signals = ensemble.derivatives()

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from tests.independent import ensemble_of, motion, with_noise
 
 import tvsysid as tv
 from tvsysid.simulate import Joint, Multisine, SineWave
@@ -48,7 +49,8 @@ def test_phases_are_those_of_each_trial():
 
 
 def test_bands_are_as_wide_as_the_error():
-    models = [SKIRT.identify(perturbed(Multisine(), seed=300 + trial)) for trial in range(8)]
+    method = tv.SkirtDecomposition(harmonics=2)
+    models = [method.identify(perturbed(Multisine(), seed=300 + trial)) for trial in range(8)]
     stiffness = np.stack([model.stiffness for model in models])
     truth = SineWave()(models[0].time)
     error = np.sqrt(np.mean((stiffness - truth) ** 2))
@@ -61,12 +63,56 @@ def test_bands_are_as_wide_as_the_error():
     assert (upper > pointwise[1]).all()
 
 
+def changing(time, harmonics):
+    return 100 + sum(60 / len(harmonics) * np.sin(np.pi * each * time + each) for each in harmonics)
+
+
+def independently(harmonics, seed):
+    """40 s at 10 dB of a joint whose stiffness has these harmonics, not simulated by the package."""
+    random, time = np.random.default_rng(seed), np.arange(40_000) / 1000
+    turns = 2 * np.pi * (np.outer(Multisine().frequencies, time) + random.random((5, 1)))
+    moved = motion(0.0039 * np.sin(turns).sum(axis=0))
+    torque = changing(time, harmonics) * moved[0] + 2.2 * moved[1] + 0.02 * moved[2]
+    return ensemble_of(moved[0], with_noise(torque, 10.0, random))
+
+
+@pytest.mark.parametrize("harmonics", [(), (1,), (1, 3)])
+def test_as_many_harmonics_are_fitted_as_the_torque_shows(harmonics):
+    errors, held = [], []
+    for seed in range(4):
+        model = SKIRT.identify(independently(harmonics, seed))
+        assert model.diagnostics.details["harmonics"] in {max(harmonics, default=0), 2 if len(harmonics) < 2 else 3}
+        truth, (lower, upper) = changing(model.time, harmonics), model.estimates["stiffness"].band()
+        errors.append(model.stiffness - truth)
+        held.append((lower <= truth) & (truth <= upper))
+    assert np.sqrt(np.mean(np.square(errors))) < 4
+    assert np.mean(held) > 0.85
+
+
+@pytest.mark.parametrize(
+    ("method", "harmonics", "told"),
+    [
+        (tv.SkirtDecomposition(harmonics=2), (1, 3), "skirts of harmonic 3"),
+        (SKIRT, (4,), "skirts of harmonic 4"),  # for which the lines leave no room
+        (SKIRT, (1, 5), "lines that do not agree with each other|skirts of harmonic 5"),
+    ],
+)
+def test_a_change_that_is_not_fitted_is_told(method, harmonics, told):
+    with pytest.warns(tv.DataQualityWarning, match=told):
+        model = method.identify(independently(harmonics, 1))
+    assert np.sqrt(np.mean((model.stiffness - changing(model.time, harmonics)) ** 2)) > 10
+
+
 @pytest.mark.parametrize(
     ("method", "perturbation", "message"),
     [
         (SKIRT, tv.simulate.FilteredNoise(), r"the angle is no multisine: lines \(.*\) explain \d.* % of it, and 99 %"),
         (SKIRT, Multisine((2.3,)), r"one line \(2.3 Hz\) cannot tell stiffness from inertia"),
-        (SKIRT, Multisine((2.3, 4.2)), r"the skirts of lines 1.9 Hz apart overlap: a change of 2 harmonics of 0.5 Hz"),
+        (
+            tv.SkirtDecomposition(harmonics=2),
+            Multisine((2.3, 4.2)),
+            r"the skirts of lines 1.9 Hz apart overlap: a change of 2 harmonics of 0.5 Hz",
+        ),
         (tv.SkirtDecomposition((1.2, 5.2)), Multisine(), r"no multisine: lines \(1.2, 5.2 Hz\) explain \d.* % of it"),
     ],
 )

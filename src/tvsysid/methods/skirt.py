@@ -9,6 +9,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import rfft
+from scipy.special import chdtrc, gammaincc
 
 from tvsysid.methods import base, shared
 from tvsysid.models import Diagnostics, SecondOrderModel
@@ -21,6 +22,9 @@ ComplexArray = NDArray[np.complex128]
 MOST = 20  # lines that are looked for
 LINES = 0.99  # share of the angle's variance that lines must explain
 WEAK = 1e-4  # share of it from which on a peak counts as a line
+BEYOND = 4  # harmonics beyond those that lines leave room for, whose skirts are looked for
+LIKELY, SURE = 0.05, 1e-4  # probabilities of as much noise below which a skirt is fitted, and warned of
+NOISELESS = 1e-5  # share of the torque's variance below which what is left is rounding and filters
 ON_GRID = 0.02  # of 1/period about its multiples, where a mean over realizations that was subtracted leaves lines
 NEAR = 2.0  # Hz about a line within which the residual tells its noise
 
@@ -42,7 +46,8 @@ class SkirtDecomposition(base.Method):
         Lines in Hz; by default they are looked for in the angle.
     harmonics
         H of the period p, the duration of a realization, of which the impedance's change is a sum. Skirts may not
-        overlap: lines must be more than 2 H / p apart.
+        overlap: lines must be more than 2 H / p apart. If None, up to the highest harmonic whose skirts the torque
+        shows; ``harmonics`` among the diagnostics' details is the number chosen. A warning says where skirts are left.
 
     Notes
     -----
@@ -58,7 +63,7 @@ class SkirtDecomposition(base.Method):
     """
 
     frequencies: tuple[float, ...] | None = None
-    harmonics: int = 2
+    harmonics: int | None = None
 
     key: ClassVar[str] = "skirt"
     title: ClassVar[str] = "Skirt decomposition"
@@ -72,7 +77,8 @@ class SkirtDecomposition(base.Method):
     perturbation: ClassVar[str] = "multisine"
 
     def __post_init__(self) -> None:
-        base.check_whole(self, 0, harmonics=self.harmonics)
+        if self.harmonics is not None:
+            base.check_whole(self, 0, harmonics=self.harmonics)
         for frequency in self.frequencies or ():
             base.check_positive(self, frequencies=frequency)
 
@@ -91,20 +97,38 @@ class SkirtDecomposition(base.Method):
             )
         if lines.size < 2:
             return f"one line ({found} Hz) cannot tell stiffness from inertia; two or more are needed"
-        apart, needed = float(np.diff(np.sort(lines)).min()), 2 * self.harmonics / ensemble.duration
-        if apart <= needed:
+        if (self.harmonics or 0) > _most_harmonics(lines, ensemble):
             return (
-                f"the skirts of lines {apart:.3g} Hz apart overlap: a change of {self.harmonics} harmonics of "
-                f"{1 / ensemble.duration:.3g} Hz needs more than {needed:.3g} Hz between lines; give fewer harmonics"
+                f"the skirts of lines {np.diff(np.sort(lines)).min():.3g} Hz apart overlap: a change of "
+                f"{self.harmonics} harmonics of {1 / ensemble.duration:.3g} Hz needs lines twice as far apart or "
+                "further; give fewer harmonics"
             )
         return None
 
     def _identify(self, ensemble: Ensemble) -> SecondOrderModel:
         lines = self._lines(ensemble)
-        features = evaluate(FourierSeries(self.harmonics), ensemble.samples)
         waves, _ = self._waves(ensemble, lines)
-        skirts = _skirts(ensemble, waves, features, lines)
-        posterior, labels = _second_order(skirts, lines, features.shape[1])
+        most, chosen = _most_harmonics(lines, ensemble), self.harmonics or 0
+        while True:
+            features = evaluate(FourierSeries(chosen), ensemble.samples)
+            skirts = _skirts(ensemble, waves, features, lines)
+            chances = {
+                each: _chance(each, chosen, lines, skirts, waves, ensemble)
+                for each in range(chosen + 1, most + BEYOND + 1)
+            }
+            likely = [each for each, chance in chances.items() if each <= most and chance < LIKELY]
+            if self.harmonics is not None or not likely:
+                break
+            chosen = max(likely)
+        posterior, labels, agreeing = _second_order(skirts, lines, features.shape[1])
+        left, warned = [str(each) for each, chance in chances.items() if chance < SURE], tuple[str, ...]()
+        share = np.var(skirts.left) / np.var(ensemble.torque[:, ensemble.core])
+        if share > NOISELESS and (left or agreeing < SURE):
+            found = f"skirts of harmonic {', '.join(left)}" if left else "lines that do not agree with each other"
+            warned = (
+                f"the torque has {found}, where the impedance that is fitted changes by {chosen} harmonics, which no "
+                "band counts: it changes faster, or is not of second order; give more harmonics, or use kbr",
+            )
         count, covariance = features.shape[1], posterior.covariance
         expansions = (features, features, np.ones((ensemble.samples, 1)))
         places = np.split(np.arange(len(posterior.mean)), (count, 2 * count))
@@ -121,7 +145,11 @@ class SkirtDecomposition(base.Method):
             estimates=shared.impedance_estimates(values[0], values[1], values[2], errors),
             posterior=posterior,
             labels=labels,
-            diagnostics=Diagnostics(posterior.effective, details={"lines": float(len(lines))}),
+            diagnostics=Diagnostics(
+                posterior.effective,
+                warnings=warned,
+                details={"lines": float(len(lines)), "harmonics": float(chosen)},
+            ),
         )
 
     def _lines(self, ensemble: Ensemble) -> Array:
@@ -155,12 +183,16 @@ class SkirtDecomposition(base.Method):
 
 
 class Skirts(NamedTuple):
-    """Coefficients g, (line, real or imaginary, function) in a row, their covariance, and its degrees of freedom."""
+    """Coefficients g, (line, real or imaginary, function) in a row, their covariance, and its degrees of freedom.
+
+    The torque that they leave, (realization, time), and its ``density`` about each line (line,), 1 of white noise.
+    """
 
     mean: Array
     covariance: Array
-    noise_variance: float
+    density: Array
     freedom: Array
+    left: Array
 
 
 def _skirts(ensemble: Ensemble, waves: ComplexArray, features: Array, lines: Array) -> Skirts:
@@ -184,11 +216,34 @@ def _skirts(ensemble: Ensemble, waves: ComplexArray, features: Array, lines: Arr
         density[place] = power[near].mean() * 2 * near.sum() * len(ensemble) / freedom[place]
     each = np.repeat(np.sqrt(density), 2 * features.shape[1])
     covariance = inverse @ (gram * np.outer(each, each)) @ inverse
-    return Skirts(mean, covariance, float(density.mean()), np.array(freedom.min()))
+    return Skirts(mean, covariance, density, np.array(freedom.min()), left)
 
 
-def _second_order(skirts: Skirts, lines: Array, count: int) -> tuple[shared.Posterior, tuple[str, ...]]:
-    """Functions of stiffness and viscosity, and the inertia, from the responses of all lines."""
+def _most_harmonics(lines: Array, ensemble: Ensemble) -> int:
+    """Return the number of harmonics up to which skirts do not overlap."""
+    return math.ceil(float(np.diff(np.sort(lines)).min()) * ensemble.duration / 2) - 1
+
+
+def _chance(harmonic: int, chosen: int, lines: Array, skirts: Skirts, waves: ComplexArray, ensemble: Ensemble) -> float:
+    """Return the probability that noise alone leaves such skirts of a harmonic of the period.
+
+    Where these meet skirts of up to the harmonic ``chosen``, which are fitted, nothing is left to see.
+    """
+    sides = np.array([[1.0], [-1.0]])
+    beside = np.abs(lines + sides * harmonic / ensemble.duration)
+    seen = np.abs(beside[..., None] - lines).min(axis=2) > (chosen + 0.5) / ensemble.duration
+    turning = np.exp(2j * np.pi * harmonic * sides * ensemble.time / ensemble.duration)
+    parts = waves * turning[:, None, None]
+    power = np.abs(np.einsum("skrt,rt->sk", parts.conj(), skirts.left)) ** 2
+    ratio = power / (skirts.density * np.einsum("skrt,skrt->sk", parts, parts.conj()).real)
+    return float(gammaincc(seen.sum(), ratio[seen].sum())) if seen.any() else 1.0
+
+
+def _second_order(skirts: Skirts, lines: Array, count: int) -> tuple[shared.Posterior, tuple[str, ...], float]:
+    """Functions of stiffness and viscosity, and the inertia, from the responses of all lines.
+
+    Also the probability that noise alone makes the lines differ as much from them.
+    """
     speed = 2 * np.pi * lines
     design = np.zeros((len(lines), 2, count, 2 * count + 1))
     for function in range(count):
@@ -200,8 +255,10 @@ def _second_order(skirts: Skirts, lines: Array, count: int) -> tuple[shared.Post
     covariance = np.linalg.inv(flat.T @ weighted)
     mean = covariance @ (weighted.T @ skirts.mean)
     names = [f"{name} {j}" for name in ("stiffness", "viscosity") for j in range(count)]
-    posterior = shared.Posterior(mean, covariance, skirts.noise_variance, float(len(mean)), math.nan, 1, True)
-    return posterior, (*names, "inertia")
+    posterior = shared.Posterior(mean, covariance, float(skirts.density.mean()), float(len(mean)), math.nan, 1, True)
+    rest = skirts.mean - flat @ mean
+    misfit = float(rest @ np.linalg.solve(skirts.covariance, rest))
+    return posterior, (*names, "inertia"), float(chdtrc(len(rest) - len(mean), misfit))
 
 
 def _found(angle: Array, rate: float) -> Array:

@@ -18,7 +18,6 @@ import numpy as np
 
 from tvsysid.errors import InputError, plain_text
 from tvsysid.estimates import Estimate, StandardError
-from tvsysid.limits import TIME_LIMIT
 from tvsysid.methods.apply import AdoptedModel, Identifies, apply, checked_torques, digest
 from tvsysid.methods.base import Method, SkippedError, reason_to_skip
 from tvsysid.methods.forkserver import call
@@ -49,7 +48,7 @@ def identify(
     label: str = "",
     *,
     tune: bool = False,
-    limit: float = TIME_LIMIT,
+    limit: float,
     keep: bool = False,
 ) -> Identified:
     """Identify by a pickled method, whoever wrote it; its settings chosen from the data first if it is to ``tune``.
@@ -81,9 +80,7 @@ def _identified(method: Identifies, ensemble: Ensemble, label: str, tune: bool) 
     return Identified(model, evidence, time.perf_counter() - started)
 
 
-def predicted(
-    method: bytes, kept: Ensemble, every: Ensemble, label: str, model: Model, *, limit: float = TIME_LIMIT
-) -> Array:
+def predicted(method: bytes, kept: Ensemble, every: Ensemble, label: str, model: Model, *, limit: float) -> Array:
     """Torque of all realizations, (realization, time), by what a pickled method identifies from those ``kept``.
 
     The package's own methods start from the ``model`` that they identified from all realizations.
@@ -92,8 +89,9 @@ def predicted(
         own = plain(method)
     except Exception:  # as in :func:`identify`
         found: Array = call(method, _predicted, kept, every, label, limit=limit)
-        return found
-    return own.refit(kept, model).predict(every) if isinstance(own, Method) else _predicted(own, kept, every, label)
+    else:
+        found = own.refit(kept, model).predict(every)
+    return found
 
 
 def _predicted(method: Identifies, kept: Ensemble, every: Ensemble, label: str) -> Array:

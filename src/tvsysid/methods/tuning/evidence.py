@@ -37,7 +37,7 @@ OF_THE_METHOD = {
     "differs",
     "cites",
 }  # what holds with any settings
-OF_THE_METHOD |= {"quantities", "pathway_names", "scheduled_quantities"}
+OF_THE_METHOD |= {"quantities", "pathway_names", "scheduled_quantities", "refit"}
 CLEARLY = 3.0  # log evidence by which a basis must be better than the one given to be chosen: 20 to 1
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import asyncio
 import base64
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from shiny import App, Inputs, reactive, render, ui
@@ -17,7 +17,7 @@ from tvsysid.errors import InputError, describe_error
 from tvsysid.explorer.outcome import Outcome, in_turn, outcome
 from tvsysid.explorer.settings import CHOICES, Source, method_parts, method_settings, settings_from
 from tvsysid.methods import describe, names
-from tvsysid.report.page import Column, Fold, Row, Table, html, number
+from tvsysid.report.page import Block, Column, Fold, Row, Table, html, number
 from tvsysid.signals import Recording
 
 QUANTITIES = ("stiffness", "viscosity", "inertia", "reflex_gain")
@@ -53,6 +53,14 @@ class Shown:
     picture: bytes = b""
     error: str = ""
     kind: str = "danger"
+
+
+class Judged(NamedTuple):
+    """The answer's lines for an outcome; as HTML, the recommended method and the diagnosis."""
+
+    shown: Shown
+    lines: Sequence[str] = ()
+    details: str = ""
 
 
 def page(name: str, source: Source, given: Mapping[str, Any], channels: Mapping[str, str]) -> App:
@@ -177,7 +185,7 @@ def _server(source: Source, every: Mapping[str, Mapping[str, str]]) -> Callable[
             return await in_turn(_shown, source, said, quantity, simultaneous)
 
         @reactive.extended_task
-        async def judge(shown: Shown) -> tuple[list[str], str]:
+        async def judge(shown: Shown) -> Judged:
             return await in_turn(_judged, shown)
 
         @reactive.effect
@@ -201,11 +209,10 @@ def _server(source: Source, every: Mapping[str, Mapping[str, str]]) -> Callable[
             shown = work.result()
             if shown.found is None:
                 return ui.div(shown.error, class_=f"alert alert-{shown.kind}")
-            if judge.status() == "running":
+            if judge.status() == "running" or judge.result().shown is not shown:
                 return ui.p("Checking the data …")
-            lines, _ = judge.result()
             notes = [ui.p(f"Warning: {text}", class_="alert alert-warning") for text in shown.found.notes]
-            return ui.TagList(*map(ui.p, lines), *notes)
+            return ui.TagList(*map(ui.p, judge.result().lines), *notes)
 
         @render.ui
         def picture() -> ui.Tag | None:
@@ -213,7 +220,7 @@ def _server(source: Source, every: Mapping[str, Mapping[str, str]]) -> Callable[
 
         @render.ui
         def judged() -> ui.HTML:
-            return ui.HTML(judge.result()[1])
+            return ui.HTML(judge.result().details)
 
         @render.ui
         def numbers() -> ui.HTML:
@@ -241,17 +248,18 @@ def _shown(source: Source, said: dict[str, Any], quantity: str, simultaneous: bo
         return Shown(error=f"this is not expected: {describe_error(error)}")
 
 
-def _judged(shown: Shown) -> tuple[list[str], str]:
-    """Return the answer's lines, and the recommended method and the diagnosis as HTML."""
+def _judged(shown: Shown) -> Judged:
     if shown.found is None:
-        return [], ""
+        return Judged(shown)
     diagnosis = shown.found.diagnosis
-    lines = [f"Method for these data: {shown.found.found.recommendation.sentence}."]
+    blocks: list[Block] = [f"Method for these data: {shown.found.found.recommendation.sentence}."]
     if isinstance(diagnosis, str):
-        return shown.found.lines, html([*lines, f"No diagnosis: {diagnosis}"])
-    lines.append(f"Diagnosis: {diagnosis.verdict}.")
-    found = [f"{each.fault.title}: {each.what}; {each.fault.remedy}" for each in diagnosis.findings]
-    return shown.found.lines, html([*lines, *([Fold("What was found, and what to do", found)] if found else [])])
+        blocks.append(f"No diagnosis: {diagnosis}")
+    else:
+        blocks.append(f"Diagnosis: {diagnosis.verdict}.")
+        found = [f"{each.fault.title}: {each.what}; {each.fault.remedy}" for each in diagnosis.findings]
+        blocks += [Fold("What was found, and what to do", found)] if found else []
+    return Judged(shown, shown.found.lines, html(blocks))
 
 
 def _figure(shown: Shown, quantity: str) -> ui.Tag | None:

@@ -38,7 +38,7 @@ def test_sound_data_are_trusted(model):
 
 @pytest.mark.parametrize("name", [*WRONG, *LOOP])
 def test_what_makes_every_method_wrong_withdraws_the_stiffness(model, name):
-    level, (reason,) = judged(model, found(name))
+    level, (reason,) = judged(model, found(name), suited=False)
     assert level == "none"
     assert "--" in reason or f"{name} was seen" in reason
     assert reason.count(". ") <= 2
@@ -68,8 +68,13 @@ def test_a_channel_that_moves_the_joint_takes_the_place_of_the_loop(model):
 def test_a_reference_mends_a_loop_and_nothing_else(model):
     by_reference = tv.BasisIRF(reference="cmd")
     none_suits = replace(SUITS, suited=())
-    assert judged(model, found("feedback", "loop-bias"), by_reference, none_suits, held_out_vaf=0.0) == ("good", ())
+    assert judged(model, found("feedback", "loop-bias"), by_reference, none_suits, False, 0.0) == ("good", ())
     assert judged(model, found("angle-unit"), by_reference).level == "none"
+
+
+def test_a_bias_that_the_rules_prefer_to_a_reference_is_a_doubt(model):
+    doubt = "The torque moves the angle (a closed loop): loop-bias was seen."
+    assert judged(model, found("loop-bias")) == ("doubtful", (doubt,))
 
 
 def test_no_method_and_no_prediction_withdraw_the_stiffness(model):

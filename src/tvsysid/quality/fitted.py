@@ -208,16 +208,17 @@ class FittedEnsemble:
     @cached_property
     def angle(self) -> Array:
         """Deviation from the mean over realizations in rad, shape (realization, context + time + context)."""
-        return np.asarray(self.ensemble.angle - self.ensemble.angle.mean(axis=0))
+        return self.signal("angle")
 
     @cached_property
     def torque(self) -> Array:
         """Deviation from the mean over realizations in N·m, likewise."""
-        return np.asarray(self.ensemble.torque - self.ensemble.torque.mean(axis=0))
+        return self.signal("torque")
 
     def signal(self, which: str) -> Array:
-        """Deviation of ``"angle"`` or ``"torque"``."""
-        return self.angle if which == "angle" else self.torque
+        """Deviation of ``"angle"``, ``"torque"`` or a channel from its mean over realizations."""
+        values = self.ensemble.signal(which)
+        return np.asarray(values - values.mean(axis=0))
 
     def core(self, which: str) -> Array:
         """The same without context, shape (realization, time)."""

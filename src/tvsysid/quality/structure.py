@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
@@ -55,11 +57,12 @@ def loop_bias(data: FittedEnsemble, reference: str) -> Seen:
     """
     data.require(LEAST_REALIZATIONS)
     ensemble, fit, (early, late) = data.ensemble, data.fit, lag_samples(data.rate)
-    values = ensemble.signal(reference) - ensemble.signal(reference).mean(axis=0)
     assert ensemble.trials is not None
     assert ensemble.onsets is not None
     groups = realization_groups(ensemble.trials, ensemble.onsets)
-    moved = predicted(np.pad(values, ((0, 0), (late, early))), data.angle, ensemble.core, data.rate, groups)
+    moved = predicted(
+        np.pad(data.signal(reference), ((0, 0), (late, early))), data.angle, ensemble.core, data.rate, groups
+    )
     core = data.core("angle")
     explained = 1 - float(np.sum((core - moved[:, ensemble.core]) ** 2) / np.sum(core**2))
     if not explained >= HARDLY_MOVED:
@@ -89,14 +92,12 @@ def applied(data: FittedEnsemble, channel: str) -> Seen:
     EMG that makes the torque's noise gives a stiffness that is lower still, which is the load's.
     """
     data.require(LEAST_REALIZATIONS)
-    values = data.ensemble.signal(channel)
-    values = values - values.mean(axis=0)
+    values = data.signal(channel)
     both = np.concatenate([data.torque, data.angle])
     torques, angles = np.split(sliding_window_view(both, values.shape[1] - 2 * BESIDE, axis=1).transpose(1, 0, 2), 2, 1)
     middle = values[:, BESIDE:-BESIDE]
-    by_torque, _ = gained(middle, torques)
-    by_angle, _ = gained(without(middle, torques), without(angles, torques))
-    if not by_angle > by_torque:  # a sensor of the torque is the torque and noise; a command is torque and load
+    by_angle = gained(without(middle, torques), without(angles, torques))[0]
+    if not by_angle > gained(middle, torques)[0]:  # a sensor is the torque and noise; a command, torque and load
         raise NotJudged(f"{channel!r} is the torque")
     leads = _predicted(data.angle, values, 0, data.rate).mean()
     if not leads > LEADS or _predicted(values, data.angle, 0, data.rate).mean() > FOLLOWS:
@@ -143,18 +144,12 @@ def reflex(data: FittedEnsemble) -> Seen:
     return Seen(100 * max(0.0, test.share), what, test.shown)
 
 
-def _has_reflex(data: FittedEnsemble) -> bool:
-    try:
-        return data.reflex.shown
-    except InputError:
-        return False
-
-
 def slow_answer(data: FittedEnsemble) -> Seen:
     """Share of the residual torque that late velocities predict, where no reflex does."""
     data.require(LEAST_REALIZATIONS)
-    if _has_reflex(data):
-        raise NotJudged("a reflex is found, whose answer is late; longer lags do not mend that")
+    with suppress(InputError):
+        if data.reflex.shown:
+            raise NotJudged("a reflex is found, whose answer is late; longer lags do not mend that")
     lags = np.unique(np.round(np.arange(SOONEST, SLOWEST, STEP) * data.rate).astype(np.int64))
     first, count = data.fit.first, data.fit.torque.shape[1]
     # The samples of the fit before which all lags are known.

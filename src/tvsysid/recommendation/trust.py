@@ -75,7 +75,8 @@ def trust_in(
     """
     faults = {} if diagnosis is None else {each.name: each for each in diagnosis.findings}
     by_reference = any(item.kind == "reference" for item in inputs_of(method))
-    wrong = list(_faults(model, faults, unnamed_references, by_reference))
+    texts = WRONG if by_reference or is_suited or unnamed_references else WRONG | LOOP
+    wrong = list(_faults(model, faults, texts, () if by_reference else unnamed_references))
     if not wrong and not by_reference:
         if not recommendation.suited:
             wrong = [_sentence(recommendation.why)]
@@ -83,8 +84,12 @@ def trust_in(
             wrong = ["Realizations held out are not predicted at all. Check which channels are angle and torque."]
     if wrong:
         return Trust("none", tuple(wrong))
+    doubts = []
     biased = not is_suited and all(holds(each, recommendation.measured) for each in (IS_SLOW, "noise bias > 10"))
-    doubts = [f"{_sentence(recommendation.why)} Identify by --method {recommendation.suited[0]}."] if biased else []
+    if biased and not by_reference:
+        doubts.append(f"{_sentence(recommendation.why)} Identify by --method {recommendation.suited[0]}.")
+    if "loop-bias" in faults and not by_reference:  # which costs less than what a reference does
+        doubts.append(LOOP["loop-bias"].format(what=faults["loop-bias"].what))
     doubts += _doubts(model, method, faults)
     cautious = MAY_BE_A_LOOP in recommendation.caveats and not by_reference and not biased
     reasons = (*doubts, _sentence(MAY_BE_A_LOOP)) if cautious else tuple(doubts)
@@ -92,15 +97,14 @@ def trust_in(
 
 
 def _faults(
-    model: Model, faults: Mapping[str, Finding], unnamed_references: Sequence[str], by_reference: bool
+    model: Model, faults: Mapping[str, Finding], texts: Mapping[str, str], unnamed_references: Sequence[str]
 ) -> Iterator[str]:
     """Yield which faults of the data make every method's stiffness wrong, and what to do."""
     if {"angle-unit", "torque-unit"} <= faults.keys():
         yield SWAPPED.format(angle=faults["angle-unit"].what, stiffness=faults["torque-unit"].what)
         return
-    if not by_reference and "wrong-period" not in faults:  # with a wrong period, any channel seems to move the joint
+    if "wrong-period" not in faults:  # with a wrong period, any channel seems to move the joint
         yield from unnamed_references
-    texts = WRONG if by_reference or unnamed_references else WRONG | LOOP
     for name, text in texts.items():
         if name in faults:
             yield text.format(what=faults[name].what)

@@ -10,6 +10,7 @@ import xarray as xr
 from scipy.io import loadmat, savemat
 from tests.cli.conftest import IDENTIFY
 
+import tvsysid as tv
 from tvsysid.methods import DEFAULT_METHODS
 
 
@@ -140,6 +141,52 @@ def test_a_wrong_period_is_said_right_under_the_answer(tvsysid):
     assert told.endswith("whatever the method. Check --period and --rate.")
     assert rest[0].strip().startswith("not valid: stiffness (N·m/rad)")
     assert not any("not repeat" in line for line in rest)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("undrawn", "not_held_out")
+@pytest.mark.parametrize(
+    ("angle", "torque", "reason", "remedy"),
+    [
+        ("degrees", "torque", "The movement is too large for radians", "--angle-unit deg."),
+        ("torque", "angle", "Angle and torque are probably swapped", "--angle-unit deg."),
+        ("angle", "mm", "No joint is so stiff or so soft", "--torque-unit Nmm."),
+    ],
+)
+def test_no_stiffness_is_stated_from_wrong_channels_or_units(tvsysid, angle, torque, reason, remedy):
+    tvsysid("simulate", "joint.mat", "--duration", 40)
+    signals = loadmat("joint.mat")
+    more = {"degrees": np.degrees(signals["angle"]), "mm": 1000 * signals["torque"]}
+    savemat("joint.mat", {"angle": signals["angle"], "torque": signals["torque"]} | more)
+    words = ("--angle", angle, "--torque", torque, *IDENTIFY[4:], "--method", "adaptive")
+    code, out, _ = tvsysid("identify", "joint.mat", *words)
+    _, told, table, *_ = out.splitlines()
+    assert code == 0
+    assert told.startswith(f"no stiffness is stated. {reason}: ")
+    assert told.endswith(remedy)
+    assert table.strip().startswith("not valid: stiffness")
+    assert "recommended" not in out
+    with xr.open_datatree("tvsysid-identify/models.nc", engine="h5netcdf") as tree:
+        assert tree.attrs["trust"] == "none"
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("undrawn", "not_held_out")
+def test_a_command_in_the_file_that_nobody_named_withdraws_the_stiffness(tvsysid):
+    joint = tv.simulate.CompliantActuator(tv.simulate.Constant(100.0), noise_bandwidth=5.0)
+    recording = joint.simulate(80, perturbation=tv.simulate.FilteredNoise(), snr_db=0, seed=1).recording
+    signals = {"angle": recording.angle, "torque": recording.torque, "cmd": recording.channels["disturbance"]}
+    savemat("loop.mat", signals)
+    _, out, _ = tvsysid("identify", "loop.mat", *IDENTIFY, "--method", "adaptive")
+    told = out.splitlines()[1]
+    assert told.startswith(
+        "no stiffness is stated. Channel 'cmd' moves the angle, and was not named as the reference: "
+    )
+    options = told.partition("identify by ")[2].removesuffix(".")
+    assert options == "--channel cmd=cmd --method kbr:reference=cmd,weighting=residual"
+    _, out, _ = tvsysid("identify", "loop.mat", *IDENTIFY, *options.split())
+    assert float(re.search(r"│ kbr:reference\S* +│ +([\d.]+)", out)[1]) == pytest.approx(100, rel=0.1)
+    assert "no stiffness" not in out
 
 
 @pytest.mark.slow

@@ -128,6 +128,11 @@ def test_an_outcome_in_words_and_in_a_picture(found):
     assert len(pictures) == 3
 
 
+def test_an_outcome_that_cannot_be_right_states_no_stiffness(file):
+    found = outcome(settings_from(SAID | {"reversed": False}, {"file": file, "channel": ("command=cmd",)}))
+    assert found.lines[0].startswith("no stiffness is stated. No joint has a negative stiffness.")
+
+
 @pytest.mark.parametrize(
     ("changed", "message"),
     [

@@ -50,14 +50,13 @@ class Smoothness(NamedTuple):
 class MixtureError(StandardError):
     """Random error of an estimate that is a mixture of what may be: near an undecided switch a band spans both levels.
 
-    The ``mixture`` is over the times that are known, from the sample ``first`` on.
+    The ``mixture`` is over the times that are known.
     """
 
     mixture: Mixture | None = None
-    first: int = 0
 
     def __reduce__(self) -> tuple[object, ...]:
-        return type(self), (self.values, np.array(self.freedom), self.arc, self.absent, self.mixture, self.first)
+        return type(self), (self.values, np.array(self.freedom), self.arc, self.absent, self.mixture)
 
     def limits(self, values: Array, level: float, simultaneous: bool = False) -> tuple[Array, Array]:
         """Quantiles of the mixture, of Student's t for each of its parts, between which the truth lies."""

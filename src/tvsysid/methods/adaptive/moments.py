@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.signal import firwin
@@ -24,7 +25,8 @@ STILL = 1e-9  # share of the mean power below which an angle is still, or nothin
 U, V, A = range(3)  # angle, velocity, acceleration; further regressors follow, the torque is last
 
 
-class Signals(Protocol):
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Signals(ABC):
     """Signals of realizations: the angle, its velocity and acceleration, any further regressors, and the torque.
 
     At a ``rate`` in Hz, the angle's and the torque in units of ``scale``. ``edges`` are the samples at either end of a
@@ -32,52 +34,39 @@ class Signals(Protocol):
     samples that the constants are found from is independent; ``holds`` (constant,) is how strongly priors hold them.
     """
 
-    @property
-    def rate(self) -> float: ...  # noqa: D102  # pragma: no cover
-    @property
-    def edges(self) -> tuple[int, int]: ...  # noqa: D102  # pragma: no cover
-    @property
-    def scale(self) -> tuple[float, float]: ...  # noqa: D102  # pragma: no cover
-    @property
-    def realizations(self) -> tuple[int, int]: ...  # noqa: D102  # pragma: no cover
-    @property
-    def share(self) -> float: ...  # noqa: D102  # pragma: no cover
-    @property
-    def holds(self) -> Array: ...  # noqa: D102  # pragma: no cover
+    rate: float
+    edges: tuple[int, int]
+    realizations: tuple[int, int]
+    share: float
+    holds: Array
+    scale: tuple[float, float] = (1.0, 1.0)
 
+    @abstractmethod
     def blocks(self, low: bool = False) -> Iterator[Array]:
         """Signals (signal, realization, time) of some realizations after the other, or what the constants are from."""
-        ...  # pragma: no cover
 
 
-@dataclass(frozen=True, eq=False)
-class Derived:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Derived(Signals):
     """Angle and torque of an ensemble and the angle's derivatives, made anew for a block of realizations at a time.
 
     They count in root mean squares, so that no unit matters.
     """
 
     ensemble: Ensemble
-    scale: tuple[float, float]
-    realizations: tuple[int, int]
-    share: float = LOW_SHARE
-    holds: Array = field(default_factory=lambda: np.zeros(2))
 
     @classmethod
     def of(cls, ensemble: Ensemble) -> Derived:
         """Of an ensemble."""
-        rms = [float(np.sqrt(np.mean(np.square(x)))) for x in (ensemble.angle, ensemble.torque)]
-        return cls(ensemble, (rms[0], rms[1]), (len(ensemble), independent_realizations(ensemble)))
-
-    @property
-    def rate(self) -> float:
-        """In Hz."""
-        return self.ensemble.sampling_rate
-
-    @property
-    def edges(self) -> tuple[int, int]:
-        """Samples at either end without derivatives."""
-        return (missing_edge(HALF_WIDTH, self.ensemble),) * 2
+        return cls(
+            rate=ensemble.sampling_rate,
+            edges=(missing_edge(HALF_WIDTH, ensemble),) * 2,
+            realizations=(len(ensemble), independent_realizations(ensemble)),
+            share=LOW_SHARE,
+            holds=np.zeros(2),
+            scale=(float(np.sqrt(np.mean(ensemble.angle**2))), float(np.sqrt(np.mean(ensemble.torque**2)))),
+            ensemble=ensemble,
+        )
 
     def blocks(self, low: bool = False) -> Iterator[Array]:
         """Signals of the whole band, or of the low one."""

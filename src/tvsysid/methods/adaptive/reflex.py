@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
 from tvsysid.methods.adaptive.mixture import Mixture
-from tvsysid.methods.adaptive.moments import MIN_REALIZATIONS, SHORTEST, Constants
+from tvsysid.methods.adaptive.moments import MIN_REALIZATIONS, SHORTEST, Constants, Signals
 from tvsysid.methods.cascade.cascade import JointCascade
-from tvsysid.methods.cascade.choice import Search
 from tvsysid.methods.cascade.regressors import MANY, Columns, Rows, intrinsic_filters
-from tvsysid.methods.cascade.result import Chosen, JointCascadeModel, model, second_order_fit
+from tvsysid.methods.cascade.result import JointCascadeModel, model, second_order_fit
 from tvsysid.methods.cascade.shape import TERMS
 from tvsysid.numerics import Array
 from tvsysid.numerics.moments import row_blocks
@@ -23,8 +22,8 @@ from tvsysid.quality.statistics import LEAST_REALIZATIONS
 from tvsysid.signals import Ensemble
 
 
-@dataclass(frozen=True, eq=False)
-class WithReflex:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class WithReflex(Signals):
     """Signals of a joint with a reflex.
 
     Behind angle, velocity and acceleration follow the angle's differences of higher order (the intrinsic response lasts
@@ -35,18 +34,8 @@ class WithReflex:
     columns: Columns
     rows: NDArray[np.int64]
     times: slice
-    rate: float
-    edges: tuple[int, int]
-    share: float
-    holds: Array
     beside: JointCascadeModel
     readout: Array
-    scale: tuple[float, float] = (1.0, 1.0)
-
-    @property
-    def realizations(self) -> tuple[int, int]:
-        """How many, and one less: the mean is subtracted."""
-        return len(self.rows), len(self.rows) - 1
 
     def blocks(self, low: bool = False) -> Iterator[Array]:
         """All of them: the differences take up what decimation does to the acceleration."""
@@ -72,44 +61,47 @@ class WithReflex:
         rest = slice(1, 1 + len(weights))
         return float(weights @ constants.values[rest]), float(weights @ constants.covariance[rest, rest] @ weights)
 
-    @classmethod
-    def of(cls, search: Search, chosen: Chosen, beside: JointCascadeModel) -> WithReflex | None:
-        """Of what the joint fit found; None if too little is known of the history of enough realizations."""
-        problem, found = chosen.fit.problem, chosen.fit.found
-        data = problem.data
-        known = data.fitted.sum(axis=1)
-        rows = np.flatnonzero(known == known.max())
-        times = np.flatnonzero(data.fitted[rows].all(axis=0))
-        if len(rows) < MIN_REALIZATIONS or len(times) < SHORTEST or np.ptp(times) + 1 != len(times):
-            return None
-        signals, torque, reflex = data.signals, data.torque, problem.columns_and_slopes(found)
-
-        def columns(some: Rows) -> Array:
-            return np.concatenate([signals[:, some], reflex(some), torque[None, some]])
-
-        first = data.bases[0].shape[1] + data.bases[1].shape[1] + 1
-        weights = (found.scale / found.spread)[first:] ** 2
-        noise = found.solved.noise_variance
-        slopes = [noise / TERMS[name].spread ** 2 for name in problem.free]
-        holds = np.concatenate([[0.0, 0.0], weights, slopes])
-        rate = search.ensemble.sampling_rate
-        lags = search.lags
-        readout = second_order_fit(np.arange(-lags, lags + 1) / rate) @ intrinsic_filters(lags, rate).T
-        inside = slice(int(times[0]), int(times[-1]) + 1)
-        edges = (inside.start, torque.shape[1] - inside.stop)
-        return cls(columns, rows, inside, rate, edges, data.share, holds, beside, readout)
-
 
 def with_reflex(ensemble: Ensemble, known: JointCascadeModel | None = None) -> WithReflex | None:
-    """Signals of a joint with a reflex, if held-out realizations show one; or with one that is ``known``."""
+    """Signals of a joint with a reflex, if held-out realizations show one; or with one that is ``known``.
+
+    None also if too little is known of the history of enough realizations.
+    """
     method = JointCascade()
     try:
         if known is not None:
-            search, fits, chosen = method.refitted(ensemble, known)
+            chosen = method.refitted(ensemble, known)
         elif len(ensemble) >= LEAST_REALIZATIONS and (test := reflex_test_of(ensemble)).shown:
-            search, fits, chosen = method.solved(ensemble, "positive" if test.direction > 0 else "negative")
+            chosen = method.solved(ensemble, "positive" if test.direction > 0 else "negative")
         else:
             return None
     except InputError:  # realizations are too short
         return None
-    return WithReflex.of(search, chosen, model(repr(method), search, fits, chosen, only_gain=True))
+    problem, found = chosen.fit.problem, chosen.fit.found
+    data, rate, lags = problem.data, ensemble.sampling_rate, chosen.search.lags
+    count = data.fitted.sum(axis=1)
+    rows = np.flatnonzero(count == count.max())
+    times = np.flatnonzero(data.fitted[rows].all(axis=0))
+    if len(rows) < MIN_REALIZATIONS or len(times) < SHORTEST or np.ptp(times) + 1 != len(times):
+        return None
+    signals, torque, reflex = data.signals, data.torque, problem.columns_and_slopes(found)
+
+    def columns(some: Rows) -> Array:
+        return np.concatenate([signals[:, some], reflex(some), torque[None, some]])
+
+    first = data.bases[0].shape[1] + data.bases[1].shape[1] + 1
+    weights = (found.scale / found.spread)[first:] ** 2
+    slopes = [found.solved.noise_variance / TERMS[name].spread ** 2 for name in problem.free]
+    inside = slice(int(times[0]), int(times[-1]) + 1)
+    return WithReflex(
+        rate=rate,
+        edges=(inside.start, torque.shape[1] - inside.stop),
+        realizations=(len(rows), len(rows) - 1),
+        share=data.share,
+        holds=np.concatenate([[0.0, 0.0], weights, slopes]),
+        columns=columns,
+        rows=rows,
+        times=inside,
+        beside=model(repr(method), chosen, only_gain=True),
+        readout=second_order_fit(np.arange(-lags, lags + 1) / rate) @ intrinsic_filters(lags, rate).T,
+    )

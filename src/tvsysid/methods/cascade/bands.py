@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import next_fast_len, rfft
-from scipy.linalg import blas
 
 from tvsysid.estimates import StandardError
 from tvsysid.methods.cascade.regressors import Columns
@@ -81,7 +80,7 @@ def _coloured(problem: Problem, further: Columns, every: int, mixture: Array | N
     count = every if mixture is None else len(mixture)
     size = 2 * (len(power) - 1)
     times = data.torque.shape[1]
-    out = np.zeros((count, count), order="F")
+    out = np.zeros((count, count))
     # Frequencies between 0 and Nyquist's stand for their negative ones too.
     twice = np.full(len(power), 2.0)
     twice[[0, -1]] = 1.0
@@ -91,5 +90,5 @@ def _coloured(problem: Problem, further: Columns, every: int, mixture: Array | N
         mixed = columns if mixture is None else np.tensordot(mixture, columns, axes=1)
         spectra = rfft(mixed, size, axis=-1) * weights
         flat = spectra.view(np.float64).reshape(count, -1)
-        out = blas.dsyrk(1.0, flat.T, beta=1.0, c=out, trans=1, lower=1, overwrite_c=1)
-    return np.asarray(np.tril(out) + np.tril(out, -1).T)
+        out += flat @ flat.T
+    return out

@@ -30,8 +30,6 @@ FINE = 500.0  # Hz from which on a rectified velocity is one
 DIRECTIONS = {"positive": 1, "negative": -1}
 REMEMBERED = 4  # rectified velocities: of a threshold, those of its slopes, and one that is tried
 
-Solutions = tuple[Search, dict[str, Candidate], result.Chosen]
-
 
 @dataclass(frozen=True)
 class JointCascade(base.Method):
@@ -151,28 +149,28 @@ class JointCascade(base.Method):
         return self.constant is True or not any(self.harmonics[:2])
 
     def _identify(self, ensemble: Ensemble) -> result.JointCascadeModel:
-        return result.model(repr(self), *self.solved(ensemble))
+        return result.model(repr(self), self.solved(ensemble))
 
     def _refit(self, ensemble: Ensemble, model: Model) -> Model:
         """Fit the coefficients to a part of the realizations; the shape and the sizes of the priors are the model's."""
         if not isinstance(model, result.JointCascadeModel):
             return self.identify(ensemble)
-        return result.model(repr(self), *self.refitted(ensemble, model))
+        return result.model(repr(self), self.refitted(ensemble, model))
 
-    def refitted(self, ensemble: Ensemble, model: result.JointCascadeModel) -> Solutions:
+    def refitted(self, ensemble: Ensemble, model: result.JointCascadeModel) -> result.Chosen:
         """Return the solutions that a model states, with their coefficients fitted to another ensemble."""
         search = self._search(ensemble)
         fits = {name: search.refitted(name, known) for name, known in model.hyperparameters.items()}
         name, shown = list(fits)[-1], bool(model.diagnostics.details["reflex_shown"])
-        return search, fits, result.Chosen(name, shown, fits[name], self.emg)
+        return result.Chosen(search, fits, name, shown, fits[name], self.emg)
 
-    def solved(self, ensemble: Ensemble, shown_one: str | None = None) -> Solutions:
+    def solved(self, ensemble: Ensemble, shown_one: str | None = None) -> result.Chosen:
         """Return the solutions with each reflex and without one, and the chosen one; only one where it is known."""
         search = self._search(ensemble)
         fits = search.fits(self.constant, (shown_one,) if shown_one else ("none", *search.drives))
         name, shown = (shown_one, True) if shown_one else self._shown(ensemble, fits)
         found = search.refined(name, fits) if shown else search.unshown(name, fits)
-        return search, fits, result.Chosen(name, shown, found, self.emg)
+        return result.Chosen(search, fits, name, shown, found, self.emg)
 
     def _search(self, ensemble: Ensemble) -> Search:
         rate, lags = ensemble.sampling_rate, base.fitting_lags("JointCascade", self.max_lag, ensemble)

@@ -26,8 +26,10 @@ FADED = 3e-3  # share of a muscle's response that is cut off
 
 
 class Chosen(NamedTuple):
-    """A reflex by name, whether it is ``shown``, and the solution with it."""
+    """A reflex by name, whether it is ``shown``, and the solution with it, of the ``fits`` of a search."""
 
+    search: Search
+    fits: Mapping[str, Candidate]
     name: str
     shown: bool
     fit: Candidate
@@ -105,14 +107,12 @@ class Intrinsic(NamedTuple):
         return cls(weights, np.stack(over_time[1:3], axis=1), float((every[0] @ coefficients).mean()), values)
 
 
-def model(
-    method: str, search: Search, fits: Mapping[str, Candidate], chosen: Chosen, only_gain: bool = False
-) -> JointCascadeModel:
+def model(method: str, chosen: Chosen, only_gain: bool = False) -> JointCascadeModel:
     """Model of the reflex chosen if it is shown, else of none; the gain is stated in both, with ``only_gain`` alone."""
-    ensemble, rate = search.ensemble, search.ensemble.sampling_rate
+    ensemble, lags, fits = chosen.search.ensemble, chosen.search.lags, chosen.fits
+    rate = ensemble.sampling_rate
     used = chosen.fit if chosen.shown else fits["none"]
     stated = ({} if chosen.shown else {"none": used}) | {chosen.name: chosen.fit}
-    lags = search.lags
     intrinsic = Intrinsic.of(used.problem, used.found, lags, rate)
     known = np.asarray(used.problem.data.fitted.any(axis=0))
     torques = used.problem.torques(used.found)
@@ -132,8 +132,8 @@ def model(
     unit = "N m/V" if chosen.emg else UNITS["reflex_gain"]
     error = reflex_sure.error(basis, known, start)
     estimates["reflex_gain"] = Estimate(np.where(known, gain, np.nan), unit, error=error)
-    response, reflex_lags = _reflex_response(search, chosen)
-    details = _details(fits, chosen, torques, reflex_sure) | {"stiffness_fitted": intrinsic.fitted_stiffness}
+    response, reflex_lags = _reflex_response(chosen)
+    details = _details(used, chosen, torques, reflex_sure) | {"stiffness_fitted": intrinsic.fitted_stiffness}
     texts = () if only_gain else tuple(_warnings(chosen, details, estimates))
     nan = np.where(known, 1.0, np.nan)[:, None]
     return JointCascadeModel(
@@ -165,9 +165,9 @@ def _gain(fit: Candidate, time: Array) -> tuple[Array, Array]:
     return basis @ fit.found.coefficients[len(fit.problem.data.own.cross) :], basis
 
 
-def _reflex_response(search: Search, chosen: Chosen) -> tuple[Array, Array]:
+def _reflex_response(chosen: Chosen) -> tuple[Array, Array]:
     """Weights (time, lag) of what drives the reflex, and the lags in s; zero where no reflex is shown."""
-    ensemble, rate = search.ensemble, search.ensemble.sampling_rate
+    ensemble, rate = chosen.search.ensemble, chosen.search.ensemble.sampling_rate
     shape = chosen.fit.found.shape
     longest = max(round(SETTLED * rate), ensemble.context) + 1
     muscle = shape.response(4 * longest, rate)
@@ -183,12 +183,9 @@ def _reflex_response(search: Search, chosen: Chosen) -> tuple[Array, Array]:
     return gain * muscle / muscle.sum(), lags
 
 
-def _details(
-    fits: Mapping[str, Candidate], chosen: Chosen, torques: tuple[Array, Array], sure: Covariance
-) -> dict[str, float]:
+def _details(used: Candidate, chosen: Chosen, torques: tuple[Array, Array], sure: Covariance) -> dict[str, float]:
     shape, free = chosen.fit.found.shape, chosen.fit.problem.free
     errors = np.sqrt(np.diag(sure.matrix)[len(sure.matrix) - len(free) :])
-    used = chosen.fit if chosen.shown else fits["none"]
     torque = used.problem.data.torque
 
     def explained(part: Array) -> float:
@@ -207,7 +204,7 @@ def _details(
     details["vaf"], details["vaf_intrinsic"] = explained(torques[0] + torques[1]), explained(torques[0])
     details["vaf_reflex"] = explained(torques[1])
     details["vaf_held_out"] = 100 * used.share()
-    for name, fit in (dict(fits) | ({chosen.name: chosen.fit} if chosen.shown else {})).items():
+    for name, fit in (dict(chosen.fits) | ({chosen.name: chosen.fit} if chosen.shown else {})).items():
         details[f"evidence_{name}"] = float(fit.found.objective)
     return details
 

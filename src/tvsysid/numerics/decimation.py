@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from scipy.signal import firwin, upfirdn
 
 from tvsysid.numerics import Array
 
@@ -16,7 +15,8 @@ SHARP = 20  # taps for each of the factor, of a filter that passes hardly anythi
 @lru_cache(maxsize=16)
 def decimation_weights(factor: int, taps: int = TAPS) -> Array:
     """Hamming-window low-pass with -6 dB at the new Nyquist frequency, shape (taps,)."""
-    weights = firwin(taps, 1 / factor)
+    weights = np.sinc((np.arange(taps) - taps // 2) / factor) * np.hamming(taps)
+    weights /= weights.sum()
     weights.flags.writeable = False
     return np.asarray(weights)
 
@@ -28,11 +28,12 @@ def keep_every(x: Array, factor: int, taps: int = TAPS) -> Array:
     """
     if factor == 1:
         return x
-    half = taps // 2
-    skip = -(-2 * half // factor)  # outputs that lie before the first sample
-    before = skip * factor - half  # so that the outputs fall on the samples 0, factor, 2 factor, ...
+    half, kept = taps // 2, -(-x.shape[-1] // factor)
+    weights = decimation_weights(factor, taps)
+    weights = np.pad(weights, (0, -taps % factor)).reshape(-1, factor)
     head = 2 * x[..., :1] - x[..., half:0:-1]
     tail = 2 * x[..., -1:] - x[..., -2 : -2 - half : -1]
-    extended = np.concatenate([np.zeros((*x.shape[:-1], before - half)), head, x, tail], axis=-1)
-    kept = -(-x.shape[-1] // factor)
-    return np.asarray(upfirdn(decimation_weights(factor, taps), extended, down=factor)[..., skip : skip + kept])
+    extended = np.concatenate([head, x, tail, np.zeros((*x.shape[:-1], factor))], axis=-1)
+    blocks = extended[..., : (kept + len(weights) - 1) * factor].reshape(*x.shape[:-1], -1, factor)
+    parts = blocks @ weights.T
+    return np.asarray(sum(parts[..., first : first + kept, first] for first in range(len(weights))))

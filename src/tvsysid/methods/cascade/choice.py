@@ -96,24 +96,25 @@ class Search(NamedTuple):
         first = {name: first_shapes(self.delay, self.free.get(name, ())) for name in names}
         shapes = {name: self.problem(name, still).started(each).shape for name, each in first.items()}
         varying = self.data.varies and not constant
-        known = self._noise(shapes, self.data if varying else still)
-        found = {name: self.candidate(name, still.counting(*known), shape) for name, shape in shapes.items()}
-        if not varying:
+        data = self.data if varying else still
+        begun = {name: self.problem(name, data).at(shape) for name, shape in shapes.items()}
+        known = self._noise(data, begun)
+        counted = {name: self.problem(name, data.counting(*known)) for name in shapes}
+        found = {name: self.judged(problem, problem.counted(begun[name])) for name, problem in counted.items()}
+        if not varying or constant is False:
             return found
-        data = self.data.counting(*known)
-        changing = {name: self.candidate(name, data, shape) for name, shape in shapes.items()}
-        return changing if constant is False or _better(changing, found) else found
+        constants = {name: self.problem(name, still.counting(*known)) for name in shapes}
+        unchanging = {name: self.judged(problem, problem.at(shapes[name])) for name, problem in constants.items()}
+        return found if _better(found, unchanging) else unchanging
 
-    def _noise(self, shapes: Mapping[str, Shape], data: Data) -> tuple[float, float | None]:
+    def _noise(self, data: Data, found: Mapping[str, Found]) -> tuple[float, float | None]:
         """What a sample is worth, as what the best solution leaves is not white, and the size of the differences.
 
         The latter is that for which all samples count: what the differences stand for (unlike filters, aliases) is no
         noise.
         """
-        problems = {name: self.problem(name, data) for name in shapes}
-        found = {name: problem.at(shapes[name]) for name, problem in problems.items()}
         best = max(found, key=lambda name: found[name].objective + CERTAIN * (name == "none"))
-        left = data.torque - np.sum(problems[best].torques(found[best]), axis=0)
+        left = data.torque - np.sum(self.problem(best, data).torques(found[best]), axis=0)
         seen = data.fitted.all(axis=0)
         if not seen.any():
             return 1.0, None
@@ -124,11 +125,6 @@ class Search(NamedTuple):
         # Where samples count less, a prior must be as much wider to hold as little.
         size = found[best].spread[sum(functions.shape[1] for functions in data.bases[:3])]
         return share, math.log(size) - math.log(share) / 2
-
-    def candidate(self, name: str, data: Data, shape: Shape) -> Candidate:
-        """Solution for a shape."""
-        problem = self.problem(name, data)
-        return self.judged(problem, problem.at(shape))
 
     def refitted(self, name: str, known: Hyperparameters) -> Candidate:
         """Return the solution with these hyperparameters."""

@@ -119,7 +119,7 @@ def model(method: str, chosen: Chosen, only_gain: bool = False) -> JointCascadeM
     left = used.problem.data.torque - np.sum(torques, axis=0)
     start = len(chosen.fit.problem.data.own.cross)
     sure = covariance_of(used.problem, used.found, left, start if only_gain else 0)
-    reflex_sure = sure if chosen.shown else covariance_of(chosen.fit.problem, chosen.fit.found, left)
+    reflex_sure = sure if chosen.shown else covariance_of(chosen.fit.problem, chosen.fit.found, left, start)
     estimates = {
         name: Estimate(
             np.where(known, values, np.nan),

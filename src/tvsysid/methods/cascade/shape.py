@@ -126,6 +126,10 @@ class Problem:
         moments = moments.scaled(scale)
         return self._solved(shape, moments, scale, parameters)
 
+    def counted(self, found: Found) -> Found:
+        """Solution for the same shape and columns, where samples counted in full before."""
+        return self._solved(found.shape, found.moments.times(self.data.share), found.scale, None)
+
     def _solved(self, shape: Shape, moments: Moments, scale: Array, parameters: Array | None) -> Found:
         if parameters is None:
             parameters = tuned(moments, self.prior, self.prior.usual)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import find_peaks
 
 from tvsysid.methods import base, shared
 from tvsysid.models import Diagnostics, Model
@@ -159,7 +159,9 @@ class ModalModel(Model):
 def _impulses(torque: Array, rate: float) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """Samples at which impulses of a torque (time,) peak, and whether each sample is within one."""
     size = np.abs(torque)
-    places, _ = find_peaks(size, height=LEAST * size.max(initial=0.0), distance=max(1, round(2 * ABOUT * rate)))
+    places, _ = scipy.signal.find_peaks(
+        size, height=LEAST * size.max(initial=0.0), distance=max(1, round(2 * ABOUT * rate))
+    )
     near = np.zeros(len(torque), dtype=bool)
     for offset in range(-round(ABOUT * rate), round(ABOUT * rate) + 1):
         near[np.clip(places + offset, 0, len(torque) - 1)] = True

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
+import scipy
 from numpy.polynomial import chebyshev, legendre
-from scipy.interpolate import BSpline
 
 from tvsysid.errors import InputError
 from tvsysid.numerics import Array
@@ -92,12 +92,12 @@ class CubicBSplines:
         if self.periodic:
             step = 1.0 / self.functions
             knots = np.arange(-3, self.functions + 4) * step
-            wide = BSpline.design_matrix(time % 1.0, knots, 3).toarray()
+            wide = scipy.interpolate.BSpline.design_matrix(time % 1.0, knots, 3).toarray()
             wide[:, :3] += wide[:, self.functions :]
             return np.asarray(wide[:, : self.functions])
         inner = np.linspace(0.0, 1.0, self.functions - 2)
         knots = np.concatenate([np.zeros(3), inner, np.ones(3)])
-        return np.asarray(BSpline.design_matrix(time, knots, 3).toarray())
+        return np.asarray(scipy.interpolate.BSpline.design_matrix(time, knots, 3).toarray())
 
 
 @dataclass(frozen=True)

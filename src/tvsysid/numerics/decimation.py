@@ -13,7 +13,7 @@ SHARP = 20  # taps for each of the factor, of a filter that passes hardly anythi
 
 
 @lru_cache(maxsize=16)
-def decimation_weights(factor: int, taps: int = TAPS) -> Array:
+def decimation_weights(factor: float, taps: int = TAPS) -> Array:
     """Hamming-window low-pass with -6 dB at the new Nyquist frequency, shape (taps,)."""
     weights = np.sinc((np.arange(taps) - taps // 2) / factor) * np.hamming(taps)
     weights /= weights.sum()

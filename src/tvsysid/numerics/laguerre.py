@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.signal import lfilter
+import scipy
 
 from tvsysid.numerics import Array
 
@@ -25,7 +25,7 @@ def laguerre_filters(count: int, lags: int, time_constant: float) -> Array:
     pole = math.exp(-1 / time_constant)
     impulse = np.zeros(lags)
     impulse[0] = math.sqrt(1 - pole**2)
-    filters = [lfilter([1.0], [1.0, -pole], impulse)]
+    filters = [scipy.signal.lfilter([1.0], [1.0, -pole], impulse)]
     while len(filters) < count:
-        filters.append(lfilter([-pole, 1.0], [1.0, -pole], filters[-1]))
+        filters.append(scipy.signal.lfilter([-pole, 1.0], [1.0, -pole], filters[-1]))
     return np.stack(filters)

@@ -6,7 +6,7 @@ import math
 from functools import lru_cache
 
 import numpy as np
-from scipy.signal import lfilter
+import scipy
 
 from tvsysid.numerics import Array
 from tvsysid.numerics.differentiation import BAND, HALF_WIDTH
@@ -52,4 +52,4 @@ def low_pass(u: Array, lag: float, sampling_rate: float) -> Array:
     weights, pole = lag_weights(lag * sampling_rate)
     driven = np.convolve(np.pad(u, 2 * HALF_WIDTH, "reflect", reflect_type="odd"), weights, mode="valid")
     at_rest = driven[0] / (1 - pole)
-    return np.asarray(lfilter([1.0], [1.0, -pole], driven, zi=[pole * at_rest])[0][HALF_WIDTH:-HALF_WIDTH])
+    return np.asarray(scipy.signal.lfilter([1.0], [1.0, -pole], driven, zi=[pole * at_rest])[0][HALF_WIDTH:-HALF_WIDTH])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
-from scipy.signal import welch
 
 from tvsysid.numerics import Array
 from tvsysid.numerics.moments import diagonal_moments
@@ -103,10 +102,13 @@ def white_share(noise: Array, signal: Array, sampling_rate: float, band: tuple[f
     (realization, time). White noise of the same power in the band gives as much from a share of the data,
     :math:`\bar P\, \sum_f S(f) / \sum_f S(f)\, P(f)`.
     """
-    frequency, power = welch(noise, sampling_rate, nperseg=noise.shape[1], detrend=False, axis=1)
-    _, strength = welch(signal, sampling_rate, nperseg=noise.shape[1], detrend=False, axis=1)
+    times = noise.shape[1]
+    window = 1 - np.cos(2 * np.pi * np.arange(times) / times)
+    frequency = np.arange(times // 2 + 1) * sampling_rate / times
     inside = (frequency >= band[0]) & (frequency <= band[1])
-    power, strength = power.mean(axis=0)[inside], strength.mean(axis=0)[inside]
+    once = (frequency == 0) | (2 * frequency == sampling_rate)  # the others stand for negative ones too
+    weight = np.where(once, 1.0, 2.0)[inside]
+    power, strength = (weight * np.mean(abs(rfft(x * window)) ** 2, axis=0)[inside] for x in (noise, signal))
     product = float(power @ strength)
     return min(1.0, float(power.mean() * strength.sum()) / product) if product > 0 else 1.0
 

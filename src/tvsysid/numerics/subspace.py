@@ -11,10 +11,10 @@ from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import cholesky, solve_triangular
-from scipy.signal import lfilter
 
 from tvsysid.numerics import Array
 from tvsysid.numerics.hammerstein import lagged_gram
@@ -139,14 +139,14 @@ def dynamics(pieces: Sequence[Piece], horizon: int, order: int | None = None, la
 
 def rows_of(piece: Piece, found: Dynamics, free: bool = True) -> Rows:
     """Rows of a piece; if ``free``, without what an initial state could have made of them."""
-    once = lfilter([1.0], found.denominator, piece.inputs, axis=0)
+    once = scipy.signal.lfilter([1.0], found.denominator, piece.inputs, axis=0)
     delayed = [np.pad(once, ((k, 0), (0, 0)))[: len(once)] for k in range(found.order + 1)]
     rows = Rows(np.concatenate(delayed, axis=1), piece.regressors(), piece.output)
     if not free:
         return rows
     impulse = np.zeros((len(once), found.order))
     impulse[np.arange(found.order), np.arange(found.order)] = 1.0
-    responses = np.linalg.qr(lfilter([1.0], found.denominator, impulse, axis=0))[0]
+    responses = np.linalg.qr(scipy.signal.lfilter([1.0], found.denominator, impulse, axis=0))[0]
     return Rows(*(each - responses @ (responses.T @ each) for each in rows))
 
 
@@ -268,7 +268,7 @@ def _whitener(gram: Array, least: float = COLLINEAR) -> Array:
 
 
 def _impulse_response(numerator: ArrayLike, denominator: Array, samples: int) -> Array:
-    return np.asarray(lfilter(numerator, denominator, np.eye(1, samples)[0]))
+    return np.asarray(scipy.signal.lfilter(numerator, denominator, np.eye(1, samples)[0]))
 
 
 def _basis(columns: Array) -> Array:

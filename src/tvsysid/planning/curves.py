@@ -11,7 +11,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import nnls
+import scipy
 
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.limits import TIME_LIMIT
@@ -68,7 +68,7 @@ class Curve:
         fitted, found = variance, np.zeros(len(POWERS))
         for _ in range(ROUNDS):
             weight = np.sqrt(self.draws - 1) / fitted
-            found = nnls(columns * weight[:, None], variance * weight)[0]
+            found = scipy.optimize.nnls(columns * weight[:, None], variance * weight)[0]
             fitted = columns @ found
         return found
 

@@ -9,8 +9,8 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from scipy.fft import irfft, next_fast_len, rfftfreq
-from scipy.signal import welch
 
 from tvsysid.checked import checked_rate
 from tvsysid.errors import DataQualityWarning, InputError
@@ -288,7 +288,7 @@ def _levels(stiffness: Array) -> tuple[float, float]:
 
 def _density(values: Array, rate: float, length: int) -> tuple[Array, Array]:
     """Frequencies, and spectral density of (realization, time), mean over realizations."""
-    frequencies, power = welch(values, rate, nperseg=length, detrend=False, axis=1)
+    frequencies, power = scipy.signal.welch(values, rate, nperseg=length, detrend=False, axis=1)
     return frequencies, power.mean(axis=0)
 
 

@@ -6,9 +6,9 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
-from scipy.signal import firwin, oaconvolve
+import scipy
 
+from tvsysid.numerics.decimation import decimation_weights
 from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.preprocess import decimate
 from tvsysid.preprocess.segment import every_signal
@@ -72,13 +72,13 @@ def _resampled(ensemble: Ensemble) -> Ensemble | None:
         return None
     step = samples / count
     places = context + step * np.arange(-margin, count + margin)
-    taps = firwin(2 * round(TAPS * step / 2) + 1, 1 / step)
+    taps = decimation_weights(step, 2 * round(TAPS * step / 2) + 1)
     half = len(taps) // 2
 
     def lower(values: Array) -> Array:
         extended = np.pad(values, ((0, 0), (half, half)), "reflect", reflect_type="odd")
-        smooth = oaconvolve(extended, taps[None], mode="valid", axes=1)
-        return np.asarray(make_interp_spline(np.arange(values.shape[1]), smooth, axis=1)(places))
+        smooth = scipy.signal.oaconvolve(extended, taps[None], mode="valid", axes=1)
+        return np.asarray(scipy.interpolate.make_interp_spline(np.arange(values.shape[1]), smooth, axis=1)(places))
 
     signals = every_signal(replace(ensemble, recorded_angle=None), lower)
     return replace(ensemble, **signals, context=margin, sampling_rate=rate / step)

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 from scipy.special import stdtr
 
 from tvsysid.numerics.moments import sliding_sum
@@ -88,7 +87,7 @@ def prediction_error(signal: Array, order: int) -> Array:
 
 def innovations(signal: Array, order: int) -> Array:
     """What so many samples of a signal's past do not predict, shape (realization, time - order)."""
-    return np.asarray(lfilter(prediction_error(signal, order), 1.0, signal, axis=1)[:, order:])
+    return np.asarray(sliding_window_view(signal, order + 1, axis=1) @ prediction_error(signal, order)[::-1])
 
 
 def over_usual(values: Array, quantile: float) -> Array:

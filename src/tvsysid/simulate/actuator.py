@@ -7,8 +7,8 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from scipy.linalg import expm
-from scipy.signal import bessel, lfilter
 
 from tvsysid.numerics import Array
 from tvsysid.simulate.perturbations import generated
@@ -68,8 +68,8 @@ class Actuator:
 
     def __call__(self, drive: Array) -> tuple[Array, Array, Array]:
         """Position, velocity and acceleration, the drive being linear between samples."""
-        position, self.states[0] = lfilter(self.position, self.denominator, drive, zi=self.states[0])
-        velocity, self.states[1] = lfilter(self.velocity, self.denominator, drive, zi=self.states[1])
+        position, self.states[0] = scipy.signal.lfilter(self.position, self.denominator, drive, zi=self.states[0])
+        velocity, self.states[1] = scipy.signal.lfilter(self.velocity, self.denominator, drive, zi=self.states[1])
         acceleration = drive - position
         acceleration *= self.stiffness
         acceleration -= self.damping * velocity
@@ -83,7 +83,7 @@ def _actuator_filter(rate: float) -> tuple[Array, Array, Array, float, float]:
     A drive held over each sample would lag half a sample behind the one in the acceleration's equation, and so add
     0.6 N·m·s/rad of viscosity at 1 kHz.
     """
-    _, (_, damping, stiffness) = bessel(2, 2 * np.pi * BANDWIDTH, analog=True, norm="phase")
+    _, (_, damping, stiffness) = scipy.signal.bessel(2, 2 * np.pi * BANDWIDTH, analog=True, norm="phase")
     system, entry = np.array([[0.0, 1.0], [-stiffness, -damping]]), np.array([0.0, stiffness])
     transition = expm(system / rate)
     held = np.linalg.solve(system, (transition - np.eye(2)) @ entry)

@@ -7,9 +7,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+import scipy
 from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
-from scipy.signal import bilinear, lfilter
 
 from tvsysid.errors import InputError
 from tvsysid.numerics import Array
@@ -155,8 +155,8 @@ class StretchReflex:
         """What the muscle makes of its drive; its gain is 1."""
         if not callable(self.frequency):
             square = self.frequency**2
-            muscle = bilinear([square], [1.0, 2 * self.damping * self.frequency, square], fs=rate)
-            return np.asarray(lfilter(*muscle, drive))
+            muscle = scipy.signal.bilinear([square], [1.0, 2 * self.damping * self.frequency, square], fs=rate)
+            return np.asarray(scipy.signal.lfilter(*muscle, drive))
         index = np.arange(start, start + len(drive))
         frequency = over_time("StretchReflex: frequency", self.frequency, index, rate)
         if frequency.min() <= 0:

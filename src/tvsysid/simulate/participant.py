@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import butter, lfilter
 
 from tvsysid.errors import InputError
 from tvsysid.signals import Array, Recording
@@ -221,7 +221,7 @@ def _voluntary_torque(traits: Traits, time: Array, late: float, random: np.rando
     delay += happens(late) * random.choice([-1.0, 1.0], count) * random.uniform(0.35, 0.7, count)
     innovation = math.sqrt(1 - MEMORY**2) * random.standard_normal(count)
     innovation[0] = random.standard_normal()
-    drift = lfilter([1.0], [1.0, -MEMORY], innovation)
+    drift = scipy.signal.lfilter([1.0], [1.0, -MEMORY], innovation)
     amplitude = 1 + traits.amplitude_jitter * random.standard_normal(count) + traits.amplitude_drift * drift
     amplitude -= happens(traits.weak) * random.uniform(0.2, 0.6, count)
     offset = traits.offset_jitter * random.standard_normal(count)
@@ -240,6 +240,6 @@ def _unit_noise(bandwidth: float, samples: int, random: np.random.Generator) -> 
     """Low-passed noise of unit variance, shape (samples,)."""
     impulse = np.zeros(round(4 * RATE / bandwidth))
     impulse[0] = 1.0
-    response = lfilter(*butter(2, bandwidth, fs=RATE), impulse)
+    response = scipy.signal.lfilter(*scipy.signal.butter(2, bandwidth, fs=RATE), impulse)
     noise = LowPassedNoise(random, bandwidth, RATE, settling=round(RATE / bandwidth))(samples)
     return np.asarray(noise / math.sqrt(float(np.dot(response, response))))

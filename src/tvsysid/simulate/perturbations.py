@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from scipy.signal import butter, lfilter
+import scipy
 
 from tvsysid.errors import InputError
 from tvsysid.numerics import Array
@@ -49,8 +49,8 @@ class FilteredNoise:
             raise InputError(
                 f"FilteredNoise: cutoff {self.cutoff:g} Hz must be below half the sampling rate of {rate:g} Hz"
             )
-        numerator, denominator = butter(2, self.cutoff, fs=rate)
-        return np.asarray(lfilter(numerator, denominator, random.standard_normal(samples)))
+        numerator, denominator = scipy.signal.butter(2, self.cutoff, fs=rate)
+        return np.asarray(scipy.signal.lfilter(numerator, denominator, random.standard_normal(samples)))
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from functools import reduce
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import butter, lfilter
 
 from tvsysid.checked import checked_rate
 from tvsysid.errors import InputError
@@ -137,10 +137,10 @@ class LowPassedNoise:
     """White noise through a second-order Butterworth low-pass, block after block; after so many samples to settle."""
 
     def __init__(self, random: np.random.Generator, cutoff: float, rate: float, settling: int) -> None:
-        self.random, self.filter, self.state = random, butter(2, cutoff, fs=rate), np.zeros(2)
+        self.random, self.filter, self.state = random, scipy.signal.butter(2, cutoff, fs=rate), np.zeros(2)
         self(settling)
 
     def __call__(self, samples: int) -> Array:
         """Return the next samples."""
-        noise, self.state = lfilter(*self.filter, self.random.standard_normal(samples), zi=self.state)
+        noise, self.state = scipy.signal.lfilter(*self.filter, self.random.standard_normal(samples), zi=self.state)
         return np.asarray(noise)

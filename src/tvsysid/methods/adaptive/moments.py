@@ -8,16 +8,16 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import firwin
 
 from tvsysid.methods.base import missing_edge
 from tvsysid.methods.shared.residuals import independent_realizations
 from tvsysid.numerics import Array
+from tvsysid.numerics.decimation import decimation_weights
 from tvsysid.numerics.differentiation import HALF_WIDTH, derivative_weights
 from tvsysid.numerics.moments import convolve_lags, row_blocks
 from tvsysid.signals import Ensemble
 
-LOW_BAND = firwin(21, 0.6)  # what aliasing and decimation leave alone
+LOW_BAND = decimation_weights(1 / 0.6, 21)  # what aliasing and decimation leave alone
 LOW_SHARE = 0.6  # of the samples that are independent in the low band
 MIN_REALIZATIONS = 4  # realizations
 SHORTEST = 16  # samples of a realization that have derivatives, at least

@@ -6,9 +6,9 @@ import math
 from typing import NamedTuple, Self
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from scipy.linalg import lapack
-from scipy.optimize import minimize
 
 from tvsysid.numerics import Array
 
@@ -165,4 +165,6 @@ def tuned(moments: Moments, prior: Prior, start: Array) -> Array:
 
     bounds = [DECAYS if is_decay else SIZES for is_decay in prior.decay]
     options = {"maxiter": ITERATIONS, "ftol": 1e-9}
-    return np.asarray(minimize(cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options).x)
+    return np.asarray(
+        scipy.optimize.minimize(cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options).x
+    )

@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple, Self
 
 import numpy as np
+import scipy
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.ndimage import correlate1d
-from scipy.signal import lfilter
 
 from tvsysid.methods.cascade.evidence import Moments
 from tvsysid.numerics import Array
@@ -193,7 +193,7 @@ class Shape(NamedTuple):
         whole, up, down = self.muscle(rate)
         impulse = np.zeros(samples)
         impulse[min(whole, samples - 1)] = 1.0
-        response = lfilter(up, down, impulse)
+        response = scipy.signal.lfilter(up, down, impulse)
         return np.asarray(response / response.sum())
 
 
@@ -201,7 +201,7 @@ def behind(driven: Array, muscle: tuple[int, Array, Array], samples: int) -> Arr
     """What comes out of delay and muscle (:meth:`Shape.muscle`) at the last so many samples."""
     whole, up, down = muscle
     stop = driven.shape[-1] - whole
-    return np.asarray(lfilter(up, down, driven)[..., stop - samples : stop])
+    return np.asarray(scipy.signal.lfilter(up, down, driven)[..., stop - samples : stop])
 
 
 @dataclass(frozen=True, eq=False)

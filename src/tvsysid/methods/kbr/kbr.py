@@ -10,7 +10,7 @@ from functools import partial
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
-from scipy.signal import firwin
+import scipy
 
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods import kbr, shared
@@ -380,5 +380,5 @@ def _in_band(filters: Array, band: tuple[float, float], rate: float) -> Array:
     edges = [edge for edge in (low, high) if 0 < edge < rate / 2]
     if not edges:
         return filters
-    passing = firwin(2 * shared.HALF_WIDTH + 1, edges, fs=rate, pass_zero=low == 0)
+    passing = scipy.signal.firwin(2 * shared.HALF_WIDTH + 1, edges, fs=rate, pass_zero=low == 0)
     return np.stack([np.convolve(row, passing) for row in filters])

@@ -9,8 +9,8 @@ from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from tvsysid.errors import InputError
 from tvsysid.methods.kbr.kernel import ENDLESS, Kernel, log_harmonic_variances
@@ -156,7 +156,9 @@ class Likelihood:
             value, slope = self(place)
             return usual - value, -slope
 
-        found = minimize(descent, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": 1e-9})
+        found = scipy.optimize.minimize(
+            descent, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": 1e-9}
+        )
         if found.x[4] <= theta[4] - FAR:
             raise InputError(
                 "the settings of kbr cannot be found from the data: so few realizations are explained without any "

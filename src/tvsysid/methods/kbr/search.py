@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from operator import attrgetter
 
 import numpy as np
-from scipy.optimize import minimize_scalar
+import scipy
 
 from tvsysid.methods.kbr.kernel import ENDLESS, VISIBLE, Kernel
 from tvsysid.methods.kbr.likelihood import LENGTHS, Likelihood, Tried
@@ -220,7 +220,9 @@ class Search:
                 found[lag] = self._at(best, lag)
                 return -found[lag].value
 
-            minimize_scalar(loss, bounds=(top.lag / 2, 2 * top.lag), method="bounded", options={"maxiter": REFINED})
+            scipy.optimize.minimize_scalar(
+                loss, bounds=(top.lag / 2, 2 * top.lag), method="bounded", options={"maxiter": REFINED}
+            )
             yield from found.values()
             top = max(top, *found.values(), key=_value)
         yield self._about(best, top.lag).climb(top.theta, f"lag {1e3 * top.lag:.3g} ms" if top.lag else "no lag")

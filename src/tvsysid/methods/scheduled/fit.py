@@ -9,8 +9,8 @@ from itertools import pairwise, product
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import oaconvolve
 
 from tvsysid.errors import InputError
 from tvsysid.methods.scheduled.structure import Structure
@@ -201,5 +201,5 @@ def covariance_of(fit: Fit, rate: float, freedom: float) -> Array:
     residual[0, rows.place] = left
     half = autocovariance(residual, lags) * length / freedom
     half *= (1 + np.cos(np.pi * np.arange(lags + 1) / (lags + 1))) / 2
-    coloured = oaconvolve(line, np.concatenate([half[:0:-1], half])[None], mode="same", axes=1) @ line.T
+    coloured = scipy.signal.oaconvolve(line, np.concatenate([half[:0:-1], half])[None], mode="same", axes=1) @ line.T
     return np.asarray(fit.inverse @ (coloured + coloured.T) @ fit.inverse / 2)

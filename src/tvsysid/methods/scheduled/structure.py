@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from tvsysid.estimates import IMPEDANCE
 from tvsysid.methods.cascade.result import second_order_fit
@@ -46,7 +46,7 @@ class Reflex:
             past = history(ensemble, polynomials[..., degree] * drive, before)
             past = past[:, : self.memory - 1 + ensemble.samples]
             for number, response in enumerate(self.responses):
-                out[number, degree] = lfilter(response, 1.0, past, axis=1)[:, self.memory - 1 :]
+                out[number, degree] = scipy.signal.lfilter(response, 1.0, past, axis=1)[:, self.memory - 1 :]
         return out.reshape(-1, *out.shape[2:])
 
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from tvsysid.errors import InputError
 from tvsysid.estimates import ErrorStatistics, StandardError
@@ -262,7 +262,7 @@ def _strength(ensemble: Ensemble, moved: Ensemble) -> Array:
 def _needed(independent: int) -> float:
     """Strength from which on the stiffness that the data do not contradict has an end."""
     freedom = independent - 3
-    return float(student.ppf(0.975, freedom) ** 2 * independent / freedom) if freedom > 0 else np.inf
+    return float(stdtrit(freedom, 0.975) ** 2 * independent / freedom) if freedom > 0 else np.inf
 
 
 def _drowned(left: Array, angle: Array, ensemble: Ensemble) -> tuple[float, float] | None:

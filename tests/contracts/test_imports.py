@@ -79,7 +79,7 @@ def test_headings_of_docstrings_stand_above_their_lines():
 
 
 @pytest.mark.slow
-def test_identification_and_diagnosis_need_no_pictures_tables_and_stores():
+def test_identification_and_diagnosis_need_no_pictures_tables_and_stores(tmp_path):
     program = """
 import sys, tvsysid as tv
 heavy = {"matplotlib", "zarr", "dask", "xarray", "pandas", "jinja2", "scipy.signal", "scipy.stats"}
@@ -88,15 +88,22 @@ tv.ShortDataSegments(), tv.simulate.Joint, tv.metrics.vaf
 print("identification", heavy & set(sys.modules) or "light")
 import numpy as np
 x = np.random.default_rng(0).normal(size=(10, 100))
-repr(tv.diagnose(tv.Ensemble(x, x + 1, 100.0)))
+ensemble = tv.Ensemble(x, x + 1, 100.0)
+repr(tv.diagnose(ensemble))
 print("diagnosis", heavy & set(sys.modules) or "light")
+found = tv.compare(ensemble, ["birf"])
+found.held_out_vaf(2), found.rows(), found.rows_over_time()
+tv.recordings.write_models(sys.argv[1], found.models)
+print("comparison", heavy & set(sys.modules) or "light")
 """
-    shown = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout
-    assert shown.splitlines() == ["import light", "identification light", "diagnosis light"]
+    command = [sys.executable, "-W", "ignore", "-c", program, str(tmp_path / "models.nc")]
+    shown = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert shown.splitlines() == ["import light", "identification light", "diagnosis light", "comparison light"]
 
 
 def test_no_public_name_is_that_of_the_module_that_has_it():
     # The module would take the name's place once it is imported; and what guards against that cannot be pickled, so
     # that no method of a script that uses the package would reach a worker.
-    assert type(tvsysid) is types.ModuleType
-    assert cloudpickle.loads(cloudpickle.dumps(tvsysid)) is tvsysid
+    for package in (tvsysid, tvsysid.figures, tvsysid.recordings, tvsysid.report):
+        assert type(package) is types.ModuleType
+        assert cloudpickle.loads(cloudpickle.dumps(package)) is package

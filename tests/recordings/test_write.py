@@ -1,5 +1,6 @@
 import dataclasses
 import json
+import math
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -23,6 +24,7 @@ from tvsysid.recordings import (
     write_nwb,
     write_recording,
     write_simulation,
+    write_table,
 )
 
 
@@ -73,6 +75,11 @@ def test_models_are_read_back(tmp_path, ensemble_of):
         np.testing.assert_array_equal(response, models["esm"].frequency_response)
         np.testing.assert_array_equal(tree["sds"].impulse_response.values, models["sds"].impulse_response)
         np.testing.assert_array_equal(tree["birf"].covariance.values, models["birf"].covariance)
+
+
+def test_a_table_has_nothing_where_a_row_has_no_number(tmp_path):
+    write_table(tmp_path / "table.csv", [{"method": "a,b", "value": 1 / 3}, {"method": "sds", "gain": math.nan}])
+    assert (tmp_path / "table.csv").read_text() == 'method,value,gain\n"a,b",0.333333,\nsds,,\n'
 
 
 def test_a_file_appears_whole_or_not_at_all(tmp_path):

@@ -7,13 +7,13 @@ from .diagnosis import diagnosis_panels as diagnosis_panels
 from .identification import identified_impedance as identified_impedance
 from .identification import identified_quantity as identified_quantity
 from .identification import tuning_curves as tuning_curves
-from .leaderboard import leaderboard as leaderboard
 from .objects import plot as plot
 from .participants import participant_in_detail as participant_in_detail
 from .participants import stiffness_of_participants as stiffness_of_participants
 from .participants import stiffness_with_bands as stiffness_with_bands
 from .planning import planned_recording as planned_recording
 from .preparation import preparation_steps as preparation_steps
+from .ranking import leaderboard as leaderboard
 from .recorded import ensemble_signals as ensemble_signals
 from .recorded import recorded_channels as recorded_channels
 from .recorded import recorded_signals as recorded_signals

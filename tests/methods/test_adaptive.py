@@ -455,11 +455,11 @@ def test_two_switches_that_are_close_are_both_listed(random):
     assert [row.time for row in rows if row.probability > 0.5] == pytest.approx([20.3, 22.6], abs=0.4)
 
 
-def test_how_steps_are_smeared_is_averaged_where_the_data_leave_it_open(random):
+def test_how_steps_are_smeared_is_averaged_where_the_data_leave_it_open(random, monkeypatch):
+    monkeypatch.setattr(averaging, "roughnesses", lambda axis: tuple(some(axis, 0)))
     line, _ = line_of(random, periodic=False)
-    constant = tuple(some(line.axis, 0))
     for scale, count in ((1.0, 1), (20.0, 2)):
-        each = evidence.Line.of(line.axis, 5 * line.seen, scale * 25 * np.linalg.inv(line.precision), 5.0, constant)
+        each = evidence.Line.of(line.axis, 5 * line.seen, scale * 25 * np.linalg.inv(line.precision), 5.0)
         found = averaging.averaged(each)
         axes = {candidate.smooth.line.axis for candidate in found.candidates}
         assert (line.axis in axes, len(axes)) == (True, count)

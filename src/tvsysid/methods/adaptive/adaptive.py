@@ -32,7 +32,7 @@ from tvsysid.methods.adaptive.moments import (
     with_torque_less,
 )
 from tvsysid.methods.adaptive.noise import Misfit, Scatter, alike, misfit, scatter, scores
-from tvsysid.methods.adaptive.prior import DECIMATOR, USUAL_TAPS, Axis, distinct
+from tvsysid.methods.adaptive.prior import DECIMATOR, USUAL_TAPS, Axis
 from tvsysid.methods.adaptive.reflex import WithReflex, with_reflex
 from tvsysid.methods.cascade.result import doubtful_gain, negative_viscosity, not_of_second_order
 from tvsysid.models import Diagnostics, Model
@@ -160,10 +160,7 @@ class Stiffness(NamedTuple):
 
 
 class Identification:
-    """An ensemble, reduced to its moments at each time; ``known`` hypotheses are those of a model of more realizations.
-
-    Of stiffness and viscosity, ``smooths`` are the smooth parts that may matter; at first any.
-    """
+    """An ensemble, reduced to its moments at each time; of ``known`` hypotheses, no others are looked for."""
 
     def __init__(
         self, ensemble: Ensemble, signals: Signals, known: Mapping[str, Hypotheses] = MappingProxyType({})
@@ -180,7 +177,6 @@ class Identification:
         self.power = floored(self.gram[:, U, U])
         alike = all(each.axis[:2] == self.axis[:2] for some in known.values() for each in some)
         self.known = known if alike else {}
-        self.smooths = {name: distinct(each.roughness for each in some) for name, some in self.known.items()}
 
     def stiffness(self, viscosity: Array | None, variance: Array | None) -> Stiffness:
         """Stiffness beside a constant viscosity, or beside one (time,) that is known with a variance."""
@@ -206,10 +202,9 @@ class Identification:
             error += alike(times, rate) * (both + beyond.inertia * np.outer(mixed[:, 1], mixed[:, 1]))
         if variance is not None:
             error += np.diag(mixed[:, 0] ** 2 * variance)
-        line = self._line("stiffness", seen, error)
+        line = self._line(U, seen, error)
         del known, error  # each is as large as the line
         result = averaged(line, self.known.get("stiffness", ()))
-        self.smooths["stiffness"] = result.plausible()
         return Stiffness(result, result.mixture.mean(), result.mixture.variance(), found, beyond, scatters)
 
     def viscosity(self, beside: Stiffness) -> Averaged:
@@ -226,25 +221,21 @@ class Identification:
         error += others @ steady.covariance[1:, 1:] @ others.T
         if beside.misfit.inertia:
             error += alike(len(gram), self.signals.rate) * (beside.misfit.inertia * np.outer(mixed[:, A], mixed[:, A]))
-        line = self._line("viscosity", seen, error)
+        line = self._line(V, seen, error)
         del error
-        result = averaged_beside(line, beside.averaged, self.known.get("viscosity", ()))
-        self.smooths["viscosity"] = result.plausible()
-        return result
+        return averaged_beside(line, beside.averaged, self.known.get("viscosity", ()))
 
-    def _line(self, quantity: str, seen: Array, error: Array) -> Line:
-        """What is seen of stiffness or viscosity; its size is its mean by its signal's power, and never 0.
+    def _line(self, signal: int, seen: Array, error: Array) -> Line:
+        """What is seen of a signal's coefficient; its size is its mean by the signal's power, and never 0.
 
         Where the signal is still, nothing is seen, however small the noise.
         """
-        signal = U if quantity == "stiffness" else V
         own = self.gram[:, signal, signal]
         power = floored(own)
         total = float(np.sum(seen * power) / np.sum(power))
         least = 1e-6 * float(np.sqrt(np.mean(self.gram[:, -1, -1]) / np.mean(power)))
         size, still = max(abs(total), least), own < power
-        error = error + np.diag(still * (UNSEEN * size) ** 2)
-        return Line.of(self.axis, np.where(still, total, seen), error, size, self.smooths.get(quantity))
+        return Line.of(self.axis, np.where(still, total, seen), error + np.diag(still * (UNSEEN * size) ** 2), size)
 
     def model(self, name: str) -> AdaptiveModel:
         """Everything that was found; the last round looks for no other switches than the round before found."""

@@ -12,8 +12,8 @@ import numpy as np
 from tvsysid.methods.adaptive.evidence import Line, Smooth, every_sizes, jumps_of_every_size
 from tvsysid.methods.adaptive.mixture import LIGHTEST, Candidate, Hypothesis, Mixture, mixture_of, path
 from tvsysid.methods.adaptive.placing import Found, Placed, Windows, add, joined, refined, simplified, total
-from tvsysid.methods.adaptive.prior import JITTERS, Axis, Roughness, distinct
-from tvsysid.methods.adaptive.search import REACH, Grid, first_states, found_sets
+from tvsysid.methods.adaptive.prior import JITTERS, Axis, Roughness, roughnesses
+from tvsysid.methods.adaptive.search import Grid, first_states, found_sets
 from tvsysid.numerics import Array
 from tvsysid.numerics.bands import arc_length
 
@@ -90,11 +90,6 @@ class Averaged(NamedTuple):
             Hypothesis(each.smooth.line.axis, each.smooth.roughness, each.placed.positions) for each in self.candidates
         )
 
-    def plausible(self) -> tuple[Roughness, ...]:
-        """Return the smooth parts that may matter beside a somewhat other viscosity, or stiffness."""
-        least = max(each.evidence for each in self.every) - 2 * REACH
-        return distinct(each.roughness for each in self.every if each.evidence > least)
-
     def arc(self) -> float:
         """Length of the path of the estimate apart from its size, for simultaneous bands."""
         paths = [path(each) for each in self.candidates]
@@ -105,15 +100,14 @@ class Averaged(NamedTuple):
 
 
 def averaged(line: Line, known: Hypotheses = ()) -> Averaged:
-    """Average all plausible models of a line, weighted by their evidence; of ``known`` ones, no others.
+    """Average all plausible models of a line, weighted by their evidence; of ``known`` ones, only these.
 
     How a step is smeared, by a low-pass before sampling or because realizations switch at different times, is tried
     where there are steps; the usual low-pass has a prior probability of 1/2, and what the data leave open is averaged.
     """
     if known:
-        known_axes = dict.fromkeys(each.axis for each in known)
-        parts = [_smeared(line, axis, [each for each in known if each.axis == axis]) for axis in known_axes]
-        return _weighed(line, [candidate for part in parts for candidate in part])
+        own = replace(line, axis=known[0].axis)
+        return _weighed(own, _found(own, known=known))
     every = _found(line)
     found = _weighed(line, every)
     best = found.candidates[0]
@@ -121,18 +115,11 @@ def averaged(line: Line, known: Hypotheses = ()) -> Averaged:
         return found
     axes = [line.axis._replace(taps=0.0), *(line.axis._replace(jitter=jitter) for jitter in JITTERS)]
     scores = [_score(best, line, axis) for axis in (line.axis, *axes)]
-    other = int(np.argmax(scores[1:]))
-    if scores[1 + other] - math.log(len(axes)) < scores[0] - OPEN:
+    other, prior = int(np.argmax(scores[1:])), -math.log(len(axes))
+    if scores[1 + other] + prior < scores[0] - OPEN:
         return found
-    return _weighed(line, [*every, *_smeared(line, axes[other])])
-
-
-def _smeared(line: Line, axis: Axis, known: Hypotheses = ()) -> list[Candidate]:
-    """Return the candidates for steps smeared as an axis says; all axes but the line's share a prior of 1/2."""
-    axis = line.axis._replace(taps=axis.taps, jitter=axis.jitter)
-    prior = 0.0 if axis == line.axis else -math.log(1 + len(JITTERS))
-    found = _found(replace(line, axis=axis), known=known)
-    return [each._replace(evidence=each.evidence + prior) for each in found]
+    beside = _found(replace(line, axis=axes[other]))
+    return _weighed(line, [*every, *(each._replace(evidence=each.evidence + prior) for each in beside)])
 
 
 def averaged_beside(line: Line, other: Averaged, known: Hypotheses = ()) -> Averaged:
@@ -163,7 +150,8 @@ def _score(best: Candidate, line: Line, axis: Axis) -> float:
 
 def _found(line: Line, others: Placed | None = None, known: Hypotheses = ()) -> list[Candidate]:
     """Everything that may be said of a line, steps being smeared as its axis says; see :func:`averaged_beside`."""
-    smooths = tuple(Smooth(line, each) for each in line.roughnesses)
+    likely = {each.roughness[:3] for each in known}
+    smooths = tuple(Smooth(line, each) for each in roughnesses(line.axis) if not known or each[:3] in likely)
     own = [tied(others, line)] if others is not None and len(others.positions) else []
     if known:
         beside = {smooth.roughness[:3]: smooth for smooth in smooths}
@@ -172,7 +160,7 @@ def _found(line: Line, others: Placed | None = None, known: Hypotheses = ()) -> 
     else:
         grid = Grid(line)
         states = first_states(smooths, grid)
-        if others is not None and smooths[0].constant and not states[0].places:
+        if others is not None and not states[0].places:
             most = max([each.evidence for each in candidates(smooths, own)] + [state.score for state in states[1:]])
             if most < states[0].score - 1:
                 none = Placed(np.zeros(0), line.columns(np.zeros(0)), (), (), 0.0)

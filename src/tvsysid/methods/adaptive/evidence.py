@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_solve
 from scipy.linalg.lapack import dpotrf, dtrtrs
 
-from tvsysid.methods.adaptive.prior import SIZES, Axis, Roughness, roughnesses
+from tvsysid.methods.adaptive.prior import SIZES, Axis, Roughness
 from tvsysid.numerics import Array
 
 ROUNDING = 1e-10  # share of a matrix's trace that is rounding
@@ -36,24 +36,21 @@ def solved_by(factor: Array, right: Array) -> Array:
 class Line:
     """Something ``seen`` at each time of an axis, with the ``precision`` (time, time) of its error.
 
-    Both count in the mean ``size``. Its smooth part may be one of these ``roughnesses``.
+    Both count in the mean ``size``.
     """
 
     axis: Axis
     seen: Array
     precision: Array
     size: float
-    roughnesses: tuple[Roughness, ...]
 
     @classmethod
-    def of(
-        cls, axis: Axis, seen: Array, covariance: Array, size: float, some: tuple[Roughness, ...] | None = None
-    ) -> Line:
-        """Of what is seen, and the covariance of its error; of any roughness, or one of some."""
+    def of(cls, axis: Axis, seen: Array, covariance: Array, size: float) -> Line:
+        """Of what is seen, and the covariance of its error."""
         scale = np.sqrt(np.diag(covariance))
         factor = factor_of(covariance / np.outer(scale, scale))
         precision = cho_solve((factor, True), np.eye(len(seen))) / np.outer(scale, scale)
-        return cls(axis, seen / size, precision * size**2, size, some or roughnesses(axis))
+        return cls(axis, seen / size, precision * size**2, size)
 
     @cached_property
     def weighted(self) -> Array:
@@ -116,11 +113,6 @@ class Smooth:
         self.factor = factor_of(system)
         self.answer = self.solved(self.root * line.cross[self.kept])
         self.evidence = 0.5 * float(self.answer @ self.answer) - float(np.log(np.diag(self.factor)).sum())
-
-    @property
-    def constant(self) -> bool:
-        """Whether it does not change."""
-        return self.roughness.kind == "none"
 
     @property
     def score(self) -> float:

@@ -6,7 +6,6 @@ r"""What may change, and how: a constant, a smooth Gaussian process or none, and
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -39,11 +38,6 @@ class Roughness(NamedTuple):
     length: float
     log_prior: float
     weights: Array
-
-
-def distinct(some: Iterable[Roughness]) -> tuple[Roughness, ...]:
-    """Return each smooth part once, none at all first."""
-    return tuple({each[:3]: each for each in sorted(some, key=lambda each: (each.kind != "none", *each[:3]))}.values())
 
 
 class Axis(NamedTuple):

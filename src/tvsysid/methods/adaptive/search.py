@@ -254,12 +254,11 @@ def found_sets(grid: Grid, smooths: tuple[Smooth, ...], states: list[State]) -> 
             del walks[key]  # its products are as large as the grid's
             continue
         open_ones[key] = after
-    if smooths[0].constant:
-        walk, best = walks.get(0) or Walk(smooths[0], grid), max(scores.values())[0]
-        walks.clear()  # one is enough from here on
-        for state in walk.at_once(states[0].places):
-            if state.score > best - NEARLY:
-                note(state, 0)
+    walk, best = walks.get(0) or Walk(smooths[0], grid), max(scores.values())[0]
+    walks.clear()  # one is enough from here on
+    for state in walk.at_once(states[0].places):
+        if state.score > best - NEARLY:
+            note(state, 0)
     scores.pop((), None)
     best = max([score for score, _ in scores.values()] + [max(smooth.score for smooth in smooths)])
     near = sorted(

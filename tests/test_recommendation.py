@@ -131,7 +131,7 @@ def test_a_loop_by_its_reference(closed_loop):
     assert "lower by all frequencies than by those of little noise" in unnamed.why
     assert unnamed.measured["noise bias"][0] == pytest.approx(17, abs=5)
     assert math.isnan(unnamed.measured.get("loop bias", (math.nan,))[0])
-    assert "by the actuator's command alone" in unnamed.caveats[-2]
+    assert "Only the actuator's command" in unnamed.caveats[-2]
     assert "Channel 'disturbance' moves the angle, and was not named as the reference" in unnamed.caveats[-1]
     assert unnamed.unnamed_references == unnamed.caveats[-1:]
     # What is the method but for settings that are chosen from the data leads; another reference is another method.

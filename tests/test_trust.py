@@ -115,5 +115,5 @@ def test_noise_that_may_move_the_angle_asks_for_caution_where_no_reference_is_na
     slow = replace(SUITS, caveats=(MAY_BE_A_LOOP,))
     level, (reason,) = judged(model, recommendation=slow)
     assert level == "good"
-    assert reason.startswith("The torque's noise is slow or strong: if the actuator gives way")
+    assert reason.startswith("The torque's noise is slow or strong. If the actuator is compliant")
     assert judged(model, method=tv.BasisIRF(reference="cmd"), recommendation=slow) == ("good", ())

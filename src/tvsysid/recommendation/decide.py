@@ -24,8 +24,8 @@ from tvsysid.signals import Ensemble
 
 SAID = ("reflex", "loop-bias", "feedback")  # faults that the rules speak of
 MAY_BE_A_LOOP = (
-    "the torque's noise is slow or strong: if the actuator gives way, it moves the angle, and stiffness comes out too "
-    "low; this shows by the actuator's command alone (reference)"
+    "the torque's noise is slow or strong. If the actuator is compliant, this noise moves the angle, and stiffness is "
+    "underestimated. Only the actuator's command as the reference shows it"
 )
 
 

@@ -81,7 +81,9 @@ def trust_in(
         if not recommendation.suited:
             wrong = [_sentence(recommendation.why)]
         elif held_out_vaf <= 0:
-            wrong = ["Realizations held out are not predicted at all. Check which channels are angle and torque."]
+            wrong = [
+                "Realizations held out are not predicted at all. Check the channels (--angle, --torque) or record more."
+            ]
     if wrong:
         return Trust("none", tuple(wrong))
     doubts = []

@@ -115,19 +115,14 @@ def _identified_apart(method: Identifies, ensemble: Ensemble, label: str, tune: 
     found = _identified(method, ensemble, label, tune)
     model = found.model
     torques = checked_torques(model.pathways(ensemble), ensemble, str(model.method))
-    if not _travels(model):
+    try:
+        plain(pickle.dumps(model))
+    except Exception:
         model = _own_code_left_behind(model, torques, before, keep)
     with suppress(Exception):  # what is there now may be no data at all
         if digest(ensemble) == before:
             return found._replace(model=model)
     raise InputError("it changed the ensemble, which must stay as it is; work on a copy, as in ensemble.angle.copy()")
-
-
-def _travels(model: Model) -> bool:
-    with suppress(Exception):
-        plain(pickle.dumps(model))
-        return True
-    return False
 
 
 def _own_code_left_behind(model: Model, torques: dict[str, Array], of: str, keep: bool) -> AdoptedModel:

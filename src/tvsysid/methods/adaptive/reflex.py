@@ -70,7 +70,7 @@ def with_reflex(ensemble: Ensemble, known: JointCascadeModel | None = None) -> W
     method = JointCascade()
     try:
         if known is not None:
-            chosen = method.refitted(ensemble, known)
+            chosen = method.refitted(ensemble, known.hyperparameters)
         elif len(ensemble) >= LEAST_REALIZATIONS and (test := reflex_test_of(ensemble)).shown:
             chosen = method.solved(ensemble, "positive" if test.direction > 0 else "negative")
         else:

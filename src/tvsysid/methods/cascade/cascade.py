@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tvsysid.errors import InputError
 from tvsysid.methods import base
 from tvsysid.methods.cascade import result
-from tvsysid.methods.cascade.choice import HISTORY, SETTLED, Candidate, Drives, Search, by_evidence
+from tvsysid.methods.cascade.choice import HISTORY, SETTLED, Candidate, Drives, Hyperparameters, Search, by_evidence
 from tvsysid.methods.cascade.regressors import Data, deviations, lagged_signals, unresolved
 from tvsysid.methods.shared.pathways import history, velocity_of
 from tvsysid.models import Model
@@ -152,17 +152,15 @@ class JointCascade(base.Method):
         return result.model(repr(self), self.solved(ensemble))
 
     def _refit(self, ensemble: Ensemble, model: Model) -> Model:
-        """Fit the coefficients to a part of the realizations; the shape and the sizes of the priors are the model's."""
-        if not isinstance(model, result.JointCascadeModel):
-            return self.identify(ensemble)
-        return result.model(repr(self), self.refitted(ensemble, model))
+        """Fit only the coefficients to a part of the realizations, if the model shows a reflex."""
+        if isinstance(model, result.JointCascadeModel) and model.diagnostics.details["reflex_shown"]:
+            return result.model(repr(self), self.refitted(ensemble, model.hyperparameters))
+        return self.identify(ensemble)
 
-    def refitted(self, ensemble: Ensemble, model: result.JointCascadeModel) -> result.Chosen:
-        """Return the solutions that a model states, with their coefficients fitted to another ensemble."""
+    def refitted(self, ensemble: Ensemble, known: Hyperparameters) -> result.Chosen:
+        """Return the solution with these hyperparameters, of a reflex that is shown."""
         search = self._search(ensemble)
-        fits = {name: search.refitted(name, known) for name, known in model.hyperparameters.items()}
-        name, shown = list(fits)[-1], bool(model.diagnostics.details["reflex_shown"])
-        return result.Chosen(search, fits, name, shown, fits[name], self.emg)
+        return result.Chosen(search, {}, known.reflex, True, search.refitted(known), self.emg)
 
     def solved(self, ensemble: Ensemble, shown_one: str | None = None) -> result.Chosen:
         """Return the solutions with each reflex and without one, and the chosen one; only one where it is known."""

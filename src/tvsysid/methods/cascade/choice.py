@@ -46,8 +46,9 @@ class Candidate(NamedTuple):
 
 
 class Hyperparameters(NamedTuple):
-    """Everything of a solution but its coefficients."""
+    """Everything of a solution with a reflex of some name but its coefficients."""
 
+    reflex: str
     varies: bool
     share: float
     remainder: float | None
@@ -55,10 +56,10 @@ class Hyperparameters(NamedTuple):
     parameters: Array
 
     @classmethod
-    def of(cls, fit: Candidate) -> Self:
+    def of(cls, reflex: str, fit: Candidate) -> Self:
         """Return those of a solution."""
         data, found = fit.problem.data, fit.found
-        return cls(data.varies, data.share, data.remainder, found.shape, found.parameters)
+        return cls(reflex, data.varies, data.share, data.remainder, found.shape, found.parameters)
 
 
 class Search(NamedTuple):
@@ -126,10 +127,10 @@ class Search(NamedTuple):
         size = found[best].spread[sum(functions.shape[1] for functions in data.bases[:3])]
         return share, math.log(size) - math.log(share) / 2
 
-    def refitted(self, name: str, known: Hyperparameters) -> Candidate:
+    def refitted(self, known: Hyperparameters) -> Candidate:
         """Return the solution with these hyperparameters."""
         data = self.data if known.varies else self.data.constant()
-        problem = self.problem(name, data.counting(known.share, known.remainder), free=())
+        problem = self.problem(known.reflex, data.counting(known.share, known.remainder), free=())
         return Candidate(problem, problem.at(known.shape, known.parameters), np.full(len(data.torque), np.nan))
 
     def judged(self, problem: Problem, found: Found) -> Candidate:

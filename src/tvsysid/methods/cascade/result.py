@@ -42,12 +42,11 @@ class JointCascadeModel(TwoPathwayModel):
 
     ``fast_response`` are viscosity and inertia (time, 2) for the velocity and acceleration that the decimated angle
     does not have (:func:`tvsysid.methods.cascade.regressors.unresolved`), if the ensemble keeps the angle as recorded.
-    ``hyperparameters`` are those of the solution with the reflex whose gain is stated; before it, without one
-    (``"none"``), if no reflex is shown.
+    ``hyperparameters`` are those of the solution with the reflex whose gain is stated.
     """
 
     fast_response: Array
-    hyperparameters: Mapping[str, Hyperparameters]
+    hyperparameters: Hyperparameters
 
     def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
         found = super()._pathways(ensemble)
@@ -112,7 +111,6 @@ def model(method: str, chosen: Chosen, only_gain: bool = False) -> JointCascadeM
     ensemble, lags, fits = chosen.search.ensemble, chosen.search.lags, chosen.fits
     rate = ensemble.sampling_rate
     used = chosen.fit if chosen.shown else fits["none"]
-    stated = ({} if chosen.shown else {"none": used}) | {chosen.name: chosen.fit}
     intrinsic = Intrinsic.of(used.problem, used.found, lags, rate)
     known = np.asarray(used.problem.data.fitted.any(axis=0))
     torques = used.problem.torques(used.found)
@@ -147,7 +145,7 @@ def model(method: str, chosen: Chosen, only_gain: bool = False) -> JointCascadeM
         reflex_lags=reflex_lags,
         drive=_drive(chosen),
         fast_response=intrinsic.fast,
-        hyperparameters={name: Hyperparameters.of(fit) for name, fit in stated.items()},
+        hyperparameters=Hyperparameters.of(chosen.name, chosen.fit),
         diagnostics=Diagnostics(used.found.solved.effective, warnings=texts, details=details),
     )
 

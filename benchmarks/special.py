@@ -115,7 +115,7 @@ def after_one_impulse(trials: int = 40) -> None:
     for window in (0.05, 0.08, 0.12):
         times = 50 + np.arange(10, 101)
         noisy = [angle + size * np.random.default_rng(seed).standard_normal(samples) for seed in range(trials)]
-        errors = np.stack([track(each, times, window, rate, INERTIA)[:, 0] - 100.0 for each in noisy])
+        errors = np.stack([track(each, times, window, rate, INERTIA, viscosity / 2)[:, 0] - 100.0 for each in noisy])
         parts = [errors[:, first : first + 31] for first in (0, 30, 60)]
         cells = [f"{part.mean():.1f} / {math.sqrt(np.mean(part.std(axis=0) ** 2)):.1f}" for part in parts]
         print(f"| {window:g} | {' | '.join(cells)} |")

@@ -32,10 +32,11 @@ def impulses(samples, interval, duration, random=None, jitter=0.0):
 
 
 def ringing(torque, stiffness, viscosity, inertia):
-    """Angle (time,) of a joint on which a torque acts: exact for coefficients held over each sample."""
+    """Angle (time,) of a joint on which a torque acts: exact for what is held over each sample."""
     angle, state = np.empty(len(torque)), np.zeros(2)
     steps = {}
-    for place, (applied, k, b) in enumerate(zip(torque, stiffness, viscosity, strict=True)):
+    held = (torque + np.append(torque[1:], 0.0)) / 2
+    for place, (applied, k, b) in enumerate(zip(held, stiffness, viscosity, strict=True)):
         angle[place] = state[0]
         if (key := (round(k, 3), round(b, 5))) not in steps:
             slopes = np.array([[0, 1, 0], [-k / inertia, -b / inertia, 1 / inertia], [0, 0, 0]]) / RATE

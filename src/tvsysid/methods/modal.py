@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import ClassVar
 
 import numpy as np
@@ -19,11 +20,13 @@ LEAST = 0.25  # share of the largest torque from which on a peak counts as an im
 ABOUT = 0.06  # s about its peak in which an impulse acts
 IMPULSIVE, BUSY = 0.85, 0.3  # shares of the torque's power and of the time that impulses take, at least and at most
 MOST_DAMPED = 0.35  # damping ratio up to which a joint rings for long enough
-FROM, UNTIL = 0.1, 0.4  # s after an impulse that are looked at
+CLEAR, LASTING_S = 3.5, 0.25  # standard deviations of the window after an impulse, and for how long then is looked
+SMOOTH_S = 0.03  # standard deviation of the Gaussian by which angle and torque are smoothed to find the inertia
 REACH = 4.0  # standard deviations to which the window extends
 BAND = (1.0, 20.0)  # Hz in which the ridge is looked for
+ROUNDS = 3  # in which the frequency is found
 HARMONICS = 3  # with which stiffness and viscosity change where the inertia is fitted
-FEWEST = 3  # impulses from which on their spread tells the error
+FEWEST = 3  # impulses from which on their spread tells the error, and samples after one that are looked at
 
 
 @dataclass(frozen=True)
@@ -33,9 +36,10 @@ class ModalDecomposition(base.Method):
     .. math:: k = I\,(\omega^2 + s^2 + \dot s), \qquad b = 2 I s, \qquad
               s = -\frac{d \ln A}{dt} - \frac{1}{2}\frac{d \ln \omega}{dt}
 
-    with the frequency ω (rad/s) and the amplitude A along the ridge of a spectrogram with a Gaussian window, whose
-    frequency is reassigned. Each impulse gives the time from 0.1 to 0.4 s after it, and each time the mean over the
-    impulses that reach it; the bands are those of their spread, where three or more do.
+    with the frequency ω (rad/s) and the amplitude A of the wave that is fitted within a Gaussian window about each
+    time, beside its mirror image at -ω and a constant. Each impulse gives 0.25 s, from 3.5 ``window`` after it on, as
+    far as no other impulse is near. Each time has the mean over the impulses that reach it; the bands are those of
+    their spread, where three or more do, and of the inertia.
 
     Parameters
     ----------
@@ -47,14 +51,12 @@ class ModalDecomposition(base.Method):
     Notes
     -----
     It serves a joint that moves freely, or with its load, between impulses of torque, and hardly anybody else: the
-    ankle is damped too much (damping ratio 0.6 to 1.1). A longer window lowers the random error of one impulse, but
-    biases stiffness, by -2 % at 0.08 s and a damping ratio of 0.2; docs/special-perturbations.md has figures. The angle
-    is the one that was recorded, with the mean over realizations, for that is made of the ringing of all.
+    ankle is damped too much (damping ratio 0.6 to 1.1). docs/special-perturbations.md has figures. The angle is the one
+    that was recorded, with the mean over realizations, for that is made of the ringing of all.
 
     References
     ----------
-    Piovesan, Pierobon, DiZio & Lackner 2012, J. Neurosci. Methods 209, 70-83; the reassigned frequency: Auger &
-    Flandrin 1995, IEEE Trans. Signal Process. 43, 1068-1089.
+    Piovesan, Pierobon, DiZio & Lackner 2012, J. Neurosci. Methods 209, 70-83.
     """
 
     inertia: float | None = None
@@ -94,7 +96,7 @@ class ModalDecomposition(base.Method):
                 f"most {100 * BUSY:g} %) and {100 * share:.0f} % of the power (at least {100 * IMPULSIVE:g} %); it "
                 "serves a joint that rings freely after impulses of torque"
             )
-        stiffness, viscosity, inertia = self._mean_impedance(ensemble)
+        stiffness, viscosity, inertia, _ = self._mean_impedance(ensemble)
         damping = viscosity / (2 * math.sqrt(stiffness * inertia)) if stiffness > 0 < inertia else math.nan
         if not damping <= MOST_DAMPED:
             return (
@@ -103,32 +105,50 @@ class ModalDecomposition(base.Method):
             )
         return None
 
-    def _mean_impedance(self, ensemble: Ensemble) -> tuple[float, float, float]:
-        """Mean stiffness, viscosity and inertia by least squares, with a few harmonics of the first two."""
-        features = evaluate(FourierSeries(HARMONICS), ensemble.samples)
-        angle, velocity, acceleration = ensemble.derivatives()
-        known = np.isfinite(acceleration[0])
-        changing = [(each[..., None] * features)[:, known] for each in (angle, velocity)]
-        columns = np.concatenate([*changing, acceleration[:, known, None]], axis=2).reshape(
-            -1, 2 * features.shape[1] + 1
+    def _mean_impedance(self, ensemble: Ensemble) -> tuple[float, float, float, float]:
+        """Mean stiffness, viscosity and inertia by least squares, and the share of inertia by which that may be off.
+
+        Angle and torque are smoothed alike, which leaves noise and the impulses' edges out. Stiffness and viscosity
+        have a few harmonics. The error is that of realizations as independent samples.
+        """
+        rate, features = ensemble.sampling_rate, evaluate(FourierSeries(HARMONICS), ensemble.samples)
+        lags = np.arange(-math.ceil(REACH * SMOOTH_S * rate), math.ceil(REACH * SMOOTH_S * rate) + 1) / rate
+        smooth = np.exp(-((lags / SMOOTH_S) ** 2) / 2)
+        slopes = smooth, -lags / SMOOTH_S**2 * smooth, (lags**2 / SMOOTH_S**4 - 1 / SMOOTH_S**2) * smooth
+        angle, velocity, acceleration = (
+            scipy.signal.oaconvolve(ensemble.angle, each[None], "valid", axes=1) for each in slopes
         )
-        found = np.linalg.lstsq(columns, ensemble.torque[:, ensemble.core][:, known].ravel(), rcond=None)[0]
-        inertia = found[-1] if self.inertia is None else self.inertia
-        return float(found[0]), float(found[features.shape[1]]), float(inertia)
+        torque = scipy.signal.oaconvolve(ensemble.torque, smooth[None], "valid", axes=1)
+        place = np.arange(torque.shape[1]) + len(lags) // 2 - ensemble.context
+        features = features[place % ensemble.samples]
+        columns = [each[..., None] * features for each in (angle, velocity)]
+        rows = np.concatenate([*columns, acceleration[..., None]], axis=2)
+        inverse = np.linalg.inv(np.einsum("rta,rtb->ab", rows, rows))
+        found = inverse @ np.einsum("rta,rt->a", rows, torque)
+        scores = np.einsum("rta,rt->ra", rows, torque - rows @ found) @ inverse[-1]
+        off = math.sqrt(float(np.sum(scores**2))) / abs(found[-1])
+        return float(found[0]), float(found[features.shape[1]]), float(found[-1]), off
 
     def _identify(self, ensemble: Ensemble) -> ModalModel:
         rate, samples = ensemble.sampling_rate, ensemble.samples
-        inertia = self._mean_impedance(ensemble)[2]
+        _, viscosity, inertia, off = self._mean_impedance(ensemble)
+        decay = viscosity / (2 * inertia)
+        inertia, off = (inertia, off) if self.inertia is None else (self.inertia, 0.0)
+        clear, reach = math.ceil(CLEAR * self.window * rate), round(REACH * self.window * rate)
         tracks: list[tuple[NDArray[np.int64], Array]] = []
         for run in ensemble.runs:
             own = ensemble.select(run)
             recorded = own.angle_as_recorded[:, own.core]
             angle = recorded.reshape(len(own) * samples, -1).mean(axis=1)
-            for peak in _impulses(own.torque[:, own.core].ravel(), rate)[0]:
-                times = peak + np.arange(math.ceil(FROM * rate), math.floor(UNTIL * rate) + 1)
-                if times[-1] + round(REACH * self.window * rate) < len(angle):
-                    tracks.append((times % samples, track(angle, times, self.window, rate, inertia)))
+            peaks = _impulses(own.torque[:, own.core].ravel(), rate)[0]
+            for peak, following in pairwise([*peaks, len(angle) - reach + clear]):
+                last = min(peak + clear + round(LASTING_S * rate), following - clear, len(angle) - reach - 1)
+                times = np.arange(max(peak + clear, reach), last + 1)
+                if len(times) >= FEWEST:
+                    found = track(angle, times, self.window, rate, inertia, decay)
+                    tracks.append((times % samples, found))
         mean, error, count = _over_impulses(tracks, samples)
+        error = np.hypot(error, off * mean)
         freedom = np.maximum(count - 1.0, 1.0)
         errors = {
             name: shared.StandardError(values, freedom)
@@ -168,22 +188,31 @@ def _impulses(torque: Array, rate: float) -> tuple[NDArray[np.int64], NDArray[np
     return places.astype(np.int64), near
 
 
-def track(angle: Array, times: NDArray[np.int64], width: float, rate: float, inertia: float) -> Array:
-    """Stiffness and viscosity at these samples of an angle, shape (time, 2), from the ridge of its spectrogram."""
+def track(angle: Array, times: NDArray[np.int64], width: float, rate: float, inertia: float, decay: float) -> Array:
+    """Stiffness and viscosity at these consecutive samples of an angle, shape (time, 2), from how it rings about them.
+
+    In a window about each time a wave that decays about so fast (1/s), its mirror image at the negative frequency and a
+    constant are fitted; the wave's phase and size over time tell frequency and decay.
+    """
     reach = round(REACH * width * rate)
     lags = np.arange(-reach, reach + 1) / rate
     window = np.exp(-((lags / width) ** 2) / 2)
-    segments = angle[times[:, None] + np.arange(-reach, reach + 1)] * window
+    segments = angle[times[:, None] + np.arange(-reach, reach + 1)]
     grid = 2 * np.pi * np.arange(BAND[0], min(BAND[1], rate / 2), 0.5)
-    speed = grid[np.argmax(np.abs(segments @ np.exp(-1j * np.outer(lags, grid))), axis=1)]
-    for _ in range(4):  # the reassigned frequency, until it is the one that it is looked at
-        turned = segments * np.exp(-1j * np.outer(speed, lags))
-        spectrum = turned.sum(axis=1)
-        speed = np.maximum(speed + ((turned @ (lags / width**2)) / spectrum).imag, grid[0])
-    amplitude = np.log(np.abs((segments * np.exp(-1j * np.outer(speed, lags))).sum(axis=1)))
-    decay = -np.gradient(amplitude, 1 / rate) - 0.5 * np.gradient(np.log(speed), 1 / rate)
-    stiffness = speed**2 + decay**2 + np.gradient(decay, 1 / rate)
-    return inertia * np.stack([stiffness, 2 * decay], axis=1)
+    speed = grid[np.argmax(np.abs((segments * window) @ np.exp(-1j * np.outer(lags, grid))), axis=1)]
+    for _ in range(ROUNDS):
+        wave = np.exp(np.multiply.outer(1j * speed - decay, lags))
+        columns = np.stack([wave, wave.conj(), np.ones(wave.shape)], axis=1)
+        weighted = columns.conj() * window * np.exp(2 * decay * lags)  # as much before the time as after it
+        gram, cross = weighted @ columns.transpose(0, 2, 1), weighted @ segments[..., None]
+        size = np.linalg.solve(gram, cross)[:, 0, 0]
+        found = np.gradient(np.unwrap(np.angle(size)), 1 / rate)
+        speed = np.full(len(times), np.clip(np.median(found), grid[0], grid[-1]))
+    fade = -np.gradient(np.log(np.abs(size)), 1 / rate) - 0.5 * np.gradient(
+        np.log(np.maximum(found, grid[0])), 1 / rate
+    )
+    stiffness = found**2 + fade**2 + np.gradient(fade, 1 / rate)
+    return inertia * np.stack([stiffness, 2 * fade], axis=1)
 
 
 def _over_impulses(tracks: list[tuple[NDArray[np.int64], Array]], samples: int) -> tuple[Array, Array, Array]:
@@ -192,7 +221,7 @@ def _over_impulses(tracks: list[tuple[NDArray[np.int64], Array]], samples: int) 
     for row, (times, track) in zip(values, tracks, strict=False):
         row[times] = track
     count = np.isfinite(values[..., 0]).sum(axis=0)
-    known = np.maximum(count, 1)[:, None]
-    mean = np.where(count[:, None], np.nansum(values, axis=0) / known, np.nan)
+    known = np.where(count, count, np.nan)[:, None]
+    mean = np.nansum(values, axis=0) / known
     square = np.nansum((values - mean) ** 2, axis=0) / np.maximum(known - 1, 1)
     return mean, np.where(count[:, None] >= FEWEST, np.sqrt(square / known), np.nan), count

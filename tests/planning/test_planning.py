@@ -113,11 +113,16 @@ def test_pilot_has_the_joint_the_noise_and_the_movement_of_its_recording():
     assert left[1] == pytest.approx(left[0], rel=0.05)
 
 
-def test_pilot_whose_torque_is_reversed_is_noted():
+def test_pilot_whose_torque_is_reversed_or_has_a_reflex_is_warned_of():
     ensemble = ensemble_of(40.0, "sine", "noise").select(np.arange(3))
-    assert Pilot.of(ensemble).notes == ()
-    (note,) = Pilot.of(replace(ensemble, torque=-ensemble.torque)).notes
-    assert "--torque-sign -1" in note
+    Pilot.of(ensemble)
+    with pytest.warns(tv.DataQualityWarning, match="--torque-sign -1"):
+        Pilot.of(replace(ensemble, torque=-ensemble.torque))
+    joint = tv.simulate.ReflexJoint(stiffness=tv.simulate.SineWave())
+    recording = joint.simulate(60, perturbation=tv.simulate.FilteredNoise(), snr_db=15, seed=1).recording
+    reflex = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
+    with pytest.warns(tv.DataQualityWarning, match="a reflex is found, which is not simulated"):
+        tv.plan(reflex, 20, methods=["birf"], draws=6)
 
 
 def test_pilot_with_another_perturbation_and_amplitude():

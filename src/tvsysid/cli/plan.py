@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from tvsysid.cli import options
-from tvsysid.cli.console import progress, remark, say, say_written, show_table, shown_warnings
+from tvsysid.cli.console import progress, say, say_written, show_table, shown_warnings
 from tvsysid.cli.options import option
 from tvsysid.cli.running import check_folder
 from tvsysid.errors import InputError
@@ -117,8 +117,6 @@ def plan(
             recording = options.read(pilot, angle, torque, rate, columns, torque_sign, angle_unit, start)
             first = Pilot.of(_cut(recording, decimate, period, context))
         say(f"pilot: {first.described()}")
-        for note in first.notes:
-            remark("warning", note)
         setups = [
             replace(first, perturbation=name, amplitude=size)
             for name in (perturbation or (first.perturbation,))

@@ -157,7 +157,6 @@ class Pilot:
     context: int
     amplitude: float
     perturbation: str | Perturbation | None = None
-    notes: tuple[str, ...] = ()
     recorded: Ensemble | None = None
 
     @classmethod
@@ -172,6 +171,11 @@ class Pilot:
         ------
         InputError
             If nothing can be identified.
+
+        Warns
+        -----
+        DataQualityWarning
+            Of a reflex, which is not simulated, and of a negative stiffness.
         """
         recorded = ensemble
         if not ensemble.mean_subtracted and len(ensemble) > 1:
@@ -188,8 +192,9 @@ class Pilot:
         frequencies, noise = _density(left, rate, left.shape[1])
         at, movement = _density(ensemble.angle, rate, ensemble.angle.shape[1])
         movement = np.interp(frequencies, at, movement) * scale
-        seen = {REFLEX: "reflex_gain" in model.estimates, NEGATIVE: np.nanmean(model.stiffness) < 0}
-        notes = tuple(note for note, holds in seen.items() if holds)
+        for text, holds in ((REFLEX, "reflex_gain" in model.estimates), (NEGATIVE, np.nanmean(model.stiffness) < 0)):
+            if holds:
+                warnings.warn(text, DataQualityWarning, stacklevel=2)
         return cls(
             _filled(model.stiffness, times),
             _filled(model.viscosity, times),
@@ -201,7 +206,6 @@ class Pilot:
             ensemble.context,
             math.sqrt(scale) * float(np.std(ensemble.angle)) if amplitude is None else positive("amplitude", amplitude),
             perturbation,
-            notes,
             recorded,
         )
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from tvsysid.numerics import Array
 
@@ -28,12 +29,8 @@ def keep_every(x: Array, factor: int, taps: int = TAPS) -> Array:
     """
     if factor == 1:
         return x
-    half, kept = taps // 2, -(-x.shape[-1] // factor)
-    weights = decimation_weights(factor, taps)
-    weights = np.pad(weights, (0, -taps % factor)).reshape(-1, factor)
+    half = taps // 2
     head = 2 * x[..., :1] - x[..., half:0:-1]
     tail = 2 * x[..., -1:] - x[..., -2 : -2 - half : -1]
-    extended = np.concatenate([head, x, tail, np.zeros((*x.shape[:-1], factor))], axis=-1)
-    blocks = extended[..., : (kept + len(weights) - 1) * factor].reshape(*x.shape[:-1], -1, factor)
-    parts = blocks @ weights.T
-    return np.asarray(sum(parts[..., first : first + kept, first] for first in range(len(weights))))
+    windows = sliding_window_view(np.concatenate([head, x, tail], axis=-1), taps, axis=-1)
+    return np.asarray(np.einsum("...t,t", windows[..., ::factor, :], decimation_weights(factor, taps)))

@@ -6,20 +6,19 @@ input of a piece still does is estimated as the free response of its initial sta
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
 import scipy
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg import cholesky, solve_triangular
 
 from tvsysid.numerics import Array
 from tvsysid.numerics.hammerstein import lagged_gram
 
-Indices = NDArray[np.int64]
 ROUNDING = 1e-9  # share of the largest singular value below which a direction of the inputs is rounding
 ROWS = 2048  # of a Hankel matrix that are made at once
 SHIFT = 1e-13  # of products of unit columns, so that they have a Cholesky factor
@@ -209,14 +208,17 @@ def _from_past(pieces: Sequence[Piece], horizon: int, lagged: bool) -> Array:
     A part of the triangle R of [future inputs, past inputs, future outputs] = QR, from products of all columns; where
     inputs are nearly collinear, from products of nearly orthonormal combinations of columns.
     """
-    groups = _alike(pieces, lagged)
-    count, twice = len(groups[0]), 2 * pieces[0].lags * lagged
-    lags, signal = np.arange(2 * horizon + twice), np.arange(count)[:, None]
-    end = horizon + np.where(signal == count - 1, twice, 0)  # samples that are future ones are not past ones too
+    twice = 2 * pieces[0].lags * lagged
+    lags = np.arange(2 * horizon + twice)
+    signals = [np.pad(np.vstack([piece.output, piece.inputs.T]), ((0, 0), (twice, 0))) for piece in pieces]
+    if lagged:
+        signals = [np.vstack([each, piece.lagged]) for each, piece in zip(signals, pieces, strict=True)]
+    signal = np.arange(len(signals[0]))[:, None]
+    end = horizon + np.where(signal == signal[-1], twice, 0)  # samples that are future ones are not past ones too
     inputs = [np.flatnonzero((signal > 0) & each) for each in (lags < end, (lags >= end) & (lags < end + horizon))]
-    columns = np.concatenate([*inputs, np.arange(horizon)[::-1]])
-    gram = reduce(np.add, (lagged_gram(each, len(lags) - 1) for each in groups)).reshape(2 * (count * len(lags),))
-    gram, known = gram[np.ix_(columns, columns)], len(columns) - horizon
+    columns, known = np.concatenate([*inputs, np.arange(horizon)[::-1]]), sum(map(len, inputs))
+    gram = reduce(np.add, (lagged_gram(each[:, None], lags[-1]) for each in signals))
+    gram = gram.reshape(signal.size * lags.size, -1)[np.ix_(columns, columns)]
     size = np.sqrt(np.diag(gram))
     size[known:] = size[known:].max()
     size[size == 0] = 1.0
@@ -226,10 +228,15 @@ def _from_past(pieces: Sequence[Piece], horizon: int, lagged: bool) -> Array:
     weak = np.linalg.norm(inverse, axis=0) > WEAK
     products = np.eye(known) - SHIFT * inverse.T @ inverse
     if weak.any():
-        combined = np.zeros((count * len(lags), weak.sum()))
+        combined = np.zeros((signal.size * lags.size, weak.sum()))
         combined[columns[:known]] = inverse[:, weak] / size[:known, None]
-        cross = reduce(np.add, (rows.T @ (rows @ combined) for rows in _hankel(groups, len(lags))))[columns]
-        cross /= size[:, None]
+        cross = np.zeros_like(combined)
+        for each in signals:
+            windows = sliding_window_view(each, lags.size, axis=1)[..., ::-1].swapaxes(0, 1)
+            for start in range(0, len(windows), ROWS):
+                rows = windows[start : start + ROWS].reshape(-1, len(cross))
+                cross += rows.T @ (rows @ combined)
+        cross = cross[columns] / size[:, None]
         products[:, weak] = inverse.T @ cross[:known]
         products[weak], outputs[weak] = products[:, weak].T, cross[known:].T
     future = len(inputs[0])
@@ -237,27 +244,6 @@ def _from_past(pieces: Sequence[Piece], horizon: int, lagged: bool) -> Array:
     explained = products[future:, :future] @ basis
     whitener = _whitener(products[future:, future:] - explained @ explained.T, REFINED)
     return np.asarray((outputs[future:] - explained @ (basis.T @ outputs[:future])).T @ whitener)
-
-
-def _alike(pieces: Sequence[Piece], lagged: bool) -> list[Array]:
-    """Output, inputs and, if asked for, lagged signal (signal, piece, time) of pieces that are equally long."""
-    found = []
-    for samples in sorted({len(piece.output) for piece in pieces}):
-        alike = [piece for piece in pieces if len(piece.output) == samples]
-        signals = np.stack([np.vstack([piece.output, piece.inputs.T]) for piece in alike], axis=1)
-        if lagged:
-            early = np.pad(signals, ((0, 0), (0, 0), (2 * pieces[0].lags, 0)))
-            signals = np.concatenate([early, [[piece.lagged for piece in alike]]])
-        found.append(signals)
-    return found
-
-
-def _hankel(groups: Sequence[Array], lags: int) -> Iterator[Array]:
-    """Rows of the Hankel matrices of all signals at so many lags, some at a time."""
-    for signals in groups:
-        for windows in sliding_window_view(signals, lags, axis=2)[..., ::-1].transpose(1, 2, 0, 3):
-            for first in range(0, len(windows), ROWS):
-                yield windows[first : first + ROWS].reshape(-1, len(signals) * lags)
 
 
 def _whitener(gram: Array, least: float = COLLINEAR) -> Array:

@@ -177,7 +177,7 @@ def main() -> None:
             if store is not None and name == chosen.method and chosen.anew:
                 shutil.rmtree(store, ignore_errors=True)
             study = study_of(settings, methods, chosen.trials)
-            found[name] = tv.study.run(study, store=store, workers=1, time_limit=3600).load()
+            found[name] = tv.study.run(study, store=store, workers=1).load()
         add_rows(shown, study_of(settings, [chosen.method], chosen.trials), found, chosen.part in ("square", "sine"))
     console.print(shown)
 

@@ -15,7 +15,6 @@ from rich.console import Console
 from rich.table import Table
 
 import tvsysid as tv
-from tvsysid.methods.travel import pickled
 from tvsysid.planning.answers import METHODS
 from tvsysid.planning.curves import identified, scatter
 
@@ -45,9 +44,8 @@ def main() -> None:
         for duration in DURATIONS:
             count = round(duration / protocol.period)
             parts = [protocol.simulated(count, FIRST_TRIAL + trial).ensemble for trial in range(chosen.trials)]
-            methods = pickled({label: tv.methods.parse(label) for label in chosen.methods})
             for label in chosen.methods:
-                reached = scatter(identified(methods[label], label, parts, {}))
+                reached = scatter(identified(tv.methods.parse(label), label, parts, {}))
                 every = [random_error(each, label, count) for each in (stated, *piloted)]
                 differ = [100 * (each / reached - 1) for each in every]
                 off.append(differ)

@@ -3,6 +3,7 @@
 import copy
 import dataclasses
 import pickle
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -240,15 +241,26 @@ def test_vaf_of_realizations_held_out_is_that_of_the_raw_data_less_means_of_the_
     assert held_out["eirf"].mean() < held_out["sds"].mean() - 3
 
 
-def test_nothing_of_what_is_held_out_is_seen(monkeypatch):
-    seen = []
-    monkeypatch.setattr(
-        "tvsysid.comparison.predicted", lambda *given, limit: seen.append(given[1:3]) or np.zeros((40, 200))
-    )
-    found = tv.compare(tv.preprocess.subtract_mean(ensemble_of(80.0)), ["sds"])
-    assert not found.held_out_vaf()["sds"].any()
+class Watched:
+    """Keeps the ensembles that it identifies from and predicts for."""
+
+    def __init__(self):
+        self.seen = []
+
+    def identify(self, kept):
+        def predict(every):
+            self.seen.append((kept, every))
+            return np.zeros((len(every), every.samples))
+
+        return SimpleNamespace(stiffness=np.full(kept.samples, 100.0), predict=predict)
+
+
+def test_nothing_of_what_is_held_out_is_seen():
+    method = Watched()
+    found = tv.compare(tv.preprocess.subtract_mean(ensemble_of(80.0)), [method])
+    assert not found.held_out_vaf()["Watched"].any()
     parts = np.array_split(np.arange(40), 5)
-    for (kept, every), part in zip(seen, parts, strict=True):
+    for (kept, every), part in zip(method.seen[1:], parts, strict=True):
         np.testing.assert_array_equal(kept.onsets, np.delete(found.ensemble.onsets, part))
         np.testing.assert_allclose([kept.angle.mean(axis=0), kept.torque.mean(axis=0)], 0, atol=1e-13)
         assert not every.torque[part].any()

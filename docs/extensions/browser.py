@@ -11,7 +11,7 @@ from zipfile import ZIP_DEFLATED, ZipFile
 from sphinx.application import Sphinx
 
 PAGE = "browser"
-PACKAGES = ("tvsysid", "lazy_loader", "cloudpickle", "threadpoolctl")  # pure Python, as they are installed here
+PACKAGES = ("tvsysid", "lazy_loader", "threadpoolctl")  # pure Python, as they are installed here
 
 
 def fetched(app: Sphinx) -> bool:

@@ -16,13 +16,10 @@ from numpy.typing import NDArray
 from tvsysid.checked import Frozen
 from tvsysid.errors import DataQualityWarning, InputError, describe_error
 from tvsysid.estimates import IMPEDANCE
-from tvsysid.limits import TIME_LIMIT
 from tvsysid.methods import DEFAULT_METHODS, Evidence, Tuned, deviating_channels, label_of, parse
 from tvsysid.methods.adaptive.model import AdaptiveModel
-from tvsysid.methods.apart import Identified, checked_limit, identify, predicted
-from tvsysid.methods.apply import Identifies
-from tvsysid.methods.base import SkippedError, inputs_of
-from tvsysid.methods.travel import pickled
+from tvsysid.methods.apply import Identified, Identifies, identify
+from tvsysid.methods.base import Method, SkippedError, inputs_of
 from tvsysid.metrics import time_varying_vaf, vaf
 from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_known, mean_of
@@ -167,9 +164,7 @@ class Comparison(Shown, Frozen):
         return dict(self.time_varying_vaf) if len(self.ensemble) > 1 else {}
 
     @single_thread()
-    def held_out_vaf(
-        self, folds: int = FOLDS, *, progress: Progress | None = None, time_limit: float = TIME_LIMIT
-    ) -> dict[str, Array]:
+    def held_out_vaf(self, folds: int = FOLDS, *, progress: Progress | None = None) -> dict[str, Array]:
         r"""Variance accounted for of realizations that were left out, in per cent, shape (realization,), by label.
 
         Realizations are dealt, in the order of the record, into so many folds of consecutive ones, whose slow changes
@@ -187,7 +182,7 @@ class Comparison(Shown, Frozen):
         folds
             At least two; as many as there are realizations where these are fewer. It takes as many identifications by
             each method.
-        progress, time_limit
+        progress
             As of :func:`compare`.
 
         Returns
@@ -227,7 +222,7 @@ class Comparison(Shown, Frozen):
         """
         if isinstance(folds, bool) or not isinstance(folds, (int, np.integer)) or folds < 2:
             raise InputError(f"held_out_vaf: folds must be a whole number from 2 on, got {folds!r}")
-        limit, ensemble = checked_limit(time_limit), self.ensemble
+        ensemble = self.ensemble
         parts = np.array_split(np.concatenate(ensemble.runs), min(folds, len(ensemble)))
         found = {label: np.full(len(ensemble), np.nan) for label in self.models}
         failed: dict[str, str] = {}
@@ -240,16 +235,16 @@ class Comparison(Shown, Frozen):
             for number, (label, part) in enumerate(jobs):
                 advance(number, len(jobs))
                 try:
-                    found[label][part] = self._vaf_of(part, label, limit)
-                except Exception as error:  # a method of one's own may raise anything
-                    failed.setdefault(label, _reason(error))
+                    found[label][part] = self._vaf_of(part, label)
+                except (Exception, SystemExit) as error:  # a method of one's own may raise anything
+                    failed.setdefault(label, describe_error(error))
         for reason in dict.fromkeys(failed.values()):
             labels = ", ".join(label for label, own in failed.items() if own == reason)
             text = f"{labels}: no held-out VAF where a fold of the realizations cannot be left out: {reason}"
             warnings.warn(text, DataQualityWarning, stacklevel=2)
         return found
 
-    def _vaf_of(self, left: NDArray[np.int64], label: str, limit: float) -> Array:
+    def _vaf_of(self, left: NDArray[np.int64], label: str) -> Array:
         """VAF of the realizations ``left`` out, by what a method identifies from the others; (realization,)."""
         method, ensemble = self.methods[label], self.ensemble
         kept = np.setdiff1d(np.arange(len(ensemble)), left)
@@ -266,8 +261,11 @@ class Comparison(Shown, Frozen):
             warnings.simplefilter("ignore", DataQualityWarning)  # that of the whole was warned of
             known = every.select(kept)
             unseen_torque = replace(every, torque=unseen)
-            travelling = pickled({label: method})[label]
-            values = predicted(travelling, known, unseen_torque, label, self.models[label], limit=limit)
+            if isinstance(method, (Method, Tuned)):
+                model = method.refit(known, self.models[label])
+            else:
+                model = identify(method, known, label).model
+            values = model.predict(unseen_torque)
         if ensemble.mean_subtracted:
             values = values - mean_known(values[kept])
         return vaf(torque[left], values[left])
@@ -319,12 +317,10 @@ def compare(
     *,
     tune: bool = False,
     progress: Progress | None = None,
-    time_limit: float = TIME_LIMIT,
 ) -> Comparison:
     """Identify one ensemble by several methods; what ``tvsysid identify`` does.
 
-    One that cannot serve the ensemble is skipped, and one that fails spoils no other: methods that are not the
-    package's own run in processes of their own, on a copy of the ensemble.
+    One that cannot serve the ensemble is skipped. One that raises an error has failed, and the others finish.
 
     Parameters
     ----------
@@ -337,8 +333,6 @@ def compare(
         Whether each method's settings are chosen from the data first.
     progress
         Called with the number of methods done and of all, before each; None shows a bar in a notebook.
-    time_limit
-        Seconds after which a method that is not the package's own has failed.
 
     Raises
     ------
@@ -372,33 +366,32 @@ def compare(
         raise InputError("compare: expected a method at least, got none")
     chosen = {label: parse(item) if isinstance(item, str) else item for label, item in named.items()}
     found: dict[str, Identified] = {}
+    predicted: dict[str, Array] = {}
+    bands: dict[str, dict[str, tuple[Array, Array]]] = {}
     skipped: dict[str, str] = {}
     failed: dict[str, str] = {}
-    limit = checked_limit(time_limit)
     with reported(progress, "identifying") as advance:
         for number, (label, method) in enumerate(chosen.items()):
             advance(number, len(chosen))
             try:
-                travelling, own = pickled({label: method})[label], tune or isinstance(method, Tuned)
-                found[label] = identify(travelling, ensemble, label, tune=own, limit=limit, keep=True)
+                one = identify(method, ensemble, label, tune=tune or isinstance(method, Tuned))
+                predicted[label], bands[label] = one.model.predict(ensemble), _bands_of(label, one.model)
+                found[label] = one
             except SkippedError as error:
                 skipped[label] = str(error)
-            except Exception as error:
-                failed[label] = _reason(error)
-        models = {label: each.model for label, each in found.items()}
-        bands = {label: _bands_of(label, model) for label, model in models.items()}
-    if not models:
+            except (Exception, SystemExit) as error:
+                failed[label] = describe_error(error)
+    if not found:
         reasons = [f"{label}: {why}" for label, why in skipped.items()]
         reasons += [f"method {label}: {why}" for label, why in failed.items()]
         raise InputError("; ".join(reasons))
     evidence = {label: each.evidence for label, each in found.items() if each.evidence is not None}
     chosen |= {label: _with_settings(chosen[label], each) for label, each in evidence.items()}
     torque = ensemble.torque[:, ensemble.core]
-    predicted = {label: model.predict(ensemble) for label, model in models.items()}
     return Comparison(
         ensemble,
         chosen,
-        models,
+        {label: each.model for label, each in found.items()},
         skipped,
         bands,
         {label: vaf(torque, values) for label, values in predicted.items()},
@@ -438,7 +431,3 @@ def _bands_of(label: str, model: Model) -> dict[str, tuple[Array, Array]]:
                 alone = estimate.values.size == len(model.time)  # of several realizations there is none of the mean
                 bands[name] = (lower.ravel(), upper.ravel()) if alone else (np.full(len(model.time), np.nan),) * 2
     return bands
-
-
-def _reason(error: Exception) -> str:
-    return str(error) if isinstance(error, InputError) else describe_error(error)

@@ -82,7 +82,7 @@ def describe_error(error: BaseException, file: str | None = None) -> str:
     if isinstance(error, SyntaxError):
         text, name, line = str(error.msg), error.filename, error.lineno
     kind = "" if isinstance(error, InputError) else f"{type(error).__name__}: "
-    said = textwrap.shorten(f"{kind}{text}".rstrip(": "), 300, placeholder=" …")
+    said = f"{kind}{text}".rstrip(": ")
     return printable(f"{said} ({Path(name).name}, line {line})" if name and line else said)
 
 

@@ -1,4 +1,4 @@
-"""How much memory there is, and how much of it and of time the code of others may take. Light."""
+"""How much memory there is. Light."""
 
 from __future__ import annotations
 
@@ -12,9 +12,6 @@ try:
     import resource
 except ImportError:  # not on Windows
     resource = None  # type: ignore[assignment]
-
-TIME_LIMIT = 600.0
-"""Seconds that one identification by somebody else's method may take, if nothing else is said."""
 
 
 def available() -> int | None:
@@ -67,26 +64,7 @@ def _own_limit() -> Iterator[int]:
 
 def addresses() -> int | None:
     """Bytes of addresses that this process has taken, which is what its limit counts; None where nothing tells."""
-    return _pages(0)
-
-
-def _pages(place: int) -> int | None:
-    """Bytes of this process by their place in the system's account of it; None where there is none."""
     try:
-        return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[place]) * os.sysconf("SC_PAGE_SIZE")
+        return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0]) * os.sysconf("SC_PAGE_SIZE")
     except (OSError, ValueError):
         return None
-
-
-def keep_within_memory() -> None:
-    """Have this process get a MemoryError when it has taken what there is; the computer need not end another one.
-
-    What it may fill is limited, not its addresses, of which some libraries reserve many more (on Linux).
-    """
-    with suppress(OSError):  # several such processes may take too much together: one of them is to be ended then
-        Path("/proc/self/oom_score_adj").write_text("1000", encoding="ascii")
-    room, taken = available(), _pages(5)
-    if resource is not None and room is not None and taken is not None:
-        hard = resource.getrlimit(resource.RLIMIT_DATA)[1]
-        with suppress(ValueError, OSError):
-            resource.setrlimit(resource.RLIMIT_DATA, (taken + room, hard))

@@ -11,7 +11,7 @@ from types import MappingProxyType
 import numpy as np
 
 from tvsysid.checked import Frozen
-from tvsysid.errors import DataQualityWarning, InputError
+from tvsysid.errors import DataQualityWarning, InputError, describe_error
 from tvsysid.estimates import read_only
 from tvsysid.methods.apply import Identifies, apply
 from tvsysid.models import Model
@@ -185,7 +185,7 @@ def bootstrap(
                     draws[draw] = _drawn(own, name)
             # One draw may be what no other is, and a method of one's own may raise anything.
             except Exception as error:
-                reasons.append(f"{type(error).__name__}: {error}")
+                reasons.append(describe_error(error))
             advance(draw + 1, count)
     if reasons:
         said = f"{label} could not identify {len(reasons)} of {count} draws (the first: {reasons[0]})"

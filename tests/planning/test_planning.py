@@ -11,7 +11,6 @@ from tests.drawing import draw
 
 import tvsysid as tv
 from tvsysid.errors import InputError
-from tvsysid.methods.travel import pickled
 from tvsysid.planning import Answer, Curve, Pilot, Plan, Protocol
 from tvsysid.planning.answers import HALF
 from tvsysid.planning.curves import Errors, excesses, sizes, uncertainty
@@ -140,7 +139,7 @@ def test_realizations_that_differ_need_more_of_them():
     ensemble = ensemble_of(40.0, "sine", "noise")
     stiffer = np.where(np.arange(len(ensemble)) % 3, 0.0, 50.0)[:, None]
     other = replace(ensemble, torque=ensemble.torque + stiffer * ensemble.angle)
-    methods = pickled({"birf": tv.BasisIRF()})
+    methods = {"birf": tv.BasisIRF()}
     same, differs = (excesses(Pilot.of(each), methods, 12, 0)["birf"] for each in (ensemble, other))
     assert same < 1.25
     law = replace(curve(30 / np.sqrt(COUNTS)), excess=differs)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -284,8 +283,7 @@ def _few_realizations(subject: Subject) -> str:
             if reason := reason_to_skip(subject.method, few):
                 raise InputError(reason)
             model = subject.identify(few)
-        except BaseException as error:
-            _leave_interruption(error)
+        except (Exception, SystemExit) as error:
             plain = isinstance(error, ValueError) and not isinstance(error, np.linalg.LinAlgError)
             if not (plain and plain_text(error)):
                 advice = "expected a result, or a tvsysid.InputError that says how many are needed"
@@ -338,12 +336,6 @@ _RULES = (
 )
 
 
-def _leave_interruption(error: BaseException) -> None:
-    """Raise an interruption that may be the user's: none reaches a process that ignores it, as that of a method."""
-    if isinstance(error, KeyboardInterrupt) and signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
-        raise error
-
-
 def _judged(rule: _Rule, subject: Subject, done: dict[str, Check]) -> Check:
     if rule.needs is not None and not done[rule.needs].passed:
         before = done[rule.needs]
@@ -358,8 +350,7 @@ def _judged(rule: _Rule, subject: Subject, done: dict[str, Check]) -> Check:
         return Check(rule.name, True, rule.judge(subject), rule.required)
     except FailedError as error:
         message = str(error)
-    except BaseException as error:
-        _leave_interruption(error)
+    except (Exception, SystemExit) as error:
         said = plain_text(error)
         wrote = isinstance(error, ValueError) and any(words in said for words in ("read-only", "WRITEABLE"))
         message = f"it {'refused:' if isinstance(error, InputError) else 'stopped with'} {subject.described(error)}"

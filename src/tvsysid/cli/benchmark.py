@@ -15,14 +15,12 @@ from tvsysid.cli.options import (
     OutOption,
     SchedulerOption,
     SeedOption,
-    TimeLimitOption,
     WorkersOption,
     given,
     option,
 )
 from tvsysid.cli.running import STORE, check_folder, command_line, print_met, run_in, show_claims
 from tvsysid.errors import InputError
-from tvsysid.limits import TIME_LIMIT
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -94,7 +92,6 @@ def benchmark(
     trials: Annotated[int | None, option("N", "Monte-Carlo trials of each scenario. [20]")] = None,
     seed: SeedOption = None,
     workers: WorkersOption = None,
-    time_limit: TimeLimitOption = TIME_LIMIT,
     scheduler: SchedulerOption = None,
     dry_run: Annotated[
         bool, option("", "Print what would be run, with an estimate of time and size, and stop.", "--dry-run")
@@ -146,7 +143,7 @@ def benchmark(
     count = len(study.scenarios)
     title = f"{count} scenario{'s' if count > 1 else ''} x {study.trials} trials x {len(study.named_methods)} methods"
     check_folder(out)
-    results = run_in(out, partial(run, study, time_limit=time_limit), title, "trials", workers, scheduler)
+    results = run_in(out, partial(run, study), title, "trials", workers, scheduler)
     if not write(results, out, command_line()):
         raise typer.Exit(1)
 

@@ -15,14 +15,12 @@ from tvsysid.cli.options import (
     OutOption,
     SchedulerOption,
     SeedOption,
-    TimeLimitOption,
     WorkersOption,
     given,
     option,
 )
 from tvsysid.cli.running import STORE, check_folder, command_line, print_met, run_in, show_claims
 from tvsysid.errors import InputError
-from tvsysid.limits import TIME_LIMIT
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -51,7 +49,6 @@ def experiment(
     ] = None,
     seed: SeedOption = None,
     workers: WorkersOption = None,
-    time_limit: TimeLimitOption = TIME_LIMIT,
     scheduler: SchedulerOption = None,
     out: OutOption = Path("tvsysid-experiment"),
 ) -> None:
@@ -110,7 +107,7 @@ def experiment(
         raise InputError("no recording can be used; correct the errors above")
     title = f"{len(what.recordings)} recordings x {len(what.analyses)} analyses x {what.bootstraps} bootstraps"
     with shown_warnings():
-        study_run = partial(run, what, prepared=prepared, time_limit=time_limit)
+        study_run = partial(run, what, prepared=prepared)
         results = run_in(out, study_run, title, "analyses", workers, scheduler)
     if not write(what, results, prepared, out, command_line()):
         raise typer.Exit(1)

@@ -17,7 +17,6 @@ from tvsysid.cli.identified import write_account, write_results, write_tuning
 from tvsysid.cli.references import unnamed_references
 from tvsysid.cli.running import check_folder
 from tvsysid.errors import InputError
-from tvsysid.limits import TIME_LIMIT
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -58,7 +57,6 @@ def identify(
     start: options.StartOption = 0.0,
     context: options.ContextOption = 0.5,
     method: options.MethodOption = DEFAULT_METHODS,
-    time_limit: options.TimeLimitOption = TIME_LIMIT,
     align_channels: Annotated[
         bool,
         options.option(
@@ -164,7 +162,7 @@ def identify(
             ensemble = preprocess.subtract_mean(ensemble, deviating)
         say(f"{file.name}: {ensemble!r}")
         with progress("identifying") as advance:
-            found = compare(ensemble, method, tune=tune, progress=advance, time_limit=time_limit)
+            found = compare(ensemble, method, tune=tune, progress=advance)
     for label, reason in found.skipped.items():
         remark("warning", f"{label} is skipped: {reason}")
     for label, reason in found.failed.items():
@@ -175,7 +173,7 @@ def identify(
     written = write_results(found, out, file.name)  # first, as holding out takes longest
     done = {"the torque's sign was reversed": torque_sign == -1, "degrees became radians": angle_unit == "deg"}
     done["N·mm became N·m"] = torque_unit == "Nmm"
-    account = _account(found, time_limit, source, _judged(found, recording, context, deviating))
+    account = _account(found, source, _judged(found, recording, context, deviating))
     unnamed = tuple(unnamed_references(found, file, header, known, read))
     account = replace(account, turned=[words for words, was in done.items() if was], unnamed_references=unnamed)
     written = [*write_account(account, out, sheet), *written]
@@ -301,13 +299,13 @@ def _judged(found: Comparison, recording: Recording, context: float, deviating: 
     return found.ensemble
 
 
-def _account(found: Comparison, time_limit: float, source: dict[str, str], judged: Ensemble) -> Account:
+def _account(found: Comparison, source: dict[str, str], judged: Ensemble) -> Account:
     """What was found, with held-out VAF and a diagnosis."""
     from tvsysid.quality import diagnose
     from tvsysid.report import Account
 
     with shown_warnings(), progress("predicting realizations held out") as advance:
-        held_out = found.held_out_vaf(progress=advance, time_limit=time_limit)
+        held_out = found.held_out_vaf(progress=advance)
     try:
         repeats = judged is found.ensemble
         diagnosis = (found.recommendation.diagnosis if repeats else None) or diagnose(judged, repeats=repeats)

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from tvsysid.cli.console import remark, say_written, show_table, shown_warnings, waiting
-from tvsysid.cli.options import MethodOption, OutOption, SchedulerOption, TimeLimitOption, WorkersOption, given, option
+from tvsysid.cli.options import MethodOption, OutOption, SchedulerOption, WorkersOption, given, option
 from tvsysid.cli.running import STORE, check_folder, print_met, run_in
-from tvsysid.limits import TIME_LIMIT
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -34,7 +33,6 @@ def leaderboard(
         int | None, option("N", "Seed that is kept secret; the page has its hash only. [the public one of the version]")
     ] = None,
     workers: WorkersOption = None,
-    time_limit: TimeLimitOption = TIME_LIMIT,
     scheduler: SchedulerOption = None,
     out: OutOption = Path("tvsysid-leaderboard"),
 ) -> None:
@@ -67,7 +65,7 @@ def leaderboard(
         remark("warning", "a seed below 2^64 can be found from its hash by trying; give one of 20 digits or more")
     check_folder(out)
     title = f"{len(study.scenarios)} scenarios x {study.trials} trials x {len(study.named_methods)} entries"
-    results = run_in(out, partial(run, study, time_limit=time_limit), title, "trials", workers, scheduler)
+    results = run_in(out, partial(run, study), title, "trials", workers, scheduler)
     with waiting("scoring and drawing"):
         table = write_leaderboard(study, results.load(), out)
     _show(table)

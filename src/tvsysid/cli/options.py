@@ -102,14 +102,6 @@ SchedulerOption = Annotated[
         "Run on a Dask cluster instead: address of its scheduler, such as tcp://host:8786; needs `tvsysid[dask]`.",
     ),
 ]
-TimeLimitOption = Annotated[
-    float,
-    option(
-        "S",
-        "Seconds that an identification by a method of your own may take; one that takes longer is ended, and has "
-        "failed.",
-    ),
-]
 OutOption = Annotated[Path, option("DIR", "Folder for the results.", "--out")]
 
 

@@ -1,20 +1,21 @@
-"""Run anybody's method on an ensemble: what it needs is checked before, what it returns becomes a model."""
+"""Run any method on an ensemble: check what it needs, and turn what it returns into a model."""
 
 from __future__ import annotations
 
-import hashlib
 import math
+import time
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
-from typing import Any, Protocol
+from dataclasses import dataclass, fields
+from typing import Any, NamedTuple, Protocol
 
-import cloudpickle
 import numpy as np
 
 from tvsysid.errors import InputError
 from tvsysid.estimates import IMPEDANCE, UNITS, Estimate, plain_array
-from tvsysid.methods.base import aligned, inputs_of, reason_to_skip
+from tvsysid.methods.base import Method, SkippedError, aligned, inputs_of, reason_to_skip
+from tvsysid.methods.tuning.evidence import Evidence, Tuned
 from tvsysid.models import Diagnostics, Model
+from tvsysid.numerics.threads import single_thread
 from tvsysid.signals import Array, Ensemble
 
 LONGEST_NAME = 80  # letters of a quantity, pathway or axis
@@ -63,31 +64,58 @@ def apply(method: Identifies, ensemble: Ensemble, label: str | None = None) -> M
     return model
 
 
+class Identified(NamedTuple):
+    """A model, the evidence for settings that were chosen from the data, and the seconds that both took."""
+
+    model: Model
+    evidence: Evidence | None
+    seconds: float
+
+
+def identify(method: Identifies, ensemble: Ensemble, label: str = "", *, tune: bool = False) -> Identified:
+    """Identify as :func:`apply`, on one thread. ``tune`` chooses the settings from the data first.
+
+    Raises
+    ------
+    SkippedError
+        If the method cannot serve the ensemble.
+    InputError
+        As :func:`apply`. The method's own errors pass.
+    """
+    if reason := reason_to_skip(method, ensemble):
+        raise SkippedError(reason)
+    started = time.perf_counter()
+    with single_thread():
+        chosen, evidence = _tuned(method, ensemble) if tune else (method, None)
+        model = apply(chosen, ensemble, label or type(method).__name__)
+    return Identified(model, evidence, time.perf_counter() - started)
+
+
+def _tuned(method: object, ensemble: Ensemble) -> tuple[Method, Evidence | None]:
+    """Return the method with settings chosen from the data, and the evidence for them."""
+    own = method.method if isinstance(method, Tuned) else method
+    if not isinstance(own, Method):
+        raise InputError(
+            "its settings cannot be chosen from data; leave out tune (--tune), and write key:tuned=true for those "
+            "methods whose settings can"
+        )
+    return own.tuned(ensemble) if fields(own) else (own, None)  # a method without settings has none to choose
+
+
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class AdoptedModel(Model):
-    """Model of a method that has ``found`` one of its own.
+    """Model with the estimates and the torque of an object that a method returned (``found``)."""
 
-    That is pickled, or None, where it was identified in another process. Then the ``torques`` of its pathways are known
-    for the ensemble that it is ``of``, by its digest.
-    """
-
-    found: object
-    torques: Mapping[str, Array] = field(default_factory=dict)
-    of: str = ""
+    found: Any
 
     def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
-        if self.of and self.of == digest(ensemble):
-            return dict(self.torques)
-        found: Any = cloudpickle.loads(self.found) if isinstance(self.found, bytes) else self.found
-        if found is None:
-            raise InputError(f"{self.method}: the model predicts only for the ensemble that it was identified from")
-        own = getattr(found, "pathways", None)
-        torques = own(ensemble) if callable(own) else {"intrinsic": found.predict(ensemble)}
-        return checked_torques(torques, ensemble, self.method)
+        own = getattr(self.found, "pathways", None)
+        torques = own(ensemble) if callable(own) else {"intrinsic": self.found.predict(ensemble)}
+        return _checked_torques(torques, ensemble, self.method)
 
 
-def checked_torques(torques: object, ensemble: Ensemble, label: str) -> dict[str, Array]:
-    """Torque of each pathway, as a model of anybody's gives them."""
+def _checked_torques(torques: object, ensemble: Ensemble, label: str) -> dict[str, Array]:
+    """Return the torque of each pathway, if its shape and its numbers are right."""
     if not isinstance(torques, Mapping) or not torques:
         raise InputError(
             f"{label}: pathways(ensemble) must be a mapping of the torque of each pathway by its name, got "
@@ -197,15 +225,3 @@ def _check_shapes(model: Model, label: str, ensemble: Ensemble) -> None:
                 f"{label}: {name} over {', '.join(estimate.axes)} must be of shape {expected}, it is "
                 f"{estimate.values.shape}"
             )
-
-
-def digest(ensemble: Ensemble) -> str:
-    """Tells these data from others, whatever object holds them."""
-    cut = ensemble.angle.shape, ensemble.sampling_rate, ensemble.context, ensemble.mean_subtracted
-    found = hashlib.sha256(repr(cut).encode())
-    for values in (ensemble.angle, ensemble.torque, ensemble.onsets, ensemble.trials):
-        found.update(np.asarray(values).tobytes())
-    recorded = {} if ensemble.recorded_angle is None else {"recorded_angle": ensemble.recorded_angle}
-    for name, values in (dict(ensemble.channels) | recorded).items():
-        found.update(name.encode() + values.tobytes())
-    return found.hexdigest()[:16]

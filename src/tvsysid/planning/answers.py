@@ -13,7 +13,6 @@ from tvsysid.checked import Frozen
 from tvsysid.errors import InputError
 from tvsysid.methods import label_of, parse
 from tvsysid.methods.apply import Identifies
-from tvsysid.methods.travel import pickled
 from tvsysid.numerics.bands import critical_value
 from tvsysid.planning.curves import RECORDS, Curve, answered, curves_of, excesses, identified, rises, scatter, sizes
 from tvsysid.planning.setups import Pilot, Setup, positive, seconds_of
@@ -150,7 +149,7 @@ class Plan(Shown, Frozen):
         if trials < 2:
             raise InputError(f"verify: trials must be 2 or more, got {trials}")
         planned = [each for each in self.answers if each.realizations is not None]
-        every, found, done = pickled(self.methods), [], 0
+        found, done = [], 0
         with reported(progress, "verifying") as told:
             for each in planned:
                 assert each.realizations is not None
@@ -158,7 +157,7 @@ class Plan(Shown, Frozen):
                 for trial in range(trials):
                     told(done, len(planned) * trials)
                     part = self.setups[each.setup].simulated(each.realizations, seed + trial)
-                    values += list(identified(every[each.method], each.method, [part.ensemble], {}))
+                    values += list(identified(self.methods[each.method], each.method, [part.ensemble], {}))
                     done += 1
                 known, curve = answered(np.array(values)), self.curves[each.setup, each.method]
                 predicted, reached = curve.at(each.realizations).random, curve.excess * scatter(known)
@@ -230,7 +229,7 @@ def plan(
     if not chosen:
         raise InputError("plan: expected a method at least, got none")
     most = {label: _most(each) for label, each in setups.items()}
-    every, answers, done = pickled(chosen), list[Answer](), 0
+    answers, done = list[Answer](), 0
     pilots = {id(each.recorded): each for each in setups.values() if isinstance(each, Pilot)}
     curves: dict[tuple[str, str], Curve] = {}
     total = sum(len(chosen) * (draws * len(sizes(count)) + STEPS) for count in most.values())
@@ -242,16 +241,16 @@ def plan(
             told(done, total)
 
         told(0, total)
-        excess = {which: excesses(pilot, every, draws, seed) for which, pilot in pilots.items()}
+        excess = {which: excesses(pilot, chosen, draws, seed) for which, pilot in pilots.items()}
         for label, each in setups.items():
-            found = curves_of(each, every, most[label], draws, seed, advance)
+            found = curves_of(each, chosen, most[label], draws, seed, advance)
             if isinstance(each, Pilot):
                 own = excess[id(each.recorded)]  # whatever is planned from a pilot
                 found = {name: replace(curve, excess=own[name]) for name, curve in found.items()}
             curves |= {(label, method): curve for method, curve in found.items()}
             needed = {name: curve.needed(precision / HALF, BEYOND * most[label]) for name, curve in found.items()}
             counts = {name: min(number or most[label], most[label]) for name, number in needed.items()}
-            risen = rises(each, every, counts, STEPS, seed + RECORDS, advance)
+            risen = rises(each, chosen, counts, STEPS, seed + RECORDS, advance)
             answers += [
                 _answer(each, name, curve, needed[name], counts[name], risen[name], precision, resolution)
                 for name, curve in found.items()

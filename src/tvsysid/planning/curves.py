@@ -13,9 +13,8 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from tvsysid.errors import DataQualityWarning, InputError
-from tvsysid.limits import TIME_LIMIT
-from tvsysid.methods import apart
+from tvsysid.errors import DataQualityWarning, describe_error
+from tvsysid.methods.apply import Identifies, identify
 from tvsysid.metrics import debiased_bias_error, random_error, rise_time
 from tvsysid.planning.setups import Pilot, Setup, Simulated
 from tvsysid.preprocess import subtract_mean
@@ -99,7 +98,7 @@ def sizes(most: int) -> list[int]:
 
 
 def curves_of(
-    setup: Setup, methods: Mapping[str, bytes], most: int, draws: int, seed: int, advance: Callable[[int], object]
+    setup: Setup, methods: Mapping[str, Identifies], most: int, draws: int, seed: int, advance: Callable[[int], object]
 ) -> dict[str, Curve]:
     """Curve of each method; ``advance`` is called with the number of ensembles that are done or not needed."""
     rows: dict[str, list[tuple[float, ...]]] = {label: [] for label in methods}
@@ -116,7 +115,7 @@ def curves_of(
     return {label: _curve(each, why.get(label, "")) for label, each in rows.items()}
 
 
-def excesses(pilot: Pilot, methods: Mapping[str, bytes], draws: int, seed: int) -> dict[str, float]:
+def excesses(pilot: Pilot, methods: Mapping[str, Identifies], draws: int, seed: int) -> dict[str, float]:
     """How many times as much each method's stiffness differs between halves of the pilot as between simulated ones.
 
     The root mean square over time, of the median of random halves and of simulated pairs; 1 at least, since a pilot
@@ -159,7 +158,7 @@ def _curve(rows: list[tuple[float, ...]], why: str) -> Curve:
 
 
 def rises(
-    setup: Setup, methods: Mapping[str, bytes], counts: Mapping[str, int], draws: int, seed: int,
+    setup: Setup, methods: Mapping[str, Identifies], counts: Mapping[str, int], draws: int, seed: int,
     advance: Callable[[int], object],
 ) -> dict[str, float]:  # fmt: skip
     """Seconds in which each method's mean estimate rises from 10 to 90 % of a step, with so many realizations."""
@@ -182,7 +181,7 @@ def rises(
 
 
 def _answers(
-    method: bytes, label: str, ensembles: Sequence[Ensemble], why: dict[str, str], sure: float = SURE
+    method: Identifies, label: str, ensembles: Sequence[Ensemble], why: dict[str, str], sure: float = SURE
 ) -> Array:
     """Stiffness (estimate, time) in as many of the ensembles as make its scatter sure; without failures."""
     known = np.empty((0, ensembles[0].samples))
@@ -194,16 +193,16 @@ def _answers(
     return known
 
 
-def identified(method: bytes, label: str, ensembles: Iterable[Ensemble], why: dict[str, str]) -> Array:
-    """Stiffness in each ensemble by a pickled method, (ensemble, time); NaN where it fails, and why."""
+def identified(method: Identifies, label: str, ensembles: Iterable[Ensemble], why: dict[str, str]) -> Array:
+    """Return the stiffness in each ensemble (ensemble, time); NaN where the method fails. ``why`` gets the reason."""
     found: list[Array] = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DataQualityWarning)
         for each in ensembles:
             try:
-                values = apart.identify(method, subtract_mean(each), label, limit=TIME_LIMIT).model.stiffness
-            except InputError as error:
-                why[label], values = str(error), np.full(each.samples, np.nan)
+                values = identify(method, subtract_mean(each), label).model.stiffness
+            except Exception as error:
+                why[label], values = describe_error(error), np.full(each.samples, np.nan)
             found.append(values)
     return np.array(found)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import glob
+import hashlib
 import os
 import warnings
 from collections.abc import Callable
@@ -13,7 +14,6 @@ import numpy as np
 
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods import deviating_channels
-from tvsysid.methods.apply import digest
 from tvsysid.methods.base import inputs_of
 from tvsysid.numerics.threads import single_thread
 from tvsysid.preprocess import Account, Preparation, prepare
@@ -63,8 +63,20 @@ class Prepared:
 
     @property
     def digest(self) -> str:
-        """Of the ensemble; what tells these data from others."""
-        return NOTHING if self.ensemble is None else digest(self.ensemble)
+        """Digest of the ensemble; other data have another one."""
+        return NOTHING if self.ensemble is None else _digest(self.ensemble)
+
+
+def _digest(ensemble: Ensemble) -> str:
+    """Return a checksum of the data, whatever object holds them."""
+    cut = ensemble.angle.shape, ensemble.sampling_rate, ensemble.context, ensemble.mean_subtracted
+    found = hashlib.sha256(repr(cut).encode())
+    for values in (ensemble.angle, ensemble.torque, ensemble.onsets, ensemble.trials):
+        found.update(np.asarray(values).tobytes())
+    recorded = {} if ensemble.recorded_angle is None else {"recorded_angle": ensemble.recorded_angle}
+    for name, values in (dict(ensemble.channels) | recorded).items():
+        found.update(name.encode() + values.tobytes())
+    return found.hexdigest()[:16]
 
 
 def prepared_recordings(

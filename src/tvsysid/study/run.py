@@ -12,8 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tvsysid.errors import InputError
-from tvsysid.limits import TIME_LIMIT
-from tvsysid.methods.apart import checked_limit
 from tvsysid.showing import reported
 from tvsysid.study.contents import EXPERIMENT
 from tvsysid.study.prepared import Prepared
@@ -38,7 +36,6 @@ def run(
     workers: int | None = None,
     executor: Executor | None = None,
     progress: Callable[[int, int], None] | None = None,
-    time_limit: float = TIME_LIMIT,
 ) -> xr.Dataset:
     """Run a study, or what is missing of it, and collect what its metrics are made from.
 
@@ -62,9 +59,6 @@ def run(
         submitit. Then ``workers`` is the number of tasks that it runs at a time.
     progress
         Called with the numbers of tasks there and in all, first before any is run; None shows a bar in a notebook.
-    time_limit
-        Seconds for each identification by a method that is not the package's own. One that takes longer is ended, has
-        failed, and is not tried again in this run (of an experiment: with this recording); resuming tries it again.
 
     Returns
     -------
@@ -104,14 +98,13 @@ def run(
     """
     if workers is not None and workers < 1:
         raise InputError(f"workers must be at least 1, got {workers!r}")
-    time_limit = checked_limit(time_limit)
     source = source_of(study, prepared)
     with tempfile.TemporaryDirectory() if store is None else nullcontext(store) as folder:
         path = Path(folder) / "results.zarr" if store is None else Path(folder)
         with open_store(path, source.layout) as opened:
             source.begin(opened)
             with reported(progress, "studying") as advance:
-                carry_out_missing(opened, source, workers, executor, advance, time_limit)
+                carry_out_missing(opened, source, workers, executor, advance)
             results = source.completed(opened.results())
         return results.load() if store is None else results
 

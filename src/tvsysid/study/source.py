@@ -11,14 +11,13 @@ from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
 from tvsysid.errors import DataQualityWarning, InputError
-from tvsysid.methods.travel import pickled
 from tvsysid.study.contents import RECORDINGS, Layout, layout_of, of_recordings
 from tvsysid.study.draws import DrawsTask
 from tvsysid.study.prepared import Prepared, prepared_recordings
 from tvsysid.study.recorded import Experiment
 from tvsysid.study.simulated import Scenario, Study
 from tvsysid.study.store import Place, Store
-from tvsysid.study.task import Task
+from tvsysid.study.task import Task, pickled
 from tvsysid.study.trial import Trial
 
 if TYPE_CHECKING:
@@ -109,7 +108,7 @@ class Recordings(Source):
             seed=self._experiment.seed_of(item.recorded, analysis.realizations),
             quantities=self._experiment.quantities,
             shapes=self.layout.shapes("bootstrap"),
-            # A method may hang or die of one recording alone.
+            # One recording alone may have a method kill its worker.
             methods={f"{analysis.name} on {item.recorded.label}": self._methods[analysis.name]},
             reason=item.failure,
         )

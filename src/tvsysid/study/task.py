@@ -4,28 +4,28 @@ from __future__ import annotations
 
 import hashlib
 import platform
+import sys
 import threading
 import time
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
+import cloudpickle
 import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid import __version__, metrics
-from tvsysid.errors import DataQualityWarning, InputError, describe_error, printable
-from tvsysid.limits import TIME_LIMIT
-from tvsysid.methods.apart import identify
+from tvsysid.errors import DataQualityWarning, InputError, describe_error, library_folders, plain_text, printable
+from tvsysid.methods.apply import identify
 from tvsysid.methods.base import SkippedError
-from tvsysid.methods.forkserver import HungError, MethodError
-from tvsysid.methods.travel import module_of, name_of_module
 from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_known
 from tvsysid.numerics.threads import single_thread
@@ -54,8 +54,7 @@ class Task(ABC):
 
     ``methods`` are pickled by label, each by itself, so that one that cannot be unpickled spoils no other; ``shapes``
     are those of what is measured of each identification; ``versions`` tell of the software of the process that sends
-    it, and a worker with another is refused; ``left_out`` says which methods are not to be tried, and why. Somebody
-    else's method has ``time_limit`` seconds for each identification; one that hangs is not tried again in this ``run``.
+    it, and a worker with another is refused; ``left_out`` says which methods are not to be tried, and why.
     """
 
     label: str
@@ -63,8 +62,6 @@ class Task(ABC):
     shapes: Shapes
     versions: Mapping[str, str] = field(default_factory=versions)
     left_out: Mapping[str, str] = field(default_factory=dict)
-    time_limit: float = TIME_LIMIT
-    run: str = ""
 
     @abstractmethod
     def work(self) -> Outcome:
@@ -76,26 +73,21 @@ class Task(ABC):
 
     def attempt(self, name: str, ensemble: Ensemble, measure: Callable[[Model], Row]) -> Row:
         """Identify an ensemble by one of the methods and measure the model; a failure is kept as a text."""
-        hung = _given_up.setdefault(self.run, {}) if self.run else {}
-        if reason := self.left_out.get(name) or hung.get(name):
+        if reason := self.left_out.get(name):
             return failed(reason)
         started = time.perf_counter()
         try:
             # Unpickled each time, so that nothing that it remembers passes from one identification to the next.
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always", DataQualityWarning)
-                model, _, seconds = identify(self.methods[name], ensemble, limit=self.time_limit)
+                model, _, seconds = identify(cloudpickle.loads(self.methods[name]), ensemble)
             _check_found(model)
             told = [str(item.message) for item in caught if issubclass(item.category, DataQualityWarning)]
             row = {"seconds": seconds, "spent": seconds, "warnings": told, "failure": ""}
             return row | {"parameters": model.diagnostics.parameters} | measure(model)
         except SkippedError as error:
             return failed("") | {"warnings": [f"{SKIPPED}{error}"]}
-        except MethodError as error:
-            if isinstance(error, HungError):
-                hung[name] = f"not tried again in this run: {error} (in {self.label})"
-            return failed(str(error)) | {"spent": time.perf_counter() - started}
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             return failed(describe_error(error)) | {"spent": time.perf_counter() - started}
 
 
@@ -106,15 +98,6 @@ def carry_out(task: Task) -> Outcome:
     # Warnings are caught and BLAS is limited for a whole process: one task at a time in it.
     with _ONE_AT_A_TIME, single_thread():
         return task.work()
-
-
-_given_up: dict[str, dict[str, str]] = {}
-"""Methods that hung in this process, and what is said of them, by run."""
-
-
-def given_up(task: Task) -> dict[str, str]:
-    """Methods that hung in this process in a task's run, and what is said of them where they are not tried again."""
-    return _given_up.get(task.run, {})
 
 
 _ONE_AT_A_TIME = threading.Lock()
@@ -222,11 +205,45 @@ def statistics(values: Array) -> Array:
 
 
 def digests(items: Mapping[str, object]) -> dict[str, str]:
-    """Digest of the file that holds each method of somebody else's: a method that was changed is another one."""
+    """Return a digest of the file that holds each method from outside the package, to notice that it was changed."""
     found = {}
     for label, item in items.items():
-        module = module_of(item)
-        file = getattr(module, "__file__", None)
-        if file and not name_of_module(item).startswith("tvsysid.") and Path(file).is_file():
+        file = getattr(_module_of(item), "__file__", None)
+        if file and not _name_of_module(item).startswith("tvsysid.") and Path(file).is_file():
             found[label] = hashlib.sha256(Path(file).read_bytes()).hexdigest()[:12]
     return found
+
+
+def pickled(items: Mapping[str, object], what: str = "method", parts: Sequence[object] = ()) -> dict[str, bytes]:
+    """Pickle methods for workers. A class from a script, a notebook or a loose file is sent whole.
+
+    So are the classes of the ``parts`` that an item is made of. Raises an InputError if one cannot be pickled.
+    """
+    found = {}
+    for label, item in items.items():
+        with ExitStack() as registered:
+            for module in {_module_of(part) for part in (item, *parts)}:
+                if module is not None and _is_loose(module):
+                    cloudpickle.register_pickle_by_value(module)
+                    registered.callback(cloudpickle.unregister_pickle_by_value, module)
+            try:
+                found[label] = cloudpickle.dumps(item)
+            except Exception as error:
+                reason = f"{type(error).__name__}: {plain_text(error)}"
+                raise InputError(f"{what} {label}: cannot be sent to a worker: {reason}") from error
+    return found
+
+
+def _name_of_module(item: object) -> str:
+    """Return the name of the module of a class or a function."""
+    return str(getattr(item, "__module__", None) or type(item).__module__)
+
+
+def _module_of(item: object) -> ModuleType | None:
+    return sys.modules.get(_name_of_module(item))
+
+
+def _is_loose(module: ModuleType) -> bool:
+    """Return whether a module is a file of the user's, not of an installed package."""
+    file = getattr(module, "__file__", None)
+    return bool(file) and not str(file).startswith(library_folders()) and module.__name__ != "__main__"

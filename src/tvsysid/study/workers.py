@@ -6,7 +6,6 @@ import multiprocessing
 import os
 import signal
 import threading
-import uuid
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
 from concurrent.futures import ProcessPoolExecutor as Pool
@@ -17,10 +16,9 @@ from itertools import islice
 from typing import Any
 
 from tvsysid.errors import InputError, describe_error
-from tvsysid.limits import TIME_LIMIT
 from tvsysid.study.source import Source
 from tvsysid.study.store import Place, Store
-from tvsysid.study.task import Outcome, Task, carry_out, given_up
+from tvsysid.study.task import Outcome, Task, carry_out
 
 AHEAD = 2  # tasks that wait for each worker: enough to keep it busy; more would only take memory
 UNKNOWN_WORKERS = 32  # assumed of an executor that does not say how many it has
@@ -39,36 +37,26 @@ def carry_out_missing(
     workers: int | None = None,
     executor: Executor | None = None,
     progress: Callable[[int, int], object] | None = None,
-    time_limit: float = TIME_LIMIT,
 ) -> None:
     """Carry out the tasks of a study that its store lacks, and write what comes back; arguments are those of `run`."""
     # Those that take longest must not begin last.
     places = sorted(store.missing(), key=source.rank, reverse=True)
-    total, run = len(store.places), uuid.uuid4().hex
+    total = len(store.places)
     done = total - len(places)
-    left_out: dict[str, str] = {}
+    killers: dict[str, str] = {}
 
-    def limited(place: Place) -> Task:
-        return replace(source.task_at(place), left_out=dict(left_out), time_limit=time_limit, run=run)
+    def task_at(place: Place) -> Task:
+        return replace(source.task_at(place), left_out=dict(killers))
 
     if progress is not None:
         progress(done, total)
     # Closed at once if writing fails, so that no worker goes on in vain.
-    with closing(_outcomes(limited, left_out, places, workers, executor)) as outcomes:
-        for place, (outcome, hung) in outcomes:
-            left_out |= hung
+    with closing(_outcomes(task_at, killers, places, workers, executor)) as outcomes:
+        for place, outcome in outcomes:
             store.write(place, outcome)
             done += 1
             if progress is not None:
                 progress(done, total)
-
-
-Result = tuple[Outcome, dict[str, str]]  # and methods that are not to be tried again, with what is said of them
-
-
-def _result_of(task: Task) -> Result:
-    """What a worker does."""
-    return carry_out(task), given_up(task)
 
 
 def _outcomes(
@@ -77,7 +65,7 @@ def _outcomes(
     places: list[Place],
     workers: int | None,
     executor: Executor | None,
-) -> Generator[tuple[Place, Result]]:
+) -> Generator[tuple[Place, Outcome]]:
     if executor is not None:
         at_a_time = workers or int(getattr(executor, "_max_workers", UNKNOWN_WORKERS))
         try:
@@ -92,21 +80,21 @@ def _outcomes(
     if workers == 1:
         for place in places:
             task = task_at(place)
-            yield place, _outcome(partial(_result_of, task), task)
+            yield place, _outcome(partial(carry_out, task), task)
     else:
         yield from _from_processes(task_at, killers, places, workers)
 
 
 def _from(
     executor: Executor, task_at: Callable[[Place], Task], places: Iterable[Place], workers: int, cancel: bool = False
-) -> Generator[tuple[Place, Result]]:
+) -> Generator[tuple[Place, Outcome]]:
     """Outcomes as they come; never more than a few trials are under way.
 
     Tasks under way at an early end are cancelled, but not in a local pool: its workers are ended, and Python 3.11 hangs
     when it tells a task that was cancelled that its worker died.
     """
     queue = iter(places)
-    pending: dict[Future[Result], Place] = {}
+    pending: dict[Future[Outcome], Place] = {}
     try:
         while True:
             for place in islice(queue, (1 + AHEAD) * workers - len(pending)):
@@ -122,26 +110,26 @@ def _from(
             future.cancel()
 
 
-def _outcome(result: Callable[[], Result], task: Task) -> Result:
+def _outcome(result: Callable[[], Outcome], task: Task) -> Outcome:
     """What a task gives, or that it failed where it raised what is nobody's word to the user."""
     try:
         return result()
     except (BrokenExecutor, CancelledError, InputError):
         raise
     except Exception as error:
-        return task.all_failed(f"the worker failed: {describe_error(error)}"), {}
+        return task.all_failed(f"the worker failed: {describe_error(error)}")
 
 
-def _submit(executor: Executor, task: Task) -> Future[Result]:
+def _submit(executor: Executor, task: Task) -> Future[Outcome]:
     try:
-        return executor.submit(_result_of, task)
+        return executor.submit(carry_out, task)
     except RuntimeError as error:  # it was shut down
         raise BrokenExecutor(str(error)) from error
 
 
 def _from_processes(
     task_at: Callable[[Place], Task], killers: dict[str, str], places: list[Place], workers: int
-) -> Generator[tuple[Place, Result]]:
+) -> Generator[tuple[Place, Outcome]]:
     """Outcomes from local processes; where one dies, its tasks are done again, each by itself."""
     left = dict.fromkeys(places)
     while left:
@@ -157,11 +145,8 @@ def _from_processes(
                 yield place, _alone(task_at(place), killers)
 
 
-def _alone(task: Task, killers: dict[str, str]) -> Result:
-    """Outcome of a task in a process of its own; a method that kills it is found, marked and not tried again.
-
-    It is one of the package's own, which takes more memory than there is: others run in processes of their own.
-    """
+def _alone(task: Task, killers: dict[str, str]) -> Outcome:
+    """Outcome of a task in a process of its own; a method that kills it is found, marked and not tried again."""
     while True:
         try:
             return _in_one_process(replace(task, left_out=dict(killers)))
@@ -172,19 +157,19 @@ def _alone(task: Task, killers: dict[str, str]) -> Result:
                     _in_one_process(replace(task, left_out={each: untried[each] for each in untried if each != label}))
                 except BrokenExecutor:
                     if label is None:
-                        return task.all_failed("the worker process died before any method was tried"), {}
+                        return task.all_failed("the worker process died before any method was tried")
                     killers[label] = (
                         f"its worker process died in {task.label}, so it was not tried again: it crashed, or took more "
                         "memory than there is"
                     )
                     break
             else:
-                return task.all_failed("the worker process died, though each method by itself does not kill it"), {}
+                return task.all_failed("the worker process died, though each method by itself does not kill it")
 
 
-def _in_one_process(task: Task) -> Result:
+def _in_one_process(task: Task) -> Outcome:
     with processes(1) as pool:
-        return _outcome(pool.submit(_result_of, task).result, task)
+        return _outcome(pool.submit(carry_out, task).result, task)
 
 
 @contextmanager

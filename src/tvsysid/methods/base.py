@@ -335,7 +335,10 @@ def _changing(ensemble: Ensemble) -> Iterator[str]:
 
 
 def _common_warnings(method: Method, ensemble: Ensemble, model: Model) -> Iterator[str]:
-    known = model.stiffness[np.isfinite(model.stiffness)]
+    angle = ensemble.angle[:: max(1, len(ensemble) // 64)]
+    peak, share, width = strongest_line(angle, ensemble.sampling_rate)
+    is_line = share > ONE_LINE and peak > 2 * width
+    known = model.stiffness[np.isfinite(model.stiffness) & (not is_line)]  # of a line, it is rounding
     if len(known) and np.mean(known < 0) > MOSTLY_NEGATIVE:
         yield (
             f"stiffness is negative at {100 * np.mean(known < 0):.0f} % of the samples: "
@@ -368,19 +371,17 @@ def _common_warnings(method: Method, ensemble: Ensemble, model: Model) -> Iterat
                 f"the angle is still in all realizations at {len(still)} of {ensemble.samples} samples, the first at "
                 f"{still[0] / ensemble.sampling_rate:.3g} s: nothing is identified there, and the values mean nothing"
             )
-    angle = ensemble.angle[:: max(1, len(ensemble) // 64)]
     low, high = method._needed_band()
     below, above = power_shares(angle, ensemble.sampling_rate, (0.0, low), (high, math.inf))
     if min(below, above) < LEAST_POWER:
-        side, limit, share, fault = (
+        side, limit, part, fault = (
             ("below", low, below, "stiffness") if below < above else ("above", high, above, "viscosity and inertia")
         )
         yield (
-            f"only {100 * share:.2g} % of the angle's power lies {side} {limit:.3g} Hz, where the method needs it: "
+            f"only {100 * part:.2g} % of the angle's power lies {side} {limit:.3g} Hz, where the method needs it: "
             f"{fault} cannot be told from the noise; use a perturbation with power there"
         )
-    peak, share, width = strongest_line(angle, ensemble.sampling_rate)
-    if share > ONE_LINE and peak > 2 * width:
+    if is_line:
         yield (
             f"the angle moves within {width:.2g} Hz of {peak:.2g} Hz only: stiffness and inertia cannot "
             "be told apart; perturb at several frequencies, none of them a multiple of 1/period"

@@ -17,7 +17,6 @@ from tvsysid.methods import kbr, shared
 from tvsysid.methods.base import EXCITED_ABOVE, Method, check_choice, check_positive, missing_edge, padded
 from tvsysid.methods.kbr.posterior import KernelErrors, KernelPosterior, common_phase, impedance_over, starts_of
 from tvsysid.models import Diagnostics, SecondOrderModel
-from tvsysid.numerics.decimation import decimation_weights
 from tvsysid.signals import Array, Ensemble
 
 Preset = Literal["simulation", "experiment"]
@@ -383,6 +382,8 @@ def _in_band(filters: Array, band: tuple[float, float], rate: float) -> Array:
         return filters
     taps = 2 * shared.HALF_WIDTH + 1  # these weights are firwin's, and scipy.signal takes long to import
     passing = (
-        scipy.signal.firwin(taps, edges, fs=rate, pass_zero=False) if low else decimation_weights(rate / 2 / high, taps)
+        scipy.signal.firwin(taps, edges, fs=rate, pass_zero=False)
+        if low
+        else shared.decimation_weights(rate / 2 / high, taps)
     )
     return np.stack([np.convolve(row, passing) for row in filters])

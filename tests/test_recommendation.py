@@ -28,6 +28,7 @@ CASES = [
     ({"wrong period": 47, "evidence of few harmonics": 9}, None),
     ({"information": 1}, None),
     ({"feedback": 30}, None),
+    ({"feedback": 30, "reference": 1}, "kbr:reference={reference},weighting=residual"),
     ({"mean stiffness": -60}, None),
     ({"slow noise": 14, "noise bias": 45}, None),
     ({"slow noise": 14, "noise bias": 17, "switches": 2}, WEIGHTED),

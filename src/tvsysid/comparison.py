@@ -163,7 +163,6 @@ class Comparison(Shown, Frozen):
         """``time_varying_vaf`` for pictures: none of a single realization, over which there is no variance."""
         return dict(self.time_varying_vaf) if len(self.ensemble) > 1 else {}
 
-    @single_thread()
     def held_out_vaf(self, folds: int = FOLDS, *, progress: Progress | None = None) -> dict[str, Array]:
         r"""Variance accounted for of realizations that were left out, in per cent, shape (realization,), by label.
 
@@ -231,7 +230,7 @@ class Comparison(Shown, Frozen):
             text = "no held-out VAF: with the mean over realizations subtracted, it takes three realizations, got 2"
             warnings.warn(text, DataQualityWarning, stacklevel=2)
         jobs = [(label, part) for part in parts for label in found if len(ensemble) >= least]
-        with reported(progress, "identifying without a part") as advance:
+        with single_thread(), reported(progress, "identifying without a part") as advance:
             for number, (label, part) in enumerate(jobs):
                 advance(number, len(jobs))
                 try:
@@ -310,7 +309,6 @@ class Comparison(Shown, Frozen):
         return rows
 
 
-@single_thread()
 def compare(
     ensemble: Ensemble,
     methods: Iterable[str | Identifies] = DEFAULT_METHODS,
@@ -370,7 +368,7 @@ def compare(
     bands: dict[str, dict[str, tuple[Array, Array]]] = {}
     skipped: dict[str, str] = {}
     failed: dict[str, str] = {}
-    with reported(progress, "identifying") as advance:
+    with single_thread(), reported(progress, "identifying") as advance:
         for number, (label, method) in enumerate(chosen.items()):
             advance(number, len(chosen))
             try:

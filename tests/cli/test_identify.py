@@ -134,9 +134,9 @@ def test_a_wrong_period_is_said_right_under_the_answer(tvsysid):
     out, _ = told_with_period(tvsysid, 1.9)
     _, told, *rest = out.splitlines()
     assert told.startswith(
-        "no stiffness is stated. The behaviour does not repeat with this period: stiffness varies by "
+        "no stiffness is stated. The movement does not repeat with this period: stiffness varies by "
     )
-    assert told.endswith("whatever the method. Check --period and --rate.")
+    assert told.endswith("cancel out. Check --period and --rate.")
     assert rest[0].strip().startswith("not valid: stiffness (N·m/rad)")
     assert not any("not repeat" in line for line in rest)
 
@@ -148,7 +148,7 @@ def test_a_wrong_period_is_said_right_under_the_answer(tvsysid):
     [
         ("degrees", "torque", "The movement is too large for radians", "--angle-unit deg."),
         ("torque", "angle", "Angle and torque are probably swapped", "--angle-unit deg."),
-        ("angle", "mm", "No joint is so stiff or so soft", "--torque-unit Nmm."),
+        ("angle", "mm", "No joint is so stiff or so soft", "or leave out a unit that is there."),
     ],
 )
 def test_no_stiffness_is_stated_from_wrong_channels_or_units(tvsysid, angle, torque, reason, remedy):

@@ -224,12 +224,8 @@ def test_the_orders_are_chosen_by_what_folds_predict(noisy):
     choice = tv.ScheduledImpedance(order=0, reflex_order=0).tuned(noisy)
     orders = {"order": choice.method.order, "reflex_order": choice.method.reflex_order}
     assert orders == {"order": 2, "reflex_order": 1}
-    assert (
-        choice.evidence.values[0]
-        < 70
-        < choice.evidence.values.max()
-        == choice.evidence.values[0] + choice.evidence.gain
-    )
+    assert choice.evidence.values[0] < 70 < choice.evidence.values.max()
+    assert choice.evidence.gain == pytest.approx(np.ptp(choice.evidence.values))
     details = tv.ScheduledImpedance().identify(noisy).diagnostics.details
     assert {name: details[name] for name in orders} == orders
     assert details["vaf_folds"] == pytest.approx(choice.evidence.values.max())
@@ -252,7 +248,7 @@ def test_a_stiffness_that_no_parabola_follows_is_followed_or_told(key, width, al
         lower, upper = found.band()
         errors.append(found.values - sigmoid(variable, width))
         held.append((lower <= sigmoid(variable, width)) & (sigmoid(variable, width) <= upper))
-        told.append(any("changes faster with variable than polynomials" in str(each.message) for each in caught))
+        told.append(any("may change faster with variable than polynomials" in str(each.message) for each in caught))
     assert np.sqrt(np.mean(np.square(errors))) < allowed
     assert (np.mean(held) > 0.85 and not any(told)) if width == 0.1 else all(told)
 

@@ -277,3 +277,15 @@ def test_a_bids_derivative_describes_its_columns(tmp_path):
     assert about.read_text() == "{}"
     with pytest.raises(tv.InputError, match=r"ankle\.csv: not the name of a BIDS file"):
         write_bids(tmp_path, "ankle.csv", table)
+
+
+def test_a_variable_of_booleans_is_written_and_read(tmp_path, random):
+    ensemble = tv.Ensemble(random.normal(size=(4, 100)), random.normal(size=(4, 100)), 100.0)
+    model = tv.BasisIRF().identify(ensemble)
+    model = dataclasses.replace(model, coordinates={"leg": np.array([True, False])})
+    model = dataclasses.replace(
+        model, estimates=dict(model.estimates) | {"gain": tv.Estimate([1.0, 2.0], "", ("leg",))}
+    )
+    tv.recordings.write_models(tmp_path / "models.nc", {"birf": model})
+    with xr.open_datatree(tmp_path / "models.nc", engine="h5netcdf") as tree:
+        assert tree["birf"].leg.values.tolist() == [True, False]

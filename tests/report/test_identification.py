@@ -111,7 +111,7 @@ def test_what_follows_a_variable_comes_first_and_an_impossible_sign_is_said(tmp_
     account = tv.report.Account(tv.compare(whole, ["lpvkbi"]))
     (told,) = answer(account)
     assert told.startswith("no stiffness is stated. No joint has a negative stiffness. ")
-    assert "read it with --torque-sign -1" in told
+    assert "add --torque-sign -1" in told
     turned = tv.report.Account(tv.compare(replace(whole, torque=-whole.torque), ["lpvkbi"]))
     over, along = answer(turned)
     assert over.startswith("lpvkbi: stiffness over scheduling: ")
@@ -129,18 +129,20 @@ def test_a_wrong_period_is_said_with_the_answer_and_no_method_is_recommended(tmp
     account = tv.report.Account(found, diagnosis=found.recommendation.diagnosis)
     (told,) = answer(account)
     assert told.startswith(
-        "no stiffness is stated. The behaviour does not repeat with this period: stiffness varies by "
+        "no stiffness is stated. The movement does not repeat with this period: stiffness varies by "
     )
-    assert "of its mean with 2 s, beside what repeats every 1.9 s. Its time variation averages out" in told
+    assert (
+        "of its mean with 2 s, beside what repeats every 1.9 s. Cut this way, changes of stiffness cancel out" in told
+    )
     tv.report.write_identification(tmp_path / "report.html", account)
     page = Elements((tmp_path / "report.html").read_text())
-    assert section(page, "outcome").startswith("No stiffness is stated No stiffness is stated. The behaviour does not")
+    assert section(page, "outcome").startswith("No stiffness is stated No stiffness is stated. The movement does not")
     assert table(page, "Not valid, for the reasons above: stiffness, inertia and VAF by each method")
     assert "no method is right: the behaviour does not repeat every 1.9 s" in section(page, "suited")
     for claim in ("should lie in the band", "recommended", "What to report", "methods section of a paper"):
         assert claim not in (tmp_path / "report.html").read_text()
     assert found.recommendation.suited == ()
-    assert "<p>No stiffness is stated. The behaviour does not repeat with this period" in found._repr_html_()
+    assert "<p>No stiffness is stated. The movement does not repeat with this period" in found._repr_html_()
 
 
 @pytest.mark.slow

@@ -16,31 +16,32 @@ if TYPE_CHECKING:
     from tvsysid.report import Account
 
 
-def write_results(found: Comparison, out: Path, name: str) -> list[str]:
-    """Write models and estimates, and draw these; returns the files' names but ``models.nc``, not final yet."""
-    from tvsysid.figures import identified_impedance, variable_of
+def write_results(found: Comparison, out: Path) -> None:
+    """Write models and estimates."""
     from tvsysid.recordings import write_models, write_table
 
-    title = _title(name, found)
     write_table(out / "stiffness.csv", found.rows_over_time())
     models = {label.replace("/", "_"): each for label, each in found.models.items()}
     write_models(out / "models.nc", models, found.ensemble)
-    over = variable_of(found.models, found.ensemble)
-    _save(identified_impedance(found.models, found.vaf_over_time(), title, over), out / "stiffness")
-    return ["stiffness.csv", "stiffness.png", "stiffness.pdf", *_write_scheduled(found, out, title)]
 
 
-def write_account(account: Account, out: Path, sheet: bool) -> list[str]:
-    """Add what is known to the models' file, and write the page, and a sheet if asked for; returns the files' names."""
+def write_account(account: Account, out: Path, name: str, sheet: bool) -> list[str]:
+    """Add the account to the models, and write page, figures and, if asked for, a sheet. Return all files' names."""
+    from tvsysid.figures import identified_impedance, variable_of
     from tvsysid.recordings import describe_models
     from tvsysid.report import write_identification, write_sheet
     from tvsysid.report.sheet import facts
 
+    found = account.found
     describe_models(out / "models.nc", facts(account))
     write_identification(out / "report.html", account, command_line())
     if sheet:
         write_sheet(out / "sheet.html", [out])
-    return ["report.html", *["sheet.html"] * sheet, "models.nc"]
+    title = ("not valid: " if account.trust.level == "none" else "") + _title(name, found)
+    over = variable_of(found.models, found.ensemble)
+    _save(identified_impedance(found.models, found.vaf_over_time(), title, over), out / "stiffness")
+    drawn = ["stiffness.csv", "stiffness.png", "stiffness.pdf", *_write_scheduled(found, out, title)]
+    return ["report.html", *["sheet.html"] * sheet, "models.nc", *drawn]
 
 
 def _write_scheduled(found: Comparison, out: Path, title: str) -> list[str]:

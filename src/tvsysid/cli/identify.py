@@ -170,13 +170,13 @@ def identify(
     turned = f", in {torque_unit.replace('N', 'N·')}" + (", with its sign reversed" if torque_sign == -1 else "")
     source = {"file": file.name, "angle": f"channel {angle}, in {angle_unit}", "torque": f"channel {torque}{turned}"}
     known = [angle, torque, *(text.partition("=")[2] for text in channel)]
-    written = write_results(found, out, file.name)  # first, as holding out takes longest
     done = {"the torque's sign was reversed": torque_sign == -1, "degrees became radians": angle_unit == "deg"}
     done["N·mm became N·m"] = torque_unit == "Nmm"
+    write_results(found, out)  # what is found is kept if holding out is interrupted
     account = _account(found, source, _judged(found, recording, context, deviating))
     unnamed = tuple(unnamed_references(found, file, header, known, read))
     account = replace(account, turned=[words for words, was in done.items() if was], unnamed_references=unnamed)
-    written = [*write_account(account, out, sheet), *written]
+    written = write_account(account, out, file.name, sheet)
     _show_impedance(account)
     _show_further(found)
     _show_reflex(account)

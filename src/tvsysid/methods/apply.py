@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any, NamedTuple, Protocol
@@ -19,7 +18,6 @@ from tvsysid.numerics.threads import single_thread
 from tvsysid.signals import Array, Ensemble
 
 LONGEST_NAME = 80  # letters of a quantity, pathway or axis
-LARGEST = 1e150  # of what a method finds: its square still is a number
 
 
 class Identifies(Protocol):
@@ -65,11 +63,10 @@ def apply(method: Identifies, ensemble: Ensemble, label: str | None = None) -> M
 
 
 class Identified(NamedTuple):
-    """A model, the evidence for settings that were chosen from the data, and the seconds that both took."""
+    """A model, and the evidence for settings that were chosen from the data."""
 
     model: Model
     evidence: Evidence | None
-    seconds: float
 
 
 def identify(method: Identifies, ensemble: Ensemble, label: str = "", *, tune: bool = False) -> Identified:
@@ -82,13 +79,11 @@ def identify(method: Identifies, ensemble: Ensemble, label: str = "", *, tune: b
     InputError
         As :func:`apply`. The method's own errors pass.
     """
-    if reason := reason_to_skip(method, ensemble):
-        raise SkippedError(reason)
-    started = time.perf_counter()
     with single_thread():
+        if reason := reason_to_skip(method, ensemble):
+            raise SkippedError(reason)
         chosen, evidence = _tuned(method, ensemble) if tune else (method, None)
-        model = apply(chosen, ensemble, label or type(method).__name__)
-    return Identified(model, evidence, time.perf_counter() - started)
+        return Identified(apply(chosen, ensemble, label or type(method).__name__), evidence)
 
 
 def _tuned(method: object, ensemble: Ensemble) -> tuple[Method, Evidence | None]:
@@ -172,14 +167,7 @@ def _numbers(given: object, shape: tuple[int, ...], expected: str) -> Array:
     if values.dtype.kind not in "fiu" or np.isinf(values).any():
         infinite = ", some of them infinite; give NaN where nothing can be said" if values.dtype.kind == "f" else ""
         raise InputError(f"{what}: expected real numbers, got values of type {values.dtype}{infinite}")
-    return _below_largest(what, np.array(values, dtype=np.float64))
-
-
-def _below_largest(what: str, values: Array) -> Array:
-    """Values, if their squares are numbers."""
-    if (np.abs(values) > LARGEST).any():
-        raise InputError(f"{what}: expected values up to {LARGEST:g}, got {np.nanmax(np.abs(values)):.2g}")
-    return values
+    return np.array(values, dtype=np.float64)
 
 
 def checked_name(name: object, label: str) -> str:
@@ -218,7 +206,6 @@ def _check_shapes(model: Model, label: str, ensemble: Ensemble) -> None:
                 f"{label}: {name} has the axis {unknown[0]!r}, for which the model has no coordinates; expected "
                 f"coordinates={{{unknown[0]!r}: values}} beside its estimates"
             )
-        _below_largest(f"{label}: {name}", estimate.values)
         expected = tuple(lengths[axis] for axis in estimate.axes)
         if estimate.values.shape != expected:
             raise InputError(

@@ -221,7 +221,7 @@ def _skirts(ensemble: Ensemble, waves: ComplexArray, features: Array, lines: Arr
 
 def _most_harmonics(lines: Array, ensemble: Ensemble) -> int:
     """Return the number of harmonics up to which skirts do not overlap."""
-    return math.ceil(float(np.diff(np.sort(lines)).min()) * ensemble.duration / 2) - 1
+    return math.ceil(float(np.diff(np.sort(lines)).min()) * ensemble.duration / 2 - ON_GRID) - 1
 
 
 def _chance(harmonic: int, chosen: int, lines: Array, skirts: Skirts, waves: ComplexArray, ensemble: Ensemble) -> float:

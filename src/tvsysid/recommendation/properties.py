@@ -31,6 +31,8 @@ def measured_in(
     if scheduling is not None:
         measured["scheduling variable"] = (1.0, "")
         measured |= _held_out(ensemble, scheduling)
+    if reference is not None:
+        measured["reference"] = (1.0, "")
     if diagnosis is None:
         return measured
     measured |= {name: diagnosis.measures[name] for name in MEASURES}

@@ -74,6 +74,12 @@ RULES = (
         "loop with a reference",
     ),
     Rule(
+        ("feedback > 10", "reference > 0"),
+        (f"kbr:{REFERENCE},weighting=residual", f"birf:{REFERENCE}"),
+        f"{LOOP}, of which {{reference!r}} is free",
+        "",
+    ),
+    Rule(
         ("feedback > 10",),
         (),
         f"{LOOP}, which biases them all, and no reference is named: record the disturbance or the actuator's command",

@@ -16,30 +16,44 @@ from tvsysid.recommendation.rules import IS_SLOW, holds
 MAX_DELAY_MS = 4.0  # up to which a late torque hardly changes the stiffness
 # Faults that make the stiffness doubtful, the worst first.
 DOUBTFUL = (
-    *("clipped-angle", "clipped-torque", "sampling-rate", "narrow-excitation", "slow-answer", "delay", "drift"),
-    *("scattered-realizations", "misaligned-realizations", "mean-angle", "mean-torque", "lost-torque"),
+    "clipped-angle",
+    "clipped-torque",
+    "sampling-rate",
+    "narrow-excitation",
+    "slow-answer",
+    "delay",
+    "drift",
+    "scattered-realizations",
+    "misaligned-realizations",
+    "mean-angle",
+    "mean-torque",
+    "lost-torque",
 )
 REVERSED = (
-    "No joint has a negative stiffness. If the actuator gives way, record its command. Otherwise the torque's sign is "
-    "reversed: read it with --torque-sign -1 (in Python torque_sign=-1), or without that."
+    "No joint has a negative stiffness. The torque's sign is probably reversed: add --torque-sign -1 (in Python "
+    "torque_sign=-1), or leave it out if it is there. If the sign is right, the actuator is compliant: record its "
+    "command."
 )
 SWAPPED = (
     "Angle and torque are probably swapped: {angle}, and {stiffness}. Name the channels the other way round (--angle, "
-    "--torque), or read degrees with --angle-unit deg."
+    "--torque). If they are right, the angle may be in degrees: --angle-unit deg."
 )
 WRONG = {  # faults that make every method's stiffness wrong, the cause of others first
     "same-channel": "Angle and torque are one signal. Name two channels: --angle, --torque.",
     "angle-unit": "The movement is too large for radians: {what}. Read degrees with --angle-unit deg.",
-    "torque-unit": "No joint is so stiff or so soft: {what}. Check the torque's unit: --torque-unit Nmm.",
+    "torque-unit": "No joint is so stiff or so soft: {what}. Check the units: add --torque-unit Nmm, or leave out a "
+    "unit that is there.",
     "reversed-torque": REVERSED,
-    "wrong-period": "The behaviour does not repeat with this period: {what}. Its time variation averages out, whatever "
-    "the method. Check --period and --rate.",
+    "wrong-period": "The movement does not repeat with this period: {what}. Cut this way, changes of stiffness cancel "
+    "out. Check --period and --rate.",
 }
 LOOP = {  # those that a reference mends
     "loop-bias": "The torque moves the angle (a closed loop): {what}.",
     "feedback": "Noise in the torque moves the angle (a closed loop), which biases every method. Record the actuator's "
     "command, and identify with it: --channel command=… --method kbr:reference=command,weighting=residual.",
 }
+
+CHECK_CHANNELS = "Check the channels (--angle, --torque), or record more."
 
 
 class Trust(NamedTuple):
@@ -77,21 +91,20 @@ def trust_in(
     by_reference = any(item.kind == "reference" for item in inputs_of(method))
     texts = WRONG if by_reference or is_suited or unnamed_references else WRONG | LOOP
     wrong = list(_faults(model, faults, texts, () if by_reference else unnamed_references))
-    if not wrong and not by_reference:
+    # In a closed loop, the right impedance may predict none of the torque; a weak torque is weak with a reference too.
+    if not wrong and (not by_reference or holds("information < 2", recommendation.measured)):
         if not recommendation.suited:
             wrong = [_sentence(recommendation.why)]
         elif held_out_vaf <= 0:
-            wrong = [
-                "Realizations held out are not predicted at all. Check the channels (--angle, --torque) or record more."
-            ]
+            wrong = ["The model predicts none of the torque of held-out realizations. " + CHECK_CHANNELS]
     if wrong:
         return Trust("none", tuple(wrong))
     doubts = []
     biased = not is_suited and all(holds(each, recommendation.measured) for each in (IS_SLOW, "noise bias > 10"))
     if biased and not by_reference:
         doubts.append(f"{_sentence(recommendation.why)} Identify by --method {recommendation.suited[0]}.")
-    if "loop-bias" in faults and not by_reference:  # which costs less than what a reference does
-        doubts.append(LOOP["loop-bias"].format(what=faults["loop-bias"].what))
+    if not by_reference:  # of a method that suits the data all the same
+        doubts += [text.format(what=faults[name].what) for name, text in LOOP.items() if name in faults]
     doubts += _doubts(model, method, faults)
     cautious = MAY_BE_A_LOOP in recommendation.caveats and not by_reference and not biased
     reasons = (*doubts, _sentence(MAY_BE_A_LOOP)) if cautious else tuple(doubts)

@@ -148,9 +148,11 @@ def _netcdf(groups: Mapping[str, Content]) -> bytes:
                     if axis not in group.dimensions:
                         group.dimensions[axis] = length
                 kind = values.dtype if values.dtype.kind in "fiu" else h5py.string_dtype()
+                if values.dtype.kind == "b":  # NetCDF has none; xarray reads them by their attribute
+                    kind = np.dtype(np.int8)
                 missing = np.nan if values.dtype.kind == "f" else None
                 variable = group.create_variable(name, axes, kind, values.astype(kind), fillvalue=missing)
-                variable.attrs.update(about)
+                variable.attrs.update(about | ({"dtype": "bool"} if values.dtype.kind == "b" else {}))
     return content.getvalue()
 
 

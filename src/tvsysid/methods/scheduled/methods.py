@@ -321,10 +321,11 @@ def _warnings(fit: Fit, details: dict[str, float]) -> Iterator[str]:
         )
     elif details["vaf_folds"] < POOR:
         yield f"only {details['vaf_folds']:.1f} % of the torque is explained in folds that were not fitted to"
-    if len(fit.tried) > 1 and fit.structure.degrees >= ORDERS[-1]:
+    order, orders = fit.structure.orders[0], {each for each, _ in fit.tried}
+    if len(orders) > 1 and order >= max(orders) - 1:
         yield (
-            f"of all orders tried, {fit.structure.degrees - 1} predicts best: the joint changes faster with {name} "
-            "than polynomials follow, and the bands do not count that"
+            f"the orders tried end at {max(orders)}, and {order} predicts best: the joint may change faster with "
+            f"{name} than polynomials follow, and the bands do not count that"
         )
 
 

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from tvsysid.errors import DataQualityWarning, InputError, describe_error, plain_text
 from tvsysid.models import Model
-from tvsysid.numerics.bands import mean_of
-from tvsysid.numerics.spectra import power_shares, strongest_line
+from tvsysid.numerics.spectra import PowerSpectrum
 from tvsysid.numerics.threads import single_thread
 from tvsysid.quality.catalogue import FAULTS
 from tvsysid.quality.reflexes import changes
@@ -335,8 +334,8 @@ def _changing(ensemble: Ensemble) -> Iterator[str]:
 
 
 def _common_warnings(method: Method, ensemble: Ensemble, model: Model) -> Iterator[str]:
-    angle = ensemble.angle[:: max(1, len(ensemble) // 64)]
-    peak, share, width = strongest_line(angle, ensemble.sampling_rate)
+    spectrum = PowerSpectrum.of(ensemble.angle[:: max(1, len(ensemble) // 64)], ensemble.sampling_rate)
+    peak, share, width = spectrum.strongest_line()
     is_line = share > ONE_LINE and peak > 2 * width
     known = model.stiffness[np.isfinite(model.stiffness) & (not is_line)]  # of a line, it is rounding
     if len(known) and np.mean(known < 0) > MOSTLY_NEGATIVE:
@@ -372,7 +371,7 @@ def _common_warnings(method: Method, ensemble: Ensemble, model: Model) -> Iterat
                 f"{still[0] / ensemble.sampling_rate:.3g} s: nothing is identified there, and the values mean nothing"
             )
     low, high = method._needed_band()
-    below, above = power_shares(angle, ensemble.sampling_rate, (0.0, low), (high, math.inf))
+    below, above = spectrum.shares((0.0, low), (high, math.inf))
     if min(below, above) < LEAST_POWER:
         side, limit, part, fault = (
             ("below", low, below, "stiffness") if below < above else ("above", high, above, "viscosity and inertia")
@@ -387,7 +386,7 @@ def _common_warnings(method: Method, ensemble: Ensemble, model: Model) -> Iterat
             "be told apart; perturb at several frequencies, none of them a multiple of 1/period"
         )
     elif not (method.time_invariant or method.perturbation):
-        ringing = mean_of(np.where(angle_inflation(angle, ensemble.sampling_rate) > RINGING, 1.0, 0.0))
+        ringing = float(np.mean(angle_inflation(ensemble.angle, ensemble.sampling_rate) > RINGING))
         if ringing > SELDOM:
             yield (
                 f"at {100 * ringing:.0f} % of the samples the angle moves like a free oscillation: its acceleration "

@@ -167,7 +167,8 @@ class EnsembleSpectral(base.Method):
 
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
         rate = ensemble.sampling_rate
-        (fast,) = shared.power_shares(ensemble.angle[:: max(1, len(ensemble) // 64)], rate, (rate / 4, math.inf))
+        spectrum = shared.PowerSpectrum.of(ensemble.angle[:: max(1, len(ensemble) // 64)], rate)
+        (fast,) = spectrum.shares((rate / 4, math.inf))
         if fast < OVERSAMPLED:
             yield (
                 f"the angle has hardly any power above {rate / 4:.4g} Hz: at {rate:g} Hz the response there is noise, "

@@ -113,18 +113,24 @@ def power_spectrum(x: Array) -> Array:
     )
 
 
-def power_shares(x: Array, sampling_rate: float, *bands: tuple[float, float]) -> list[float]:
-    """Shares of the variance of x (realization, time) that lie within bands, each from a frequency to another in Hz."""
-    power = power_spectrum(x)
-    frequencies, total = np.fft.rfftfreq(x.shape[1], 1 / sampling_rate), power.sum()
-    inside = [power[(frequencies >= low) & (frequencies <= high)].sum() for low, high in bands]
-    return [float(share / total) if total > 0 else 0.0 for share in inside]
+class PowerSpectrum(NamedTuple):
+    """Power at each frequency of a realization in Hz, summed over realizations."""
 
+    frequency: Array
+    power: Array
 
-def strongest_line(x: Array, sampling_rate: float) -> tuple[float, float, float]:
-    """Frequency in Hz at which x (realization, time) has most power, the share within so many Hz of it, and these."""
-    power, frequencies = power_spectrum(x), np.fft.rfftfreq(x.shape[1], 1 / sampling_rate)
-    peak, width = float(frequencies[np.argmax(power)]), 0.5 + 1.5 * sampling_rate / x.shape[1]
-    total = power.sum()
-    share = power[np.abs(frequencies - peak) <= width].sum() / total if total > 0 else 0.0
-    return peak, float(share), width
+    @classmethod
+    def of(cls, x: Array, sampling_rate: float) -> PowerSpectrum:
+        """Return the spectrum of x (realization, time), as :func:`power_spectrum`."""
+        return cls(np.asarray(np.fft.rfftfreq(x.shape[1], 1 / sampling_rate)), power_spectrum(x))
+
+    def shares(self, *bands: tuple[float, float]) -> list[float]:
+        """Return the shares of the variance that lie within bands, each from a frequency to another in Hz."""
+        total = self.power.sum()
+        inside = [self.power[(self.frequency >= low) & (self.frequency <= high)].sum() for low, high in bands]
+        return [float(share / total) if total > 0 else 0.0 for share in inside]
+
+    def strongest_line(self) -> tuple[float, float, float]:
+        """Return the frequency with most power, the share within so many Hz of it, and these."""
+        peak, width = float(self.frequency[np.argmax(self.power)]), 0.5 + 1.5 * float(self.frequency[1])
+        return peak, self.shares((peak - width, peak + width))[0], width

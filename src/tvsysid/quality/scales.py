@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from tvsysid.numerics.spectra import power_shares
+from tvsysid.numerics.spectra import PowerSpectrum
 from tvsysid.quality.catalogue import FAULTS
 from tvsysid.quality.fitted import ANSWERED, NO_ANSWER, NOT_SEPARATE, FittedEnsemble, NotJudged, Seen
 from tvsysid.signals import Array
@@ -46,7 +46,7 @@ def narrow_excitation(data: FittedEnsemble) -> Seen:
 
 def same_perturbation(data: FittedEnsemble) -> Seen:
     """Whether all realizations were moved alike; only sensor noise differs then, and no torque answers it."""
-    white = 100 * power_shares(data.core("angle"), data.rate, (QUARTER * data.rate, np.inf))[0]
+    white = 100 * PowerSpectrum.of(data.core("angle"), data.rate).shares((QUARTER * data.rate, np.inf))[0]
     above = f"above {QUARTER * data.rate:g} Hz"
     told = [(white, f"{white:.0f} % of the variance by which the angle differs between realizations lies {above}")]
     if not data.ensemble.mean_subtracted:

@@ -21,6 +21,7 @@ FOLDS = 4
 RIDGE = 1e-9  # share of the regressors' mean power that keeps their fit from falling apart
 STILL = 1e-6  # share of the angle's mean power over realizations below which it does not move
 LEAST_POWER = 0.01  # share of the angle's power below which a band of frequencies counts as not excited
+SEVERAL = 20  # realizations that tell how the angle moves
 STEP_S, WINDOW_S = 0.01, 0.05  # of the differences that stand for derivatives, and to either side of a time at least
 MOSTLY_NEGATIVE = 0.9  # share of the samples with negative stiffness from which on the torque's sign is in question
 
@@ -154,12 +155,15 @@ def angle_inflation(angle: Array, sampling_rate: float) -> Array:
     From second moments of the angle (realization, time) over realizations and windows, longer where these are few. It
     is 1 to 10 where noise, pulses or sines move a joint, and infinite where it rings freely or moves at one frequency.
     """
+    angle = angle[:: max(1, len(angle) // SEVERAL)]
     step = max(1, min(round(STEP_S * sampling_rate), (angle.shape[1] - 1) // 2))
     reach = max(WINDOW_S, 1 / len(angle))
     before, now, after = angle[:, : -2 * step], angle[:, step:-step], angle[:, 2 * step :]
     motion = np.stack([now, after - before, after - 2 * now + before])
     half = max(0, min(round(reach * sampling_rate), (now.shape[1] - 1) // 2))
-    moments = sliding_sum(np.einsum("art,brt->tab", motion, motion), half, half)[half : now.shape[1] - half]
+    moments = sliding_sum(np.einsum("art,brt->tab", motion, motion), half, half)[
+        half : now.shape[1] - half : max(1, half)
+    ]
     scale = np.sqrt(np.einsum("taa->ta", moments))
     scale[scale == 0] = np.inf
     correlation = moments / (scale[:, :, None] * scale[:, None, :])

@@ -33,4 +33,4 @@ from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.instrument import HARDLY_MOVED
 from tvsysid.numerics.moments import convolve_lags, lagged_moments, time_chunks
 from tvsysid.numerics.noise import autocovariance
-from tvsysid.numerics.spectra import hann, power_shares, short_time_spectra
+from tvsysid.numerics.spectra import PowerSpectrum, hann, short_time_spectra

@@ -1,6 +1,7 @@
 """A joint that rings (5 Hz, damping ratio 0.1), simulated independently: right, or a warning says why not."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -73,3 +74,10 @@ def test_no_usual_perturbation_moves_a_joint_like_a_free_oscillation(perturbatio
     for ensemble in (recording, tv.preprocess.decimate(recording, 100)):
         cut = tv.preprocess.segment(ensemble, 2.0).select(range(realizations))
         assert angle_inflation(cut.angle, cut.sampling_rate).max() < 0.7 * RINGING
+
+
+def test_a_reversed_torque_leaks_no_inertia():
+    recording = tv.simulate.Joint().simulate(40, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1).recording
+    cut = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
+    model = quietly("esm", replace(cut, torque=-cut.torque))
+    assert not any("leaks into 0 Hz" in text for text in model.diagnostics.warnings)

@@ -23,7 +23,7 @@ Stiffness = Literal["dc", "fit"]
 
 FEWEST = 10  # realizations below which averaged spectra say little
 FEWEST_AT_REST = 2  # independent realizations below which those leave nothing of the noise at 0 Hz
-LEAKING = 0.1  # share of stiffness by which the response at 0 Hz may be lower; 0.07 on an ankle
+MAX_LEAKAGE = 0.1  # share of stiffness by which the response at 0 Hz may be lower; 0.07 on an ankle
 OVERSAMPLED = 1e-6  # share of the angle's power in the band's upper half below which it counts as sampled too fast
 EXCITED = 1e-6  # share of the strongest frequency's input power from which on a frequency counts as excited
 WINDOWS = (0.12, 0.16, 0.20, 0.26, 0.30, 0.36, 0.44, 0.56, 0.70)  # s, of which a tuned one is the best
@@ -311,7 +311,7 @@ def _taken(power: Array, count: int, lags: int) -> Array:
 def _leaking(at_rest: Array, fit: Array) -> tuple[str, ...]:
     """Warn where inertia leaks so far into 0 Hz that the response there is no stiffness."""
     low, level = (mean_of(each[np.isfinite(at_rest + fit)]) for each in (at_rest, fit))
-    if not low < (1 - LEAKING) * level:
+    if not low < level - MAX_LEAKAGE * abs(level):
         return ()
     return (
         f"the response at 0 Hz is {low:.3g} N·m/rad on average, that of a second-order fit to all frequencies "

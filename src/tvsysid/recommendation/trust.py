@@ -94,7 +94,7 @@ def trust_in(
     # In a closed loop, the right impedance may predict none of the torque; a weak torque is weak with a reference too.
     if not wrong and (not by_reference or holds("information < 2", recommendation.measured)):
         if not recommendation.suited:
-            wrong = [_sentence(recommendation.why)]
+            wrong = [sentence(recommendation.why)]
         elif held_out_vaf <= 0:
             wrong = ["The model predicts none of the torque of held-out realizations. " + CHECK_CHANNELS]
     if wrong:
@@ -102,12 +102,12 @@ def trust_in(
     doubts = []
     biased = not is_suited and all(holds(each, recommendation.measured) for each in (IS_SLOW, "noise bias > 10"))
     if biased and not by_reference:
-        doubts.append(f"{_sentence(recommendation.why)} Identify by --method {recommendation.suited[0]}.")
+        doubts.append(f"{sentence(recommendation.why)} Identify by --method {recommendation.suited[0]}.")
     if not by_reference:  # of a method that suits the data all the same
         doubts += [text.format(what=faults[name].what) for name, text in LOOP.items() if name in faults]
     doubts += _doubts(model, method, faults)
     cautious = MAY_BE_A_LOOP in recommendation.caveats and not by_reference and not biased
-    reasons = (*doubts, _sentence(MAY_BE_A_LOOP)) if cautious else tuple(doubts)
+    reasons = (*doubts, sentence(MAY_BE_A_LOOP)) if cautious else tuple(doubts)
     return Trust("doubtful" if doubts else "good", reasons)
 
 
@@ -138,11 +138,12 @@ def _doubts(model: Model, method: object, faults: Mapping[str, Finding]) -> Iter
         yield f"Part of this stiffness is a stretch reflex: {faults['reflex'].what}. {faults['reflex'].fault.remedy}."
     for fault in (faults[name] for name in DOUBTFUL if name in faults):
         if fault.name != "delay" or abs(fault.value) > MAX_DELAY_MS:
-            yield f"{fault.fault.title}: {fault.what.partition(';')[0]}. {_sentence(fault.fault.remedy)}"
+            yield f"{fault.fault.title}: {fault.what.partition(';')[0]}. {sentence(fault.fault.remedy)}"
 
 
-def _sentence(text: str) -> str:
-    return f"{text[:1].upper()}{text[1:]}."
+def sentence(text: str) -> str:
+    """Return a text as a sentence."""
+    return f"{text[:1].upper()}{text[1:].removesuffix('.')}."
 
 
 def has_one_pathway(method: object, model: Model) -> bool:

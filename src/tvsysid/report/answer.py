@@ -103,11 +103,6 @@ def answer(account: Account) -> list[str]:
     return [*lines, *trust.reasons, *(changes(model) if isinstance(model, AdaptiveModel) else [])]
 
 
-def sentence(text: str) -> str:
-    """Return a text as a sentence."""
-    return f"{text[:1].upper()}{text[1:].removesuffix('.')}."
-
-
 def is_recommended(found: Comparison) -> bool:
     """Return whether the leading method is adaptive, or the one of several that suits the data."""
     return isinstance(found.models[found.leading], AdaptiveModel) or (len(found.models) > 1 and found.is_suited)

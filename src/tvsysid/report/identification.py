@@ -14,6 +14,7 @@ from tvsysid.figures.identification import drawn_quantities
 from tvsysid.figures.words import count, unit_name
 from tvsysid.methods.adaptive.model import AdaptiveModel
 from tvsysid.numerics.bands import mean_of
+from tvsysid.recommendation.trust import sentence
 from tvsysid.report import page
 from tvsysid.report.answer import (
     IMPEDANCE_UNITS,
@@ -24,7 +25,6 @@ from tvsysid.report.answer import (
     others,
     reflex_found,
     reflex_shape,
-    sentence,
     switches,
     taken,
     why_leading,

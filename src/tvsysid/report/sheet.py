@@ -14,8 +14,9 @@ from tvsysid.errors import InputError
 from tvsysid.figures import Illustration, draw_all
 from tvsysid.figures.visits import Visit, stiffness_of_visits
 from tvsysid.numerics.bands import mean_of
+from tvsysid.recommendation.trust import sentence
 from tvsysid.report import page
-from tvsysid.report.answer import Account, answer, sentence
+from tvsysid.report.answer import Account, answer
 
 if TYPE_CHECKING:
     import xarray as xr

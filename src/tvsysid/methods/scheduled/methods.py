@@ -256,9 +256,10 @@ class ScheduledImpedance(Scheduled):
 
 def evidence_by_folds(method: Scheduled, ensemble: Ensemble) -> Evidence:
     """Orders of the polynomials by what they predict of folds of consecutive time."""
-    fits = [each._fit(ensemble)[0] for each in (method, replace(method, order=None, reflex_order=None))]
-    given, best = (fit.structure.orders for fit in fits)
-    tried = {given: fits[0].held_out} | fits[1].tried
+    every = dict.fromkeys((method, replace(method, order=None, reflex_order=None)))  # one where no order is given
+    fits = [each._fit(ensemble)[0] for each in every]
+    given, best = fits[0].structure.orders, fits[-1].structure.orders
+    tried = {given: fits[0].held_out} | fits[-1].tried
     folds = np.array(list(tried.values()))
     return Evidence(
         criterion=f"variance accounted for in {FOLDS} folds of consecutive time",

@@ -1,4 +1,4 @@
-"""Joints simulated by plain NumPy, independently of the package: imposed angles, and joints that ring freely."""
+"""Joints simulated by plain NumPy, independently of the package: imposed angles, loops, and joints that ring freely."""
 
 import numpy as np
 
@@ -68,3 +68,67 @@ def following(stiffness, random, duration=100.0, snr_db=15.0, viscosity=0.8, ine
     angle, velocity, acceleration = motion(0.0087 * noise(samples, 0.0, 12.0, random))
     torque = stiffness(variable) * angle + viscosity * velocity + inertia * acceleration
     return ensemble_of(angle, with_noise(torque, snr_db, random, 15.0), None, subtract=False, variable=variable)
+
+
+COLOURS = {  # amplitude by frequency in Hz
+    "white": lambda f: f < 200.0,
+    "wide": lambda f: f < 20.0,
+    "pink": lambda f: np.where(f < 200.0, np.maximum(f, 0.1) ** -0.5, 0.0),
+    "first-order": lambda f: 1 / np.hypot(1, f / 2.0),
+    "slow": lambda f: 1 / np.hypot(1, f / 0.5) ** 2,
+}
+WAVES = {  # stiffness in N·m/rad by time in s, over a period of 2 s
+    "constant": lambda t: np.full(len(t), 100.0),
+    "sine": lambda t: 90 + 30 * np.sin(np.pi * t),
+    "fifth": lambda t: 90 + 45 * np.sin(np.pi * t) ** 5,
+    "triangle": lambda t: 130 - 50 * np.abs(t % 2 - 1),
+    "ramp": lambda t: 80 + 25 * (t % 2),
+    "chirp": lambda t: 100 + 25 * np.sin(2 * np.pi * (0.5 * (t % 2) + 3.5 / 4 * (t % 2) ** 2)),
+    "mixed": lambda t: 100 + 20 * np.sin(np.pi * t) + 10 * np.sin(3 * np.pi * t + 1) + 20 * (np.abs(t % 2 - 1) < 0.3),
+    "stairs": lambda t: 60 + 30 * np.minimum(t % 2 // 0.437, 4),
+    "square": lambda t: 70 + 60.0 * (t % 2 > 1),
+    "pulse": lambda t: 80 + 50.0 * ((t % 2 > 0.9) & (t % 2 < 0.96)),
+}
+
+
+def coloured(samples, colour, random):
+    """Noise of unit RMS of one of the colours; periodic."""
+    spectrum = np.fft.rfft(random.standard_normal(samples)) * COLOURS[colour](np.fft.rfftfreq(samples, 1 / RATE))
+    spectrum[0] = 0
+    values = np.fft.irfft(spectrum, samples)
+    return values / values.std()
+
+
+def perturbed(samples, perturbation, random):
+    """Angle in rad: noise up to 8 Hz, or a binary sequence that an actuator of second order follows."""
+    if perturbation == "noise":
+        return 0.02 * noise(samples, 0.0, 8.0, random)
+    binary = np.repeat(random.choice([-1.0, 1.0], samples // 150 + 1), 150)[:samples]
+    turns = 2j * np.pi * np.fft.rfftfreq(samples, 1 / RATE) / (2 * np.pi * 12.0)
+    return 0.02 * np.fft.irfft(np.fft.rfft(binary) / (turns**2 + 1.6 * turns + 1), samples)
+
+
+def imposed(wave, perturbation, colour, snr_db, seed, duration=80.0, viscosity=1.2, inertia=0.016):
+    """Angle and torque (2, time) of a joint whose stiffness is a wave, and its true stiffness (time,)."""
+    random, samples = np.random.default_rng(seed), round(duration * RATE)
+    stiffness = WAVES[wave](np.arange(samples) / RATE)
+    position, velocity, acceleration = motion(perturbed(samples, perturbation, random))
+    torque = stiffness * position + viscosity * velocity + inertia * acceleration
+    loud = torque.std() * 10 ** (-snr_db / 20)
+    return np.stack([position, torque + loud * coloured(samples, colour, random)]), stiffness
+
+
+def in_loop(load, colour, snr_db, seed, duration=80.0, stiffness=100.0, viscosity=1.2, inertia=0.016, low=0.0):
+    """Angle, torque and command (3, time) of a joint behind a load in N·m/rad, which its torque noise moves.
+
+    The command is noise from ``low`` to 8 Hz; the noise's power is so much less than that of the torque without it.
+    """
+    random, samples = np.random.default_rng(seed), round(duration * RATE)
+    turns = 2j * np.pi * np.fft.rfftfreq(samples, 1 / RATE)
+    joint = stiffness + viscosity * turns + inertia * turns**2
+    both = joint + load + 0.02 * load * turns + 0.01 * turns**2
+    command = np.fft.rfft(0.04 * noise(samples, low, 8.0, random))
+    loud = np.fft.irfft(joint * load * command / both, samples).std() * 10 ** (-snr_db / 20)
+    own = np.fft.rfft(loud * coloured(samples, colour, random))
+    angle = (load * command - own) / both
+    return np.stack([np.fft.irfft(each, samples) for each in (angle, joint * angle + own, command)])

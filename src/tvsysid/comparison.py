@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import repeat
@@ -24,8 +24,10 @@ from tvsysid.metrics import time_varying_vaf, vaf
 from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_known, mean_of
 from tvsysid.numerics.threads import single_thread
-from tvsysid.quality import Diagnosis
+from tvsysid.quality import Diagnosis, diagnose
+from tvsysid.quality.reflexes import predicts_better
 from tvsysid.recommendation import Recommendation, Trust, recommend, trust_in
+from tvsysid.recommendation.trust import LOOP, WRONG
 from tvsysid.showing import Progress, Shown, reported, summary_html
 from tvsysid.signals import Array, Ensemble
 
@@ -33,6 +35,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 FOLDS = 5  # into which realizations are dealt, to predict each from the others
+BETTER = 0.05  # probability below which realizations are taken to be predicted better
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -397,6 +400,52 @@ def compare(
         evidence,
         failed,
     )
+
+
+def delay_to_correct(cut: Callable[[float], Ensemble], judged: Ensemble, method: str) -> tuple[float, str]:
+    """Return how much of a delay of the torque to correct, in s: all, unless half or none of it predicts better.
+
+    A joint that is not of second order, or a fixture that gives way, looks like a delay of another size. So
+    realizations held out decide (p < 0.05), by ``adaptive``, or of a single realization its fifths, by a ``method``.
+
+    Parameters
+    ----------
+    cut
+        Returns the ensemble with a delay in s corrected.
+    judged
+        What is diagnosed: the ensemble as it was recorded, or pieces of it.
+    method
+        Of a single realization, which ``adaptive`` cannot identify.
+
+    Returns
+    -------
+    float
+        Delay to correct in s; 0 where none is found or can be, or the data have worse faults.
+    str
+        What was found and done, empty where no delay is found.
+    """
+    try:
+        faults = {each.name: each for each in diagnose(judged).findings}
+    except InputError:  # realizations are too few, or too short
+        return 0.0, ""
+    if "delay" not in faults or faults.keys() & (WRONG | LOOP).keys():
+        return 0.0, ""
+    shares = faults["delay"].value / 1000 * np.array([0.0, 0.5, 1.0])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DataQualityWarning)
+        if len(cut(0.0)) == 1:
+            models = [compare(cut(each), [method]).models[method] for each in shares]
+            predicted = [np.array([model.diagnostics.details.get("vaf_folds", 0.0)]) for model in models]
+        else:
+            method, found = "adaptive", compare(cut(0.0), ["adaptive"])
+            predicted = [replace(found, ensemble=cut(each)).held_out_vaf(2)[method] for each in shares]
+    means = [each.mean() for each in predicted]
+    best, count = int(np.argmax(means)), min(map(len, predicted))
+    better, _ = predicts_better(*(100 - predicted[which][:count] for which in (best, -1)))
+    chosen = best if count == 1 or better < BETTER else 2
+    vaf = "{:.1f} % as recorded, {:.1f} with half and {:.1f} with all of it corrected".format(*means)
+    what = f"{faults['delay'].what.partition(';')[0]}; {('none', 'half', 'all')[chosen]} of it is corrected"
+    return float(shares[chosen]), f"{what}: held-out VAF of {method} is {vaf}"
 
 
 def _rows(columns: Mapping[str, Iterable[Any]]) -> list[dict[str, Any]]:

@@ -22,5 +22,6 @@ def only_identified(monkeypatch, not_held_out):
         raise InputError("it is not diagnosed")
 
     monkeypatch.setattr("tvsysid.quality.diagnose", undiagnosed)
+    monkeypatch.setattr("tvsysid.comparison.diagnose", undiagnosed)
     recommended = Recommendation(("adaptive",), "for any data", {}, {})
     monkeypatch.setattr("tvsysid.comparison.recommend", lambda *given, **words: recommended)

@@ -34,8 +34,8 @@ def explore(
         str, options.option("KEY[:SETTING=VALUE,…]", "Method to begin with.", "--method", "-m")
     ] = "adaptive",
     align_channels: Annotated[
-        bool, options.option("", "Begin with a delay between angle and torque corrected.", "--align-channels")
-    ] = False,
+        bool, options.option("", "Begin with a delay between angle and torque corrected.")
+    ] = True,
     port: Annotated[int, options.option("N", "Port of the page; 0 for any that is free.")] = 0,
     browser: Annotated[
         bool, typer.Option("--browser/--no-browser", metavar="", help="Whether to open the page in a browser.")

@@ -19,7 +19,7 @@ from tvsysid.cli.running import check_folder
 from tvsysid.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
 
     from tvsysid.comparison import Comparison
     from tvsysid.report import Account
@@ -60,9 +60,10 @@ def identify(
     align_channels: Annotated[
         bool,
         options.option(
-            "", "Estimate the delay between angle and torque, and correct it if it is significant.", "--align-channels"
+            "",
+            "Correct a delay between angle and torque, as far as held-out realizations are predicted no worse.",
         ),
-    ] = False,
+    ] = True,
     tune: Annotated[bool, options.option("", "Choose each method's settings from the data.", "--tune")] = False,
     sheet: Annotated[
         bool, options.option("", "Also write `sheet.html`, one page of A4 to print, for research use only.", "--sheet")
@@ -92,9 +93,9 @@ def identify(
     record is one realization, and `--decimate` takes a sharper filter, as torque beyond the new band counts more there.
     The variable is read under the name `scheduling`.
 
-    With `--align-channels`, the delay of the torque is estimated as by `tvsysid inspect --diagnose`. One that is found
-    is corrected before decimation, and printed with what it did to inertia and viscosity. The figure's title states
-    it, and `delay_removed` (in s) in `models.nc`.
+    Where the torque is late or early, as by `tvsysid inspect --diagnose`, that is corrected before decimation, unless
+    correcting half or none of it predicts realizations held out better; a line says so. The figure's title states what
+    was corrected, and `delay_removed` (in s) in `models.nc`. `--no-align-channels` corrects nothing.
 
     Writes to the folder:
 
@@ -147,19 +148,21 @@ def identify(
     as_read = (rate, columns, torque_sign, angle_unit, start, header, torque_unit)
     read = partial(options.read, file, angle, torque, *as_read)
     with shown_warnings():
-        recording = read(channel)
-        if align_channels:
-            recording = _aligned(recording, period or PIECES, context)
-        if decimate is not None:
-            recording = preprocess.decimate(recording, decimate, sharp=period is None)
-        if recording.sampling_rate > SLOW_RATE:
-            slow = f"identifying at {recording.sampling_rate:g} Hz takes minutes, where seconds do"
-            better = f"{decimation(recording.sampling_rate)} is usual, and enough for a joint"
-            remark("note", f"{slow}; {better} (Ctrl-C, and give it)")
-        deviating = [name for name in deviating_channels(chosen) if name in recording.channels]
-        ensemble = preprocess.segment(recording, period, context)
-        if len(ensemble) > 1 or period is not None:
-            ensemble = preprocess.subtract_mean(ensemble, deviating)
+        recorded = read(channel)
+        deviating = [name for name in deviating_channels(chosen) if name in recorded.channels]
+
+        def prepared(delay: float) -> tuple[Recording, Ensemble]:
+            recording = preprocess.align_channels(recorded, delay) if delay else recorded
+            if decimate is not None:
+                recording = preprocess.decimate(recording, decimate, sharp=period is None)
+            ensemble = preprocess.segment(recording, period, context)
+            several = len(ensemble) > 1 or period is not None
+            return recording, preprocess.subtract_mean(ensemble, deviating) if several else ensemble
+
+        _remark_on(decimate or recorded.sampling_rate)
+        recording, ensemble = prepared(0.0)
+        if align_channels and (delay := _delay(prepared, context, deviating, method[0])):
+            recording, ensemble = prepared(delay)
         say(f"{file.name}: {ensemble!r}")
         with progress("identifying") as advance:
             found = compare(ensemble, method, tune=tune, progress=advance)
@@ -167,13 +170,13 @@ def identify(
         remark("warning", f"{label} is skipped: {reason}")
     for label, reason in found.failed.items():
         remark("error", f"{label} failed: {reason}")
-    turned = f", in {torque_unit.replace('N', 'N·')}" + (", with its sign reversed" if torque_sign == -1 else "")
-    source = {"file": file.name, "angle": f"channel {angle}, in {angle_unit}", "torque": f"channel {torque}{turned}"}
+    turned = f"in {torque_unit.replace('N', 'N·')}" + (", with its sign reversed" if torque_sign == -1 else "")
+    source = {"file": file.name, "angle": f"channel {angle}, in {angle_unit}", "torque": f"channel {torque}, {turned}"}
     known = [angle, torque, *(text.partition("=")[2] for text in channel)]
     done = {"the torque's sign was reversed": torque_sign == -1, "degrees became radians": angle_unit == "deg"}
     done["N·mm became N·m"] = torque_unit == "Nmm"
     write_results(found, out)  # what is found is kept if holding out is interrupted
-    account = _account(found, source, _judged(found, recording, context, deviating))
+    account = _account(found, source, _judged(ensemble, recording, context, deviating))
     unnamed = tuple(unnamed_references(found, file, header, known, read))
     account = replace(account, turned=[words for words, was in done.items() if was], unnamed_references=unnamed)
     written = write_account(account, out, file.name, sheet)
@@ -194,18 +197,25 @@ def decimation(rate: float) -> str:
     return f"--decimate {fitting_rates(rate, USUAL_RATE)[0]:g}" if rate > SLOW_RATE else ""
 
 
-def _aligned(recording: Recording, period: float, context: float) -> Recording:
-    """Recording less a delay between the channels, if one is found; prints what was done."""
-    from tvsysid.preprocess import align_channels
-    from tvsysid.quality import find_delay
-    from tvsysid.report.answer import taken
+def _remark_on(rate: float) -> None:
+    """Say that identifying at a high rate takes long."""
+    if rate > SLOW_RATE:
+        slow = f"identifying at {rate:g} Hz takes minutes, where seconds do"
+        remark("note", f"{slow}; {decimation(rate)} is usual, and enough for a joint (Ctrl-C, and give it)")
 
-    delay = find_delay(recording, period, context)
-    if not delay.found:
-        say(f"--align-channels: nothing is corrected; the delay is {delay.state}: {delay.what}")
-        return recording
-    say(f"--align-channels: {taken(delay.value / 1000)}; {delay.what}")
-    return align_channels(recording, delay.value / 1000)
+
+def _delay(
+    prepared: Callable[[float], tuple[Recording, Ensemble]], context: float, deviating: Iterable[str], method: str
+) -> float:
+    """How much of a delay between the channels to correct, in s; says so if there is one."""
+    from tvsysid.comparison import delay_to_correct
+
+    recording, ensemble = prepared(0.0)
+    judged = _judged(ensemble, recording, context, deviating)
+    delay, text = delay_to_correct(lambda each: prepared(each)[1], judged, method)
+    if text:
+        say(text)
+    return delay
 
 
 def _show_impedance(account: Account) -> None:
@@ -289,14 +299,14 @@ def _with_band(value: float, lower: float, upper: float) -> str:
     return f"{value:.3g}" + _number((upper - lower) / 2, " ± {:.2g}").removesuffix("-")
 
 
-def _judged(found: Comparison, recording: Recording, context: float, deviating: Iterable[str]) -> Ensemble:
+def _judged(ensemble: Ensemble, recording: Recording, context: float, deviating: Iterable[str]) -> Ensemble:
     """What to diagnose: the ensemble, or pieces of a record that does not repeat."""
     from tvsysid.preprocess import segment, subtract_mean
 
     with suppress(InputError):  # it is too short for two of them
-        if not found.ensemble.mean_subtracted:
+        if not ensemble.mean_subtracted:
             return subtract_mean(segment(recording, PIECES, context), deviating)
-    return found.ensemble
+    return ensemble
 
 
 def _account(found: Comparison, source: dict[str, str], judged: Ensemble) -> Account:

@@ -10,13 +10,13 @@ from functools import cached_property, lru_cache
 from threading import Lock
 from typing import NamedTuple, TypeVar
 
-from tvsysid.comparison import Comparison, compare
+from tvsysid.comparison import Comparison, compare, delay_to_correct
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.explorer.settings import Cutting, Reading, Settings, command, python
 from tvsysid.figures import drawn, identified_quantity
 from tvsysid.methods import deviating_channels, parse
 from tvsysid.preprocess import align_channels, decimate, segment, subtract_mean
-from tvsysid.quality import Diagnosis, diagnose, find_delay
+from tvsysid.quality import Diagnosis, diagnose
 from tvsysid.recordings import read_recording
 from tvsysid.report.answer import Account, answer
 from tvsysid.signals import Ensemble, Recording
@@ -115,12 +115,14 @@ def _cut(source: Reading | Recording, changed: int, how: Cutting, deviating: tup
     recording, before = (source, ()) if isinstance(source, Recording) else _read(source, changed)
     names = tuple(name for name in deviating if name in recording.channels)
 
-    def made() -> Cut:
-        delay = find_delay(recording, how.period, how.context) if how.align_channels else None
-        seconds = delay.value / 1000 if delay is not None and delay.found else 0.0
-        aligned = align_channels(recording, seconds) if seconds else recording
+    def ensemble(delay: float) -> Ensemble:
+        aligned = align_channels(recording, delay) if delay else recording
         lowered = aligned if how.decimate is None else decimate(aligned, how.decimate)
-        return Cut(subtract_mean(segment(lowered, how.period, how.context), names), seconds, names)
+        return subtract_mean(segment(lowered, how.period, how.context), names)
+
+    def made() -> Cut:
+        delay, _ = delay_to_correct(ensemble, ensemble(0.0), "adaptive") if how.align_channels else (0.0, "")
+        return Cut(ensemble(delay), delay, names)
 
     cut, notes = _noted(made)
     return cut, (*before, *notes)

@@ -55,7 +55,7 @@ class Cutting:
     period: float
     decimate: float | None = None
     context: float = 0.5
-    align_channels: bool = False
+    align_channels: bool = True
 
 
 Source = Mapping[str, Any] | Recording  # what of a reading has no control, or a recording

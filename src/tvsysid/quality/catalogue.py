@@ -154,7 +154,7 @@ FAULTS: dict[str, Fault] = {
         "a torque that is late by d takes viscosity times d from the inertia (a tenth of it for 1 ms at the ankle) and "
         "stiffness times d from the viscosity, and distorts the rest; an early one adds as much",
         "find what delays a channel (a filter, a clock, a closed loop); correct it with "
-        "tv.preprocess.align_channels(recording, delay) (--align-channels)",
+        "tv.preprocess.align_channels(recording, delay), as tvsysid identify does unless it predicts worse",
     ),
     "clock-skew": Fault(
         "The channels' clocks run apart",

@@ -13,14 +13,13 @@ from tvsysid.errors import InputError
 from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.numerics.moments import window_moments
 from tvsysid.numerics.threads import single_thread
-from tvsysid.preprocess import segment, subtract_mean
 from tvsysid.quality import delays, losses, realizations, scales, structure, timing
 from tvsysid.quality.catalogue import FAULTS, Fault
 from tvsysid.quality.curves import Curves, curves
 from tvsysid.quality.fitted import FittedEnsemble, NotJudged, Seen
 from tvsysid.quality.resampling import SHORTEST, known_samples
 from tvsysid.showing import Shown, summary_html
-from tvsysid.signals import Ensemble, Recording
+from tvsysid.signals import Ensemble
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -270,12 +269,6 @@ def find_reflex(ensemble: Ensemble) -> Finding:
 def find_reference(ensemble: Ensemble, channel: str) -> Finding:
     """``loop-bias`` of a channel that nobody named, which is found only where it moves the angle as a command does."""
     return _finding("loop-bias", structure.applied, FittedEnsemble.of(ensemble), channel)
-
-
-def find_delay(recording: Recording, period: float, context: float = 0.5) -> Finding:
-    """Look for a delay of a recording's torque, cut as for :func:`tvsysid.diagnose`; the value is in ms."""
-    checks = diagnose(subtract_mean(segment(recording, period, context))).checks
-    return next(check for check in checks if check.name == "delay")
 
 
 @single_thread()

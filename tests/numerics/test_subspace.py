@@ -61,6 +61,13 @@ def test_the_unit_of_the_angle_does_not_matter(random):
     np.testing.assert_allclose(found[1].denominator, found[0].denominator, rtol=1e-9)
 
 
+def test_inputs_may_be_collinear(random):
+    angle, inputs, torque = record(random)
+    twice = np.hstack([inputs, inputs])
+    found = subspace.dynamics(pieces_of(angle, twice, torque, 3000, 0), HORIZON, 2)
+    np.testing.assert_allclose(found.denominator, np.real(np.poly(POLES)), atol=1e-7)
+
+
 def test_poles_outside_the_unit_circle_are_reflected(random):
     inputs = random.normal(size=(400, 1))
     output = lfilter([1.0], [1.0, -1.02], inputs[:, 0])

@@ -20,10 +20,7 @@ from tvsysid.numerics import Array
 from tvsysid.numerics.hammerstein import lagged_gram
 
 ROUNDING = 1e-9  # share of the largest singular value below which a direction of the inputs is rounding
-ROWS = 2048  # of a Hankel matrix that are made at once
-SHIFT = 1e-13  # of products of unit columns, so that they have a Cholesky factor
-WEAK = 300.0  # coefficients of a combination of unit columns that the columns' products do not tell well enough
-REFINED = 1e-8  # as COLLINEAR, of products of such combinations: 1e-10 of the columns themselves
+RIDGE = 1e-13  # share of an input's power: more than the rounding of its products
 COLLINEAR = 1e-12  # eigenvalue of products of unit columns below which a direction is rounding
 SLOWEST = 0.999  # size of a pole at most
 TINY = 1e-12  # relative change of the error at which the alternation ends
@@ -118,8 +115,7 @@ def dynamics(pieces: Sequence[Piece], horizon: int, order: int | None = None, la
 
     With future inputs, past inputs and future outputs as block-Hankel matrices of ``horizon`` samples, the part of the
     outputs that follows from past inputs and not from future ones spans the columns of the extended observability
-    matrix :math:`[C; CA; CA^2; \dots]`, whose shift invariance gives A. Lagged signals give Hankel matrices in which
-    rows come twice: directions of the inputs are counted as far as they are beyond rounding.
+    matrix :math:`[C; CA; CA^2; \dots]`, whose shift invariance gives A.
 
     ``order`` is the number of poles; None takes that after which the singular values fall most. The ``lagged`` signals
     are among the inputs where the short path is still in the output.
@@ -205,52 +201,27 @@ def hammerstein(rows: Rows, found: Dynamics, weights: Array) -> Hammerstein:
 def _from_past(pieces: Sequence[Piece], horizon: int, lagged: bool) -> Array:
     """Future outputs (sample, direction) along what past inputs add to the directions of future ones.
 
-    A part of the triangle R of [future inputs, past inputs, future outputs] = QR, from products of all columns; where
-    inputs are nearly collinear, from products of nearly orthonormal combinations of columns.
+    With [future inputs, past inputs, future outputs] = QR, it is the block of R for past inputs and future outputs. R
+    is the Cholesky factor of the columns' products. A slight ridge serves inputs that are nearly collinear.
     """
-    twice = 2 * pieces[0].lags * lagged
-    lags = np.arange(2 * horizon + twice)
-    signals = [np.pad(np.vstack([piece.output, piece.inputs.T]), ((0, 0), (twice, 0))) for piece in pieces]
+    further = 2 * pieces[0].lags * lagged  # samples that the lagged signal has more than the others
+    signals = [np.pad(np.vstack([piece.output, piece.inputs.T]), ((0, 0), (further, 0))) for piece in pieces]
     if lagged:
         signals = [np.vstack([each, piece.lagged]) for each, piece in zip(signals, pieces, strict=True)]
-    signal = np.arange(len(signals[0]))[:, None]
-    end = horizon + np.where(signal == signal[-1], twice, 0)  # samples that are future ones are not past ones too
-    inputs = [np.flatnonzero((signal > 0) & each) for each in (lags < end, (lags >= end) & (lags < end + horizon))]
-    columns, known = np.concatenate([*inputs, np.arange(horizon)[::-1]]), sum(map(len, inputs))
+    lags = np.arange(2 * horizon + further)
     gram = reduce(np.add, (lagged_gram(each[:, None], lags[-1]) for each in signals))
-    gram = gram.reshape(signal.size * lags.size, -1)[np.ix_(columns, columns)]
-    size = np.sqrt(np.diag(gram))
-    size[known:] = size[known:].max()
+    gram = gram.reshape(gram[..., 0, 0].size, -1)
+    first_past = np.full((len(signals[0]), 1), horizon)
+    first_past[0] = -horizon  # the output is no input
+    first_past[-1] += further
+    future = np.flatnonzero(lags < first_past)
+    past = np.flatnonzero((lags >= first_past) & (lags < first_past + horizon))
+    inputs = np.concatenate([future, past])
+    size = np.sqrt(np.diag(gram)[inputs, None])
     size[size == 0] = 1.0
-    first = cholesky(gram / np.outer(size, size) + SHIFT * np.eye(len(size)))
-    own, outputs = first[:known, :known], first[:known, known:]
-    inverse = solve_triangular(own, np.eye(known))
-    weak = np.linalg.norm(inverse, axis=0) > WEAK
-    products = np.eye(known) - SHIFT * inverse.T @ inverse
-    if weak.any():
-        combined = np.zeros((signal.size * lags.size, weak.sum()))
-        combined[columns[:known]] = inverse[:, weak] / size[:known, None]
-        cross = np.zeros_like(combined)
-        for each in signals:
-            windows = sliding_window_view(each, lags.size, axis=1)[..., ::-1].swapaxes(0, 1)
-            for start in range(0, len(windows), ROWS):
-                rows = windows[start : start + ROWS].reshape(-1, len(cross))
-                cross += rows.T @ (rows @ combined)
-        cross = cross[columns] / size[:, None]
-        products[:, weak] = inverse.T @ cross[:known]
-        products[weak], outputs[weak] = products[:, weak].T, cross[known:].T
-    future = len(inputs[0])
-    basis = _whitener(products[:future, :future], REFINED)
-    explained = products[future:, :future] @ basis
-    whitener = _whitener(products[future:, future:] - explained @ explained.T, REFINED)
-    return np.asarray((outputs[future:] - explained @ (basis.T @ outputs[:future])).T @ whitener)
-
-
-def _whitener(gram: Array, least: float = COLLINEAR) -> Array:
-    """Combinations of columns, by their products, that are an orthonormal basis of what they span."""
-    values, vectors = np.linalg.eigh(gram)
-    kept = values > least
-    return np.asarray(vectors[:, kept] / np.sqrt(values[kept]))
+    factor = cholesky(gram[np.ix_(inputs, inputs)] / (size * size.T) + RIDGE * np.eye(len(inputs)), lower=True)
+    outputs = gram[inputs, :horizon][:, ::-1] / size
+    return np.asarray(solve_triangular(factor, outputs, lower=True)[len(future) :].T)
 
 
 def _impulse_response(numerator: ArrayLike, denominator: Array, samples: int) -> Array:
@@ -262,5 +233,7 @@ def _basis(columns: Array) -> Array:
     size = np.sqrt(np.einsum("ij,ij->j", columns, columns))
     basis = columns / np.where(size > 0, size, 1.0)
     for _ in range(2):  # products of columns that are nearly collinear are not accurate enough for one step
-        basis = basis @ _whitener(basis.T @ basis)
+        values, vectors = np.linalg.eigh(basis.T @ basis)
+        kept = values > COLLINEAR
+        basis = basis @ (vectors[:, kept] / np.sqrt(values[kept]))
     return basis

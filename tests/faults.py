@@ -76,6 +76,27 @@ def zero(recording, which, count=8, length=0.6):
     return changed(recording, **{which: values})
 
 
+def gapped(recording, kind="held", count=3, length=0.05):
+    """Both signals held, zero or interpolated linearly, in the middle of realizations of 2 s."""
+    samples, signals = round(length * recording.sampling_rate), np.stack([recording.angle, recording.torque])
+    for number in range(count):
+        first = round((10 * number + 7) * recording.sampling_rate)
+        before, after = signals[:, [first - 1]], signals[:, [first + samples]]
+        gap = {
+            "held": before,
+            "zero": 0.0,
+            "line": before + (after - before) * np.arange(1, samples + 1) / (samples + 1),
+        }
+        signals[:, first : first + samples] = gap[kind]
+    return changed(recording, *signals)
+
+
+def humming(recording, frequency=49.97, share=0.05):
+    """Mains hum of a share of the angle's RMS in the angle."""
+    hum = np.sqrt(2) * np.sin(2 * np.pi * frequency * np.arange(len(recording)) / recording.sampling_rate)
+    return changed(recording, angle=recording.angle + share * recording.angle.std() * hum)
+
+
 def late(recording, seconds=0.03):
     """A torque recorded later than the angle."""
     return changed(recording, torque=np.roll(recording.torque, round(seconds * recording.sampling_rate)))

@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 from scipy.io import loadmat, savemat
+from tests import faults
 from tests.cli.conftest import IDENTIFY
 
 import tvsysid as tv
@@ -259,6 +260,19 @@ def test_a_delay_is_corrected_and_said_with_its_effect(tvsysid, tmp_path):
     assert inertia["late.mat", 0] == pytest.approx(0.02, rel=0.06)
     with xr.open_datatree(tmp_path / "tvsysid-identify" / "models.nc", engine="h5netcdf") as tree:
         assert 1000 * tree["sds"].attrs["delay_removed"] == pytest.approx(float(late[1]), abs=0.01)
+
+
+@pytest.mark.usefixtures("undrawn", "only_identified")
+def test_gaps_and_mains_are_taken_out_and_said(tvsysid, tmp_path):
+    recording = faults.gapped(faults.humming(faults.simulated(40.0)))
+    savemat(tmp_path / "joint.mat", {"angle": recording.angle, "torque": recording.torque})
+    code, out, err = tvsysid("identify", "joint.mat", *IDENTIFY, "--method", "sds")
+    assert (code, err) == (0, "")
+    assert re.search(r"both signals .* for 0\.051? s at .* 2 times more; 3 realizations with gaps were left out", out)
+    assert "a line at 50 Hz has 4.9 % of the angle's RMS; mains hum was subtracted from all channels" in out
+    assert "16 realizations of 2 s" in out
+    _, out, _ = tvsysid("identify", "joint.mat", *IDENTIFY, "--method", "sds", "--no-remove-mains")
+    assert "mains hum" not in out
 
 
 @pytest.mark.slow

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from tvsysid.comparison import Comparison
+    from tvsysid.preprocess import Gap
+    from tvsysid.quality import Finding
     from tvsysid.report import Account
     from tvsysid.signals import Ensemble, Recording
 
@@ -64,6 +66,9 @@ def identify(
             "Correct a delay between angle and torque, as far as held-out realizations are predicted no worse.",
         ),
     ] = True,
+    remove_mains: Annotated[
+        bool, options.option("", "Subtract mains hum (50 or 60 Hz) that shows in the angle.")
+    ] = True,
     tune: Annotated[bool, options.option("", "Choose each method's settings from the data.", "--tune")] = False,
     sheet: Annotated[
         bool, options.option("", "Also write `sheet.html`, one page of A4 to print, for research use only.", "--sheet")
@@ -96,6 +101,9 @@ def identify(
     Where the torque is late or early, as by `tvsysid inspect --diagnose`, that is corrected before decimation, unless
     correcting half or none of it predicts realizations held out better; a line says so. The figure's title states what
     was corrected, and `delay_removed` (in s) in `models.nc`. `--no-align-channels` corrects nothing.
+
+    Realizations with a gap, where both signals were held, zero or interpolated for 30 ms or more, are left out. Mains
+    hum that shows in the angle is subtracted from all channels before decimation. A line says so.
 
     Writes to the folder:
 
@@ -148,14 +156,14 @@ def identify(
     as_read = (rate, columns, torque_sign, angle_unit, start, header, torque_unit)
     read = partial(options.read, file, angle, torque, *as_read)
     with shown_warnings():
-        recorded = read(channel)
+        recorded, gaps, faults, done = _cleaned(read(channel), remove_mains, period, context)
         deviating = [name for name in deviating_channels(chosen) if name in recorded.channels]
 
         def prepared(delay: float) -> tuple[Recording, Ensemble]:
             recording = preprocess.align_channels(recorded, delay) if delay else recorded
             if decimate is not None:
                 recording = preprocess.decimate(recording, decimate, sharp=period is None)
-            ensemble = preprocess.segment(recording, period, context)
+            ensemble = preprocess.segment(recording, period, context, gaps)
             several = len(ensemble) > 1 or period is not None
             return recording, preprocess.subtract_mean(ensemble, deviating) if several else ensemble
 
@@ -173,12 +181,14 @@ def identify(
     turned = f"in {torque_unit.replace('N', 'N·')}" + (", with its sign reversed" if torque_sign == -1 else "")
     source = {"file": file.name, "angle": f"channel {angle}, in {angle_unit}", "torque": f"channel {torque}, {turned}"}
     known = [angle, torque, *(text.partition("=")[2] for text in channel)]
-    done = {"the torque's sign was reversed": torque_sign == -1, "degrees became radians": angle_unit == "deg"}
-    done["N·mm became N·m"] = torque_unit == "Nmm"
+    done += ["the torque's sign was reversed"] * (torque_sign == -1) + ["degrees became radians"] * (
+        angle_unit == "deg"
+    )
+    done += ["N·mm became N·m"] * (torque_unit == "Nmm")
     write_results(found, out)  # what is found is kept if holding out is interrupted
-    account = _account(found, source, _judged(ensemble, recording, context, deviating))
+    account = _account(found, source, _judged(ensemble, recording, context, deviating), faults)
     unnamed = tuple(unnamed_references(found, file, header, known, read))
-    account = replace(account, turned=[words for words, was in done.items() if was], unnamed_references=unnamed)
+    account = replace(account, turned=done, unnamed_references=unnamed)
     written = write_account(account, out, file.name, sheet)
     _show_impedance(account)
     _show_further(found)
@@ -202,6 +212,27 @@ def _remark_on(rate: float) -> None:
     if rate > SLOW_RATE:
         slow = f"identifying at {rate:g} Hz takes minutes, where seconds do"
         remark("note", f"{slow}; {decimation(rate)} is usual, and enough for a joint (Ctrl-C, and give it)")
+
+
+def _cleaned(
+    recording: Recording, remove_mains: bool, period: float | None, context: float
+) -> tuple[Recording, tuple[Gap, ...], list[Finding], list[str]]:
+    """Recording less mains hum; gaps to leave out; faults that stay; what was done, which is printed."""
+    from tvsysid import preprocess
+    from tvsysid.figures.words import count
+    from tvsysid.quality import diagnose_recording
+
+    found, done = diagnose_recording(recording), []
+    gaps = preprocess.find_gaps(recording) if period else ()
+    if gaps:
+        every, kept = (len(preprocess.segment(recording, period, context, each)) for each in ((), gaps))
+        done.append(f"{count(every - kept, 'realization')} with gaps {'was' if every - kept == 1 else 'were'} left out")
+        say(f"{found.pop('gaps').what}; {done[-1]}")
+    if remove_mains and found["mains"].found:
+        done.append("mains hum was subtracted from all channels")
+        say(f"{found.pop('mains').what}; {done[-1]}")
+        recording = preprocess.remove_mains(recording, preprocess.find_mains(recording)[0])
+    return recording, gaps, list(found.values()), done
 
 
 def _delay(
@@ -309,8 +340,8 @@ def _judged(ensemble: Ensemble, recording: Recording, context: float, deviating:
     return ensemble
 
 
-def _account(found: Comparison, source: dict[str, str], judged: Ensemble) -> Account:
-    """What was found, with held-out VAF and a diagnosis."""
+def _account(found: Comparison, source: dict[str, str], judged: Ensemble, faults: list[Finding]) -> Account:
+    """What was found, with held-out VAF and a diagnosis, which gets the faults of the recording."""
     from tvsysid.quality import diagnose
     from tvsysid.report import Account
 
@@ -319,6 +350,7 @@ def _account(found: Comparison, source: dict[str, str], judged: Ensemble) -> Acc
     try:
         repeats = judged is found.ensemble
         diagnosis = (found.recommendation.diagnosis if repeats else None) or diagnose(judged, repeats=repeats)
+        diagnosis = replace(diagnosis, checks=(*diagnosis.checks, *faults))
         return Account(found, held_out, diagnosis, source=source)
     except InputError as error:
         return Account(found, held_out, undiagnosed=str(error).removeprefix("diagnose: "), source=source)

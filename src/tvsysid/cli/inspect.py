@@ -132,9 +132,10 @@ def inspect(
             preprocess.decimate(recording, decimate)  # reports a rate that is impossible
         # Not decimated: that would hide a clipped signal. A check that needs a low rate decimates by itself.
         known = [] if reference is None else [reference]
-        ensemble = preprocess.subtract_mean(preprocess.segment(recording, period or PIECES, context), known)
+        cut = preprocess.segment(recording, period or PIECES, context, preprocess.find_gaps(recording))
+        ensemble = preprocess.subtract_mean(cut, known)
     with waiting("diagnosing"):
-        diagnosis = diagnosis_of(ensemble, reference, repeats=period is not None)
+        diagnosis = diagnosis_of(ensemble, reference, repeats=period is not None, recording=recording)
         suited = recommend(lowered(ensemble), reference, diagnosis=diagnosis) if period is not None else None
     # A file may hold several pairs of channels: a page for each.
     page = picture.with_name(re.sub(r"[^\w.-]+", "_", f"{file.name}.{angle}-{torque}.diagnosis.html"))

@@ -9,6 +9,7 @@ import numpy as np
 
 from tvsysid.preprocess.account import Account, Step
 from tvsysid.preprocess.exclude import align, exclude_residual_outliers, exclude_task_outliers
+from tvsysid.preprocess.gaps import find_gaps
 from tvsysid.preprocess.segment import decimate, segment, subtract_mean, trim
 from tvsysid.showing import Shown
 from tvsysid.signals import Ensemble, Recording
@@ -60,6 +61,8 @@ def prepare(
 ) -> Preparation:
     """Decimate, trim, cut, align, exclude what is unlike the rest, subtract the mean; all channels pass every step.
 
+    Realizations with gaps (:func:`find_gaps`) are left out.
+
     Parameters
     ----------
     recording
@@ -97,7 +100,7 @@ def prepare(
     margin = context if reference is None else context + search
     lowered = decimate(recording, rate)
     trimmed = trim(lowered, ends, min(margin, ends))
-    kept = recorded = segment(trimmed, period, margin)
+    kept = recorded = segment(trimmed, period, margin, find_gaps(recording))
     alignment = task = residual = None
     if reference is not None:
         alignment = align(kept, reference, search, max_shift)

@@ -14,10 +14,12 @@ from tvsysid.checked import checked_rate
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.numerics.decimation import SHARP, TAPS, keep_every
 from tvsysid.numerics.interpolation import SINC, between
+from tvsysid.preprocess.gaps import Gap
 from tvsysid.preprocess.repeated import repeated_lines
 from tvsysid.signals import Array, Ensemble, Recording
 
 ROUNDING = 1e-9
+SMEARED = 0.015  # s to either side of a gap over which decimation smears it
 SLOWEST = 40.0  # Hz below which too little of a joint's response is left to tell stiffness from inertia
 DIFFER = (
     "the perturbation must differ from realization to realization: a multisine needs lines that are no multiples of "
@@ -225,7 +227,7 @@ def trim(recording: Recording, ends: float, margin: float = 0.0) -> Recording:
     )
 
 
-def segment(recording: Recording, period: float | None, context: float = 0.5) -> Ensemble:
+def segment(recording: Recording, period: float | None, context: float = 0.5, gaps: Iterable[Gap] = ()) -> Ensemble:
     """Cut each trial into all the realizations that it holds whole, which begin at multiples of the period from time 0.
 
     Parameters
@@ -236,6 +238,9 @@ def segment(recording: Recording, period: float | None, context: float = 0.5) ->
     context
         Seconds of the record that each realization keeps on either side. Realizations at the ends that lack it are left
         out, and ``left_out`` of the ensemble counts them; 0 keeps them all.
+    gaps
+        Those that :func:`tvsysid.preprocess.find_gaps` found before the recording was decimated. Realizations that
+        hold a part of one, context counted, are left out; without a period none is.
     """
     rate = recording.sampling_rate
     check_seconds("segment", context=context)
@@ -248,13 +253,19 @@ def segment(recording: Recording, period: float | None, context: float = 0.5) ->
     samples = _whole_samples(period, rate)
     firsts: list[list[int]] = []
     left_out = 0
-    for trial in recording.trials:
+    reach, first_time = margin + math.ceil(SMEARED * rate), recording.origin + recording.start
+    lost = [
+        (gap.trial, (gap.start - first_time) * rate - reach, (gap.stop - first_time) * rate + reach) for gap in gaps
+    ]
+    for number, trial in enumerate(recording.trials):
         length = trial.stop - trial.start
         # First multiple of the period at or after the trial's first sample, as a sample of the trial.
         first = math.ceil(round(recording.start * rate) / samples) * samples - round(recording.start * rate)
         whole = range(first, length - samples + 1, samples)
         firsts.append([i for i in whole if i >= margin and i + samples + margin <= length])
         left_out += len(whole) - len(firsts[-1])
+        for start, stop in (ends for trial_number, *ends in lost if trial_number == number):
+            firsts[-1] = [i for i in firsts[-1] if i + samples <= start or i >= stop]
     if not any(firsts):
         longest = max(trial.stop - trial.start for trial in recording.trials) / rate
         less = "give less context (--context 0 keeps every realization)"

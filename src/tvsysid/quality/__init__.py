@@ -2,7 +2,7 @@
 
 from tvsysid.quality.catalogue import FAULTS, Fault
 from tvsysid.quality.curves import Curves
-from tvsysid.quality.diagnosis import Diagnosis, Finding, diagnose, find_reference, find_reflex
+from tvsysid.quality.diagnosis import Diagnosis, Finding, diagnose, diagnose_recording, find_reference, find_reflex
 
 __all__ = [
     "FAULTS",
@@ -11,6 +11,7 @@ __all__ = [
     "Fault",
     "Finding",
     "diagnose",
+    "diagnose_recording",
     "find_reference",
     "find_reflex",
 ]

@@ -264,6 +264,23 @@ FAULTS: dict[str, Fault] = {
         "where the torque is held or zero the joint seems to have no stiffness",
         "exclude the realizations concerned",
     ),
+    "gaps": Fault(
+        "Gaps in the recording",
+        "gaps of 30 ms and more in both signals",
+        0,
+        "gaps",
+        "what was held, zero or interpolated is taken for the joint's answer: stiffness is wrong, and bands too narrow",
+        "tvsysid identify --period leaves out realizations with gaps; in Python, tv.preprocess.segment(decimated, "
+        "period, gaps=tv.preprocess.find_gaps(recording))",
+    ),
+    "mains": Fault(
+        "Mains hum in the angle",
+        "RMS of a line at 50 or 60 Hz, over that of the angle",
+        1,
+        "%",
+        "the hum has a large acceleration that no torque answers: inertia comes out too low, and stiffness wrong",
+        "tvsysid identify subtracts it; in Python, tv.preprocess.remove_mains(recording, 50) before decimation",
+    ),
     "angle-spikes": Fault(
         "Spikes in the angle",
         "highest sample that the angle's past does not predict, over the 99th percentile of all",

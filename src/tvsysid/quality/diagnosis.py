@@ -19,7 +19,7 @@ from tvsysid.quality.curves import Curves, curves
 from tvsysid.quality.fitted import FittedEnsemble, NotJudged, Seen
 from tvsysid.quality.resampling import SHORTEST, known_samples
 from tvsysid.showing import Shown, summary_html
-from tvsysid.signals import Ensemble
+from tvsysid.signals import Ensemble, Recording
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -118,7 +118,8 @@ class Diagnosis(Shown):
     Parameters
     ----------
     checks
-        Everything that was looked at, in the order of the catalogue; ``loop-bias`` where a reference was given.
+        Everything that was looked at, in the order of the catalogue; ``loop-bias`` where a reference was given,
+        ``gaps`` and ``mains`` where the recording was.
     measures
         Values about the ensemble by name, with their unit: ``{"bandwidth": (8.9, "Hz"), ...}``.
     curves, ensemble
@@ -194,7 +195,9 @@ class Diagnosis(Shown):
         return summary_html("Diagnosis", f"{self.ensemble}: {self.verdict}", HEADINGS, rows, self.notes)
 
 
-def diagnose(ensemble: Ensemble, reference: str | None = None, *, repeats: bool = True) -> Diagnosis:
+def diagnose(
+    ensemble: Ensemble, reference: str | None = None, *, repeats: bool = True, recording: Recording | None = None
+) -> Diagnosis:
     r"""Look for what is wrong with an ensemble, and say what it does to the result and what to do.
 
     A joint of second order, :math:`y = k(t)\,\theta + b(t)\,\dot\theta + I\,\ddot\theta`, with stiffness and viscosity
@@ -216,6 +219,8 @@ def diagnose(ensemble: Ensemble, reference: str | None = None, *, repeats: bool 
     repeats
         Whether the behaviour is the same in all realizations. If it is not, as in pieces of a record without period,
         drift, a wrong period and realizations unlike the others are no faults, and not judged.
+    recording
+        Record that the ensemble was cut from, before decimation: gaps and mains hum show in it alone.
 
     Examples
     --------
@@ -225,7 +230,7 @@ def diagnose(ensemble: Ensemble, reference: str | None = None, *, repeats: bool 
     >>> recording = tv.preprocess.decimate(simulation.recording, 100)
     >>> ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))
     >>> tv.diagnose(ensemble)
-    Diagnosis of 30 realizations of 2 s at 100 Hz: no fault found in 28 of 32 checks
+    Diagnosis of 30 realizations of 2 s at 100 Hz: no fault found in 28 of 34 checks
     not judged: mean-torque, mean-angle (the mean over realizations has been subtracted); clipped-angle (...)
     """
     if not isinstance(ensemble, Ensemble):
@@ -248,6 +253,8 @@ def diagnose(ensemble: Ensemble, reference: str | None = None, *, repeats: bool 
             f"{SHORTEST}; give longer realizations, or {instead}"
         )
     timely, found = _looked_at(data, reference)
+    if recording is not None:
+        found |= diagnose_recording(recording)
     if not repeats:
         found |= {name: Finding(name, math.nan, False, "the behaviour is not repeated") for name in OF_REPETITION}
     if found["same-channel"].found:
@@ -269,6 +276,11 @@ def find_reflex(ensemble: Ensemble) -> Finding:
 def find_reference(ensemble: Ensemble, channel: str) -> Finding:
     """``loop-bias`` of a channel that nobody named, which is found only where it moves the angle as a command does."""
     return _finding("loop-bias", structure.applied, FittedEnsemble.of(ensemble), channel)
+
+
+def diagnose_recording(recording: Recording) -> dict[str, Finding]:
+    """Look for ``gaps`` and ``mains`` in a record that is not decimated."""
+    return {check.__name__: _finding(check.__name__, check, recording) for check in (losses.gaps, losses.mains)}
 
 
 @single_thread()

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, median_filter, uniform_filter1d
 
+from tvsysid.preprocess import find_gaps, find_mains
 from tvsysid.quality.catalogue import FAULTS
 from tvsysid.quality.fitted import FittedEnsemble, NotJudged, Seen, indices
 from tvsysid.quality.statistics import innovations, over_usual
-from tvsysid.signals import Array
+from tvsysid.signals import Array, Recording
 
 ALIKE = 3  # realizations that must be at the limit at one time
 SAME = 1e-3  # of a signal's standard deviation: values that are as near as that are the same
@@ -204,3 +205,20 @@ def spikes(data: FittedEnsemble, which: str, heights: Mapping[str, Array]) -> Se
     what = f"the highest is {value:.3g} times as high as is usual, in realization {realization} at "
     what += f"{data.seconds(int(sample)):.3g} s" + (f"; {count} samples stand out" if count > 1 else "")
     return Seen(value, what, realizations=indices(beyond.any(axis=1)))
+
+
+def gaps(recording: Recording) -> Seen:
+    """Gaps in both signals of a record."""
+    found = find_gaps(recording)
+    if not found:
+        return Seen(0.0, "no gap in both signals")
+    longest = max(found, key=lambda gap: gap.stop - gap.start)
+    what = f"for {longest.stop - longest.start:.2g} s at {longest.start:.4g} s in trial {longest.trial + 1}"
+    more = f", and {len(found) - 1} times more" if len(found) > 1 else ""
+    return Seen(len(found), f"both signals stand still, or are interpolated, {what}{more}")
+
+
+def mains(recording: Recording) -> Seen:
+    """Line of the mains in a record's angle."""
+    frequency, share = find_mains(recording)
+    return Seen(share, f"a line at {frequency:g} Hz has {share:.2g} % of the angle's RMS")

@@ -28,6 +28,8 @@ DOUBTFUL = (
     "mean-angle",
     "mean-torque",
     "lost-torque",
+    "gaps",
+    "mains",
 )
 REVERSED = (
     "No joint has a negative stiffness. The torque's sign is probably reversed: add --torque-sign -1 (in Python "

@@ -1,0 +1,143 @@
+"""Gaps and mains hum in a recording: found by name, left out or taken out, and never seen where they are not."""
+
+import warnings
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+from tests import faults
+from tests.independent import COLOURS, imposed
+
+import tvsysid as tv
+from tvsysid.quality import diagnose_recording
+
+
+def recorded(perturbation="noise", colour="pink", seed=1, duration=80.0, snr_db=10):
+    """Recording with a mean angle and torque, and the true stiffness over a period."""
+    signals, truth = imposed("sine", perturbation, colour, snr_db, seed, duration)
+    return tv.Recording(signals[0] + 0.1, signals[1] + 5.0, 1000.0), truth[:2000:10]
+
+
+def cut(recording, gaps=()):
+    return tv.preprocess.subtract_mean(tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0, gaps=gaps))
+
+
+def error(ensemble, truth):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return np.sqrt(np.mean((tv.methods.parse("adaptive").identify(ensemble).stiffness - truth) ** 2))
+
+
+def found(recording):
+    return {name for name, check in diagnose_recording(recording).items() if check.found}
+
+
+def in_steps(recording, bits):
+    """A recording through converters whose range is twice that of the signals."""
+    steps = [4 * np.abs(each - each.mean()).max() / 2**bits for each in (recording.angle, recording.torque)]
+    return replace(
+        recording,
+        angle=np.round(recording.angle / steps[0]) * steps[0],
+        torque=np.round(recording.torque / steps[1]) * steps[1],
+    )
+
+
+@pytest.mark.parametrize("kind", ["held", "zero", "line"])
+@pytest.mark.parametrize("perturbation", ["noise", "prbs"])
+def test_realizations_with_gaps_are_left_out_and_spoil_nothing(kind, perturbation):
+    recording, truth = recorded(perturbation)
+    spoilt = faults.gapped(recording, kind)
+    assert found(spoilt) == {"gaps"}
+    gaps = tv.preprocess.find_gaps(spoilt)
+    assert [(gap.trial, gap.start) for gap in gaps] == [(0, pytest.approx(7 + 10 * n, abs=0.0011)) for n in range(3)]
+    whole, left = cut(recording), cut(spoilt, gaps)
+    assert len(left) == len(whole) - 3
+    assert error(left, truth) < 1.2 * error(whole, truth)
+    if kind == "zero" and perturbation == "noise":
+        assert error(cut(spoilt), truth) > 3 * error(left, truth)
+
+
+def test_gaps_are_found_in_trials_and_after_the_ends_are_taken_off():
+    recording = replace(faults.gapped(recorded()[0], count=2), trial_starts=(0, 16_000), start=-1.0)
+    first, second = tv.preprocess.find_gaps(recording)
+    assert (first.trial, second.trial) == (0, 1)
+    assert (first.start, second.start) == (pytest.approx(6, abs=0.0011), pytest.approx(0, abs=0.0011))
+    trimmed = tv.preprocess.trim(recording, 3.5)
+    onsets = tv.preprocess.segment(trimmed, 2.0, 0.0, [first]).onsets
+    np.testing.assert_allclose(onsets[:3], [0, 4, 6])  # the gap is at 6 - 2.5 s
+
+
+@pytest.mark.parametrize("frequency", [49.97, 60.03])
+@pytest.mark.parametrize("perturbation", ["noise", "prbs"])
+def test_mains_hum_is_found_and_taken_out(frequency, perturbation):
+    recording, truth = recorded(perturbation)
+    spoilt = faults.humming(recording, frequency)
+    check = diagnose_recording(spoilt)["mains"]
+    assert found(spoilt) == {"mains"}
+    assert check.value == pytest.approx(5, abs=0.1)
+    assert "remove_mains(recording, 50)" in check.fault.remedy
+    nominal, _ = tv.preprocess.find_mains(spoilt)
+    assert nominal == round(frequency, -1)
+    clean, mended = (error(cut(tv.preprocess.remove_mains(each, nominal)), truth) for each in (recording, spoilt))
+    usual = error(cut(recording), truth)
+    assert clean == pytest.approx(usual, rel=0.05)
+    assert mended == pytest.approx(usual, rel=0.05)
+    if perturbation == "noise":
+        assert error(cut(spoilt), truth) > 1.5 * mended
+
+
+def test_mains_that_drift_are_taken_out_of_all_channels_of_each_trial():
+    recording, _ = recorded()
+    drift = 50 + 0.05 * np.sin(2 * np.pi * recording.time / 60)
+    hum = 0.001 * np.sin(2 * np.pi * np.cumsum(drift) / 1000)
+    spoilt = replace(recording, angle=recording.angle + hum, channels={"emg": hum}, trial_starts=(0, 30_000))
+    mended = tv.preprocess.remove_mains(spoilt, 50.0)
+    inner = np.r_[1000:29_000, 31_000:79_000]
+    for left in (mended.angle - recording.angle, mended.channels["emg"]):
+        assert left[inner].std() < 0.02 * hum.std()
+    with pytest.raises(tv.InputError, match="before decimation"):
+        tv.preprocess.remove_mains(tv.preprocess.decimate(spoilt, 125), 50.0)
+
+
+@pytest.mark.parametrize("bits", [None, 8, 10, 12, 16])
+@pytest.mark.parametrize("perturbation", ["noise", "prbs"])
+def test_neither_is_found_in_clean_records_however_coarse(perturbation, bits):
+    for seed, colour in enumerate(COLOURS):
+        recording, _ = recorded(perturbation, colour, seed, 30.0, (5, 20)[seed % 2])
+        assert not found(recording if bits is None else in_steps(recording, bits)), colour
+    for kind in tv.simulate.PERTURBATIONS.values():
+        joint = tv.simulate.Joint(stiffness=tv.simulate.SineWave())
+        recording = joint.simulate(20.0, perturbation=kind, snr_db=15, seed=1).recording
+        assert not found(recording if bits is None else in_steps(recording, bits)), kind
+
+
+@pytest.mark.parametrize("spacing", [0.1, 1.0, 5.0])
+def test_a_line_of_a_perturbation_that_has_many_is_no_mains(spacing):
+    time, random = np.arange(30_000) / 1000, np.random.default_rng(1)
+    waves = partial(np.cos, 2 * np.pi * np.arange(spacing, 80, spacing)[:, None] * time)
+    angle = 0.001 * waves().sum(axis=0)
+    assert not found(tv.Recording(angle, 80 * angle + random.normal(size=len(time)), 1000.0))
+
+
+def test_a_ramp_and_a_held_angle_are_no_gaps():
+    random = np.random.default_rng(3)
+    ramps = np.interp(np.arange(30_000) / 1000, np.arange(0, 31, 0.3), np.repeat(random.normal(size=52), 2))
+    recording = tv.Recording(ramps, 80 * ramps + random.normal(size=30_000), 1000.0)
+    assert not found(recording)
+    assert not found(in_steps(recording, 12))
+
+
+def test_real_records_have_neither(recordings):
+    for recording, _ in recordings.values():
+        assert not found(recording)
+        assert found(faults.humming(faults.gapped(recording), 60.03)) == {"mains"}  # hum moves in gaps too
+        assert found(faults.gapped(faults.humming(recording))) == {"gaps", "mains"}
+
+
+def test_a_diagnosis_looks_at_the_recording_that_it_is_given():
+    spoilt = faults.gapped(faults.humming(recorded(duration=40.0)[0]))
+    checks = {check.name: check for check in tv.diagnose(cut(spoilt), recording=spoilt).checks}
+    assert checks["gaps"].found
+    assert checks["mains"].found
+    assert "gaps" not in {check.name for check in tv.diagnose(cut(spoilt)).checks}

@@ -77,7 +77,7 @@ def zero(recording, which, count=8, length=0.6):
 
 
 def gapped(recording, kind="held", count=3, length=0.05):
-    """Both signals held, zero or interpolated linearly, in the middle of realizations of 2 s."""
+    """Both signals held, zero or interpolated linearly, from 7 s on, 17 s, and so on."""
     samples, signals = round(length * recording.sampling_rate), np.stack([recording.angle, recording.torque])
     for number in range(count):
         first = round((10 * number + 7) * recording.sampling_rate)

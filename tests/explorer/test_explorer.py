@@ -8,6 +8,7 @@ import sys
 import numpy as np
 import pandas as pd
 import pytest
+from tests import faults
 
 import tvsysid as tv
 from tvsysid.explorer import outcome as steps
@@ -88,6 +89,16 @@ def test_a_recording_needs_no_file(recording):
     assert command(settings) == ""
     exec(python(settings), names)
     np.testing.assert_array_equal(names["found"].models["esm"].stiffness, found.found.models["esm"].stiffness)
+
+
+def test_gaps_and_mains_are_taken_out_as_identify_does(recording):
+    spoilt = faults.gapped(faults.humming(recording), count=2)
+    settings = Settings(spoilt, Cutting(2.0, 100.0), "esm")
+    found, names = outcome(settings), {"recording": spoilt}
+    assert (found.cut.mains, len(found.notes)) == (50.0, 2)
+    exec(found.python, names)
+    np.testing.assert_array_equal(names["found"].models["esm"].stiffness, found.found.models["esm"].stiffness)
+    assert len(found.cut.ensemble) == len(outcome(Settings(recording, Cutting(2.0, 100.0), "esm")).cut.ensemble) - 4
 
 
 def test_only_what_changes_is_done_anew(found, monkeypatch):

@@ -15,8 +15,8 @@ from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.explorer.settings import Cutting, Reading, Settings, command, python
 from tvsysid.figures import drawn, identified_quantity
 from tvsysid.methods import deviating_channels, parse
-from tvsysid.preprocess import align_channels, decimate, segment, subtract_mean
-from tvsysid.quality import Diagnosis, diagnose
+from tvsysid.preprocess import align_channels, decimate, find_gaps, find_mains, remove_mains, segment, subtract_mean
+from tvsysid.quality import Diagnosis, diagnose, diagnose_recording
 from tvsysid.recordings import read_recording
 from tvsysid.report.answer import Account, answer
 from tvsysid.signals import Ensemble, Recording
@@ -28,10 +28,11 @@ ONE_AT_A_TIME = Lock()  # warnings and the figures' look are those of all thread
 
 
 class Cut(NamedTuple):
-    """Realizations, the delay (s) that was removed, and channels that lost their mean."""
+    """Realizations, the delay (s) and mains hum (Hz) that were removed, and channels that lost their mean."""
 
     ensemble: Ensemble
     delay: float
+    mains: float
     deviating: tuple[str, ...]
 
 
@@ -58,7 +59,7 @@ class Outcome:
     @property
     def python(self) -> str:
         """The same in Python."""
-        return python(self.settings, self.cut.delay, self.cut.deviating)
+        return python(self.settings, self.cut.delay, self.cut.mains, self.cut.deviating)
 
     @cached_property
     def diagnosis(self) -> Diagnosis | str:
@@ -114,18 +115,21 @@ def _found(source: Reading | Recording, changed: int, how: Cutting, method: str)
 def _cut(source: Reading | Recording, changed: int, how: Cutting, deviating: tuple[str, ...]) -> Noted[Cut]:
     recording, before = (source, ()) if isinstance(source, Recording) else _read(source, changed)
     names = tuple(name for name in deviating if name in recording.channels)
+    faults = {name: check.what for name, check in diagnose_recording(recording).items() if check.found}
+    gaps, mains = find_gaps(recording), find_mains(recording)[0] if "mains" in faults else 0.0
+    recording = remove_mains(recording, mains) if mains else recording
 
     def ensemble(delay: float) -> Ensemble:
         aligned = align_channels(recording, delay) if delay else recording
         lowered = aligned if how.decimate is None else decimate(aligned, how.decimate)
-        return subtract_mean(segment(lowered, how.period, how.context), names)
+        return subtract_mean(segment(lowered, how.period, how.context, gaps), names)
 
     def made() -> Cut:
         delay, _ = delay_to_correct(ensemble, ensemble(0.0), "adaptive") if how.align_channels else (0.0, "")
-        return Cut(ensemble(delay), delay, names)
+        return Cut(ensemble(delay), delay, mains, names)
 
     cut, notes = _noted(made)
-    return cut, (*before, *notes)
+    return cut, (*before, *(f"{what}; it is taken out" for what in faults.values()), *notes)
 
 
 @lru_cache(maxsize=4)

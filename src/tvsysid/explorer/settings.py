@@ -86,19 +86,22 @@ def command(settings: Settings) -> str:
     return shlex.join(words)
 
 
-def python(settings: Settings, delay: float = 0.0, deviating: tuple[str, ...] = ()) -> str:
-    """The same in Python, with the ``delay`` (s) that is removed; channels that are ``deviating`` lose their mean."""
+def python(settings: Settings, delay: float = 0.0, mains: float = 0.0, deviating: tuple[str, ...] = ()) -> str:
+    """The same in Python, with ``delay`` (s) and ``mains`` (Hz) removed; ``deviating`` channels lose their mean."""
     lines = ["import tvsysid as tv", ""]
     if isinstance(settings.source, Reading):
         words = [repr(str(settings.source.file)), f"sampling_rate={_text(settings.source.rate)}"]
         words += (f"{name}={value!r}" for name, value in settings.source.arguments.items())
         lines.append(f"recording = tv.read_recording({', '.join(words)})")
+    lines.append("gaps = tv.preprocess.find_gaps(recording)")
+    if mains:
+        lines.append(f"recording = tv.preprocess.remove_mains(recording, {mains:g})")
     if delay:
         lines.append(f"recording = tv.preprocess.align_channels(recording, {delay!r})")
     cutting = settings.cutting
     if cutting.decimate is not None:
         lines.append(f"recording = tv.preprocess.decimate(recording, {_text(cutting.decimate)})")
-    cut = f"tv.preprocess.segment(recording, {_text(cutting.period)}, {_text(cutting.context)})"
+    cut = f"tv.preprocess.segment(recording, {_text(cutting.period)}, {_text(cutting.context)}, gaps)"
     names = f", {list(deviating)!r}" if deviating else ""
     lines.append(f"ensemble = tv.preprocess.subtract_mean({cut}{names})")
     return "\n".join([*lines, f"found = tv.compare(ensemble, [{settings.method!r}])"])

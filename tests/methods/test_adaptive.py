@@ -253,12 +253,7 @@ def test_what_it_says_is_as_sure_as_it_is():
         "it may switch by -8.0 ± 3.9 N·m/rad at 1.000 s, but more likely does not (probability 33 %)",
         "it is constant between switches (probability 90 %)",
     ]
-    error = tv.StandardError(np.ones(2), np.array(100.0))
-    gain, negative = (tv.Estimate(np.array([first, 5.0]), "N m s/rad", error=error) for first in (3.0, -3.0))
     probable = SimpleNamespace(switches=[switches[0]._replace(probability=0.7)], smoothness=[], beside=True)
-    probable.estimates = {"reflex_gain": negative}
-    assert changes(probable)[-1] == "what was modelled as a stretch reflex is taken out of it"
-    probable.estimates = {"reflex_gain": gain}
     assert changes(probable) == [
         "it probably switches by +100.0 ± 2.0 N·m/rad at 0.500 s (probability 70 %)",
         "it changes smoothly between switches",
@@ -366,13 +361,14 @@ def test_what_data_leave_open_is_one_warning():
         assert [text in each for each in texts if "leave open" in each] == [True]
 
 
-def test_a_negative_viscosity_is_warned_of_and_a_reflex_is_said_to_be_reported(random):
+def test_no_viscosity_is_negative_and_what_contradicts_that_is_said_and_a_reflex_is_said_to_be_reported(random):
     angle = random.normal(size=(30, 120))
     inner = differentiate(angle, 100.0)
     torque = np.zeros_like(angle)
     torque[:, 12:-12] = 80 * inner[0] - 0.5 * inner[1] + random.normal(size=inner[0].shape)
     model = METHOD.identify(tv.Ensemble(angle, torque, 100.0, context=12))
-    assert ["viscosity is negative over 100 %" in text for text in model.diagnostics.warnings].count(True) == 1
+    assert ["a viscosity or a reflex gain below 0" in text for text in model.diagnostics.warnings].count(True) == 1
+    assert model.viscosity.min() == model.estimates["viscosity"].band()[0].min() == 0
     assert any("where a reflex is shown" in text for text in tv.methods.describe("adaptive").reports)
 
 

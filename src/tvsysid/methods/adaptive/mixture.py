@@ -44,6 +44,10 @@ class Mixture(NamedTuple):
         """Of the mixture (time,)."""
         return np.asarray(np.einsum("tc,tc->t", self.weights, self.means))
 
+    def above(self, least: float) -> Mixture:
+        """Return the same distributions with no mean below a number."""
+        return self._replace(means=np.maximum(self.means, least))
+
     def variance(self) -> Array:
         """Of the mixture (time,)."""
         apart = self.means - self.mean()[:, None]

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tvsysid.methods.base import missing_edge
+from tvsysid.methods.cascade.evidence import nearest_inside
 from tvsysid.methods.shared.residuals import independent_realizations
 from tvsysid.numerics import Array
 from tvsysid.numerics.decimation import decimation_weights
@@ -32,6 +33,7 @@ class Signals(ABC):
     At a ``rate`` in Hz, the angle's and the torque in units of ``scale``. ``edges`` are the samples at either end of a
     realization that are missing; ``realizations`` how many there are, and how many are independent. A ``share`` of the
     samples that the constants are found from is independent; ``holds`` (constant,) is how strongly priors hold them.
+    Their products with each row of ``positive`` (row, constant) are not negative.
     """
 
     rate: float
@@ -39,6 +41,7 @@ class Signals(ABC):
     realizations: tuple[int, int]
     share: float
     holds: Array
+    positive: Array
     scale: tuple[float, float] = (1.0, 1.0)
 
     @abstractmethod
@@ -64,6 +67,7 @@ class Derived(Signals):
             realizations=(len(ensemble), independent_realizations(ensemble)),
             share=LOW_SHARE,
             holds=np.zeros(2),
+            positive=np.zeros((0, 2)),
             scale=(float(np.sqrt(np.mean(ensemble.angle**2))), float(np.sqrt(np.mean(ensemble.torque**2)))),
             ensemble=ensemble,
         )
@@ -133,15 +137,16 @@ def constants(gram: Array, signals: Signals, viscosity: Array | None = None) -> 
     if viscosity is not None:
         gram = with_torque_less(gram, V, viscosity)
     free = without_angle(gram)[:, known:, known:].sum(axis=0)
+    cross, positive = free[:-1, -1], signals.positive[:, known:]
     own = free[:-1, :-1] + np.diag(signals.holds[known:]) / signals.share
     power = np.diag(gram.sum(axis=0))[1 + known : -1]
     size = np.sqrt(np.maximum(power, np.finfo(float).tiny))
     eigenvalues, vectors = np.linalg.eigh(own / np.outer(size, size))
     told = eigenvalues > STILL
-    vectors = vectors[:, told] / size[:, None]
-    inverse = (vectors / eigenvalues[told]) @ vectors.T
-    values = inverse @ free[:-1, -1]
-    left = max(float(free[-1, -1] - 2 * values @ free[:-1, -1] + values @ free[:-1, :-1] @ values), 0.0)
+    root = vectors[:, told] / size[:, None] / np.sqrt(eigenvalues[told])
+    inverse = root @ root.T
+    values = root @ nearest_inside(cross @ root, (positive @ root).T)
+    left = max(float(free[-1, -1] - 2 * values @ cross + values @ free[:-1, :-1] @ values), 0.0)
     variance = left / max(signals.realizations[1] * times - times - len(values), 1.0)
     if not known:
         return Constants(values, inverse * variance / signals.share, bool(told.all()))

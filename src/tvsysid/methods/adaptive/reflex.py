@@ -12,8 +12,8 @@ from tvsysid.errors import InputError
 from tvsysid.methods.adaptive.mixture import Mixture
 from tvsysid.methods.adaptive.moments import MIN_REALIZATIONS, SHORTEST, Constants, Signals
 from tvsysid.methods.cascade.cascade import JointCascade
-from tvsysid.methods.cascade.regressors import MANY, Columns, Rows, intrinsic_filters
-from tvsysid.methods.cascade.result import JointCascadeModel, model, second_order_fit
+from tvsysid.methods.cascade.regressors import MANY, Columns, Rows, readout
+from tvsysid.methods.cascade.result import JointCascadeModel, model
 from tvsysid.methods.cascade.shape import TERMS
 from tvsysid.numerics import Array
 from tvsysid.numerics.moments import row_blocks
@@ -91,6 +91,7 @@ def with_reflex(ensemble: Ensemble, known: JointCascadeModel | None = None) -> W
 
     first = data.bases[0].shape[1] + data.bases[1].shape[1] + 1
     weights = (found.scale / found.spread)[first:] ** 2
+    gains = problem.positive[len(data.torque[0]) :, len(data.own.cross) :]
     slopes = [found.solved.noise_variance / TERMS[name].spread ** 2 for name in problem.free]
     inside = slice(int(times[0]), int(times[-1]) + 1)
     return WithReflex(
@@ -99,9 +100,10 @@ def with_reflex(ensemble: Ensemble, known: JointCascadeModel | None = None) -> W
         realizations=(len(rows), len(rows) - 1),
         share=data.share,
         holds=np.concatenate([[0.0, 0.0], weights, slopes]),
+        positive=np.pad(gains, ((0, 0), (len(signals) - 1, len(slopes)))),
         columns=columns,
         rows=rows,
         times=inside,
         beside=model(repr(method), chosen, only_gain=True),
-        readout=second_order_fit(np.arange(-lags, lags + 1) / rate) @ intrinsic_filters(lags, rate).T,
+        readout=readout(lags, rate),
     )

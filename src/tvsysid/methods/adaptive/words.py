@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from tvsysid.methods.cascade.result import negative_share
-
 if TYPE_CHECKING:
     from tvsysid.methods.adaptive.model import AdaptiveModel, Switch
 
@@ -19,9 +17,7 @@ def changes(model: AdaptiveModel) -> list[str]:
     likely = any(each.probability > 0.5 for each in switches)
     lines = [*map(_switch, switches), _smoothly(constant, " between switches" if likely else "")]
     if model.beside is not None:
-        doubtful = negative_share(model.estimates["reflex_gain"])
-        what = "what was modelled as a stretch reflex is" if doubtful else "a stretch reflex is shown, and"
-        lines.append(f"{what} taken out of it")
+        lines.append("a stretch reflex is shown, and taken out of it")
     return lines
 
 

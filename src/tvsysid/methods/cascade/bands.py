@@ -19,6 +19,15 @@ from tvsysid.numerics.noise import autocovariance
 LONGEST = 60  # samples up to which the noise's autocorrelation counts
 
 
+class NonNegativeError(StandardError):
+    """Random error of an estimate that is not negative: nor is its band."""
+
+    def limits(self, values: Array, level: float, simultaneous: bool = False) -> tuple[Array, Array]:
+        """See :meth:`tvsysid.Estimate.band`."""
+        lower, upper = super().limits(values, level, simultaneous)
+        return np.maximum(lower, 0.0), upper
+
+
 class Covariance(NamedTuple):
     """Of the columns' coefficients from the ``first`` on, and then of the free numbers of the shape."""
 
@@ -26,14 +35,16 @@ class Covariance(NamedTuple):
     freedom: float
     first: int
 
-    def error(self, features: Array, known: NDArray[np.bool_], start: int) -> StandardError:
+    def error(
+        self, features: Array, known: NDArray[np.bool_], start: int, kind: type[StandardError] = StandardError
+    ) -> StandardError:
         """Standard error of sums of coefficients from ``start`` on, with features (time, coefficient), where known."""
         start -= self.first
         stop = start + features.shape[1]
         covariance = self.matrix[start:stop, start:stop]
         variance = np.einsum("tj,jk,tk->t", features, covariance, features, optimize=True)
         values = np.where(known, np.sqrt(np.maximum(variance, 0.0)), np.nan)
-        return StandardError(values, np.array(self.freedom), arc_length(features, covariance))
+        return kind(values, np.array(self.freedom), arc_length(features, covariance))
 
 
 def covariance_of(problem: Problem, found: Found, left: Array, first: int = 0) -> Covariance:

@@ -13,7 +13,16 @@ from numpy.typing import NDArray
 from tvsysid.errors import InputError
 from tvsysid.methods import base
 from tvsysid.methods.cascade import result
-from tvsysid.methods.cascade.choice import HISTORY, SETTLED, Candidate, Drives, Hyperparameters, Search, by_evidence
+from tvsysid.methods.cascade.choice import (
+    DIRECTIONS,
+    HISTORY,
+    SETTLED,
+    Candidate,
+    Drives,
+    Hyperparameters,
+    Search,
+    by_evidence,
+)
 from tvsysid.methods.cascade.regressors import Data, deviations, lagged_signals, unresolved
 from tvsysid.methods.shared.pathways import history, velocity_of
 from tvsysid.models import Model
@@ -27,7 +36,6 @@ from tvsysid.signals import Array, Ensemble
 VELOCITY_DELAY, EMG_DELAY = 0.04, 0.01  # s
 EXCITED_BELOW = 5.0  # Hz
 FINE = 500.0  # Hz from which on a rectified velocity is one
-DIRECTIONS = {"positive": 1, "negative": -1}
 REMEMBERED = 4  # rectified velocities: of a threshold, those of its slopes, and one that is tried
 
 
@@ -77,6 +85,9 @@ class JointCascade(base.Method):
     Whether there is a reflex, and in which direction of stretch s, decides a test on realizations that were not fitted
     to (:func:`tvsysid.quality.reflexes.reflex_test`); of fewer than eight, the evidence. Where none is shown, the model
     is one without, and ``reflex_gain`` says with its band what the data leave room for.
+
+    Neither viscosity nor reflex gain is negative at any time, nor are their bands. The gain of EMG may be: its sign is
+    the muscle's. Sizes and decays are found without this limit. A warning says so where it costs 1 % of the torque.
 
     A threshold is taken as 0 unless with it realizations are predicted better that were not fitted to (p < 0.05); the
     bands count that it is not known.
@@ -160,7 +171,9 @@ class JointCascade(base.Method):
     def refitted(self, ensemble: Ensemble, known: Hyperparameters) -> result.Chosen:
         """Return the solution with these hyperparameters, of a reflex that is shown."""
         search = self._search(ensemble)
-        return result.Chosen(search, {}, known.reflex, True, search.refitted(known), self.emg)
+        return result.Chosen(
+            search, {}, known.reflex, True, search.limited(known.reflex, search.refitted(known)), self.emg
+        )
 
     def solved(self, ensemble: Ensemble, shown_one: str | None = None) -> result.Chosen:
         """Return the solutions with each reflex and without one, and the chosen one; only one where it is known."""
@@ -168,7 +181,9 @@ class JointCascade(base.Method):
         fits = search.fits(self.constant, (shown_one,) if shown_one else ("none", *search.drives))
         name, shown = (shown_one, True) if shown_one else self._shown(ensemble, fits)
         found = search.refined(name, fits) if shown else search.unshown(name, fits)
-        return result.Chosen(search, fits, name, shown, found, self.emg)
+        if not shown:
+            fits["none"] = search.limited("none", fits["none"])
+        return result.Chosen(search, fits, name, shown, search.limited(name, found), self.emg)
 
     def _search(self, ensemble: Ensemble) -> Search:
         rate, lags = ensemble.sampling_rate, base.fitting_lags("JointCascade", self.max_lag, ensemble)

@@ -9,8 +9,9 @@ from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
-from tvsysid.methods.cascade.regressors import Data, Reflex, Shape
+from tvsysid.methods.cascade.regressors import Data, Reflex, Shape, readout
 from tvsysid.methods.cascade.shape import Found, Problem, first_shapes, held_out
 from tvsysid.numerics import Array
 from tvsysid.numerics.bases import FourierSeries
@@ -25,6 +26,8 @@ FOLDS = 3  # of realizations, taken in turn, each predicted from the others
 USUAL = (16.0, 0.8, 0.0)  # frequency in rad/s, damping and threshold of a reflex that is not shown
 CERTAIN = 10.0  # log evidence by which a reflex must be better than none, and than the rest, to be shown
 LIKELY = 0.05  # probability below which what changes is taken to do so, and a threshold to be one
+
+DIRECTIONS = {"positive": 1, "negative": -1}
 
 Drives = Mapping[str, Callable[[float], Array]]  # by threshold, deviations (realization, history + time)
 
@@ -126,6 +129,21 @@ class Search(NamedTuple):
         # Where samples count less, a prior must be as much wider to hold as little.
         size = found[best].spread[sum(functions.shape[1] for functions in data.bases[:3])]
         return share, math.log(size) - math.log(share) / 2
+
+    def limited(self, name: str, fit: Candidate) -> Candidate:
+        """Solution with the same hyperparameters, whose viscosity and gain are not negative.
+
+        The gain of EMG may be: its sign is the muscle's.
+        """
+        problem, found, left = fit
+        rows = problem.data.features(readout(self.lags, self.ensemble.sampling_rate)[1:2])
+        if problem.reflex is not None:
+            gain = problem.reflex.basis(self.ensemble.time / self.period)
+            rows.append(gain[: None if name in DIRECTIONS else 0])
+        problem = replace(problem, positive=block_diag(*rows))
+        found = problem.solved(found.shape, found.moments, found.scale, found.parameters)
+        is_new = found.solved.lost > 0 and np.isfinite(left).all()
+        return Candidate(problem, found, held_out(problem, found, self.folds) if is_new else left)
 
     def refitted(self, known: Hyperparameters) -> Candidate:
         """Return the solution with these hyperparameters."""

@@ -16,6 +16,7 @@ FLAT = math.log(1e4)  # log standard deviation, relative to the noise, of what t
 SIZES = (-9.0, 3.0)  # bounds of a log size
 DECAYS = (0.6, 6.0)  # bounds of the power with which harmonics fall
 USUAL_DECAY, DECAY_SPREAD = 1.5, 2.0  # of the weak prior of a decay
+UNLIMITED = np.zeros((0, 1))  # of no quantity that cannot be negative
 ITERATIONS = 60  # of the search for the hyper-parameters, at most
 
 
@@ -113,7 +114,8 @@ class Prior(NamedTuple):
 class Solved(NamedTuple):
     """Posterior of coefficients whose prior has these standard deviations relative to the noise.
 
-    ``inverse_factor`` is that of the Cholesky factor of ``S G S + 1``, with S the spread and G the Gram matrix.
+    ``inverse_factor`` is that of the Cholesky factor of ``S G S + 1``, with S the spread and G the Gram matrix. A share
+    of the torque's square is ``lost`` because some quantities are not negative.
     """
 
     coefficients: Array
@@ -121,6 +123,7 @@ class Solved(NamedTuple):
     noise_variance: float
     inverse_factor: Array
     by_spread: Array
+    lost: float
 
     @property
     def effective(self) -> float:
@@ -128,14 +131,15 @@ class Solved(NamedTuple):
         return len(self.coefficients) - float(np.sum(self.inverse_factor**2))
 
 
-def solve(moments: Moments, spread: Array) -> Solved:
+def solve(moments: Moments, spread: Array, positive: Array = UNLIMITED) -> Solved:
     r"""Ridge regression and its evidence, with the noise variance at its most probable.
 
     .. math:: \log p = -\tfrac n2 \log \frac{y^T (1 + \Phi S^2 \Phi^T)^{-1} y}{y^T y}
               - \tfrac12 \log|S \Phi^T\Phi S + 1|
 
     more than that of a torque that is all noise, so that no unit matters.
-    ``by_spread`` are its derivatives by the logarithms of the spread.
+    ``by_spread`` are its derivatives by the logarithms of the spread. Of the coefficients whose products with each row
+    of ``positive`` (row, coefficient) are not negative, those of greatest posterior density are returned.
     """
     system = np.asfortranarray(moments.gram * np.outer(spread, spread))
     system.ravel(order="A")[:: len(system) + 1] += 1.0
@@ -146,11 +150,26 @@ def solve(moments: Moments, spread: Array) -> Solved:
     right = spread * moments.cross
     half = inverse @ right
     mean = half @ inverse
+    limits, most = positive * spread, float(half @ half)
+    if (limits @ mean < 0).any():
+        half = nearest_inside(half, inverse @ limits.T)
+        mean = half @ inverse
     floor = 1e-14 * moments.square + np.finfo(float).tiny
-    left = max(moments.square - float(half @ half), floor)
+    explained = float(half @ half)
+    left = max(moments.square - explained, floor)
     density = -0.5 * moments.number * math.log(left / moments.square) - float(np.sum(np.log(np.diag(factor))))
     by_spread = moments.number / left * mean**2 - (1 - np.einsum("ij,ij->j", inverse, inverse))
-    return Solved(spread * mean, density, left / moments.number, inverse, by_spread)
+    lost = (most - explained) / moments.square
+    return Solved(spread * mean, density, left / moments.number, inverse, by_spread, lost)
+
+
+def nearest_inside(point: Array, normals: Array) -> Array:
+    """Return the nearest point whose products with no column of ``normals`` are negative."""
+    if not (point @ normals < 0).any():
+        return point
+    size, sizes = np.linalg.norm(point), np.linalg.norm(normals, axis=0)
+    unit = normals / np.maximum(sizes, np.finfo(float).tiny)
+    return np.asarray(point + size * (unit @ scipy.optimize.nnls(unit, -point / size)[0]))
 
 
 def tuned(moments: Moments, prior: Prior, start: Array) -> Array:

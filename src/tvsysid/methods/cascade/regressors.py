@@ -24,6 +24,7 @@ from tvsysid.numerics.stretch import decimated
 
 BAND = 0.6  # share of the Nyquist frequency over which so few lags give velocity and acceleration to 0.3 %
 HALF_WIDTH = 8  # samples to either side from which velocity and acceleration follow at the recorded rate
+FITTED = (0.5, 15.0)  # Hz, over which viscosity and inertia are those of the intrinsic response
 HIGHEST = 8  # order of difference of the angle up to which the intrinsic response is free
 MANY = 10  # columns that a block of realizations is taken to have, whose values are counted
 
@@ -52,6 +53,22 @@ def intrinsic_filters(lags: int, rate: float) -> Array:
         if len(taps) <= len(offsets):
             rows.append(np.pad(taps, (len(offsets) - len(taps)) // 2))
     return np.stack(rows)
+
+
+def second_order_fit(lags: Array) -> Array:
+    """Weights (quantity, lag) that give stiffness, viscosity and inertia of a response's weights at lags in s.
+
+    By least squares to its frequency response from 0.5 to 15 Hz.
+    """
+    omega = 2 * np.pi * np.linspace(*FITTED, 60)
+    phase = np.outer(omega, lags)
+    real = np.linalg.pinv(np.stack([np.ones_like(omega), -(omega**2)], axis=1)) @ np.cos(phase)
+    return np.stack([real[0], -(omega @ np.sin(phase)) / (omega @ omega), real[1]])
+
+
+def readout(lags: int, rate: float) -> Array:
+    """Weights (quantity, signal) that give the same of the coefficients of the :func:`intrinsic_filters`."""
+    return np.asarray(second_order_fit(np.arange(-lags, lags + 1) / rate) @ intrinsic_filters(lags, rate).T)
 
 
 def part_of(columns: Columns, rows: NDArray[np.int64]) -> Columns:
@@ -134,6 +151,10 @@ class Data:
         total = self.share * total
         gram = np.block([[self.own.gram, total[:own]], [total[:own].T, total[own:-1]]])
         return Moments(gram, np.concatenate([self.own.cross, total[-1]]), self.own.square, self.own.number)
+
+    def features(self, weights: Array) -> list[Array]:
+        """What gives sums of the signals' coefficients at each time, (time, column), by weights (sum, signal)."""
+        return [np.concatenate([a * w for a, w in zip(self.bases, row, strict=True)], axis=1) for row in weights]
 
     def modulated(self, rows: slice) -> Array:
         """Intrinsic columns of some realizations (column, realization, time)."""

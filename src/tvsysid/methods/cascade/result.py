@@ -9,17 +9,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tvsysid.estimates import UNITS, Estimate
-from tvsysid.methods.cascade.bands import Covariance, covariance_of
+from tvsysid.estimates import IMPEDANCE, UNITS, Estimate, StandardError
+from tvsysid.methods.cascade.bands import Covariance, NonNegativeError, covariance_of
 from tvsysid.methods.cascade.choice import SETTLED, Candidate, Hyperparameters, Search
-from tvsysid.methods.cascade.regressors import intrinsic_filters, unresolved
+from tvsysid.methods.cascade.regressors import intrinsic_filters, readout, unresolved
 from tvsysid.methods.cascade.shape import LOGARITHMIC, TERMS, Found, Problem, place_of
 from tvsysid.methods.shared.pathways import Drive, Measured, Stretch, TwoPathwayModel
 from tvsysid.models import Diagnostics, Labelled
 from tvsysid.signals import Array, Ensemble
 
-FITTED = (0.5, 15.0)  # Hz, over which viscosity and inertia are those of the intrinsic response
 APART = 0.1  # share by which the stiffness of that fit may differ from the response's sum
+MAX_LOST = 0.01  # share of the torque that the limits of viscosity and gain may cost
 UNKNOWN = 0.1  # rad/s of a threshold's standard error, a third of its prior's
 CHANCE = 0.025  # share of the time over which a band of 95 % lies below its truth
 FADED = 3e-3  # share of a muscle's response that is cut off
@@ -62,28 +62,17 @@ class JointCascadeModel(TwoPathwayModel):
         return variables, coordinates | {"derivative": (("derivative",), [1, 2])}
 
 
-def second_order_fit(lags: Array) -> Array:
-    """Weights (quantity, lag) that give stiffness, viscosity and inertia of a response's weights at lags in s.
-
-    By least squares to its frequency response from 0.5 to 15 Hz.
-    """
-    omega = 2 * np.pi * np.linspace(*FITTED, 60)
-    phase = np.outer(omega, lags)
-    real = np.linalg.pinv(np.stack([np.ones_like(omega), -(omega**2)], axis=1)) @ np.cos(phase)
-    return np.stack([real[0], -(omega @ np.sin(phase)) / (omega @ omega), real[1]])
-
-
 class Intrinsic(NamedTuple):
     """Weights (time, lag) of lagged angles, those of derivatives, and the mean stiffness of a second-order fit to them.
 
-    What is ``estimated``: its name, its values (time,), and the features (time, coefficient) that give them, with the
-    first coefficient.
+    The ``values`` (time,) of stiffness, viscosity and inertia, and the ``features`` (time, coefficient) that give them.
     """
 
     weights: Array
     fast: Array
     fitted_stiffness: float
-    estimated: list[tuple[str, Array, tuple[Array, int]]]
+    values: dict[str, Array]
+    features: dict[str, Array]
 
     @classmethod
     def of(cls, problem: Problem, found: Found, lags: int, rate: float) -> Intrinsic:
@@ -94,16 +83,11 @@ class Intrinsic(NamedTuple):
         parts = np.split(coefficients, ends[:-1])
         over_time = [a @ c for a, c in zip(bases, parts, strict=True)]
         weights = np.asarray(sum(np.outer(a, f) for a, f in zip(over_time, filters, strict=True)))
-        readout = second_order_fit(np.arange(-lags, lags + 1) / rate) @ filters.T  # (quantity, signal)
-        every = [np.concatenate([a * r for a, r in zip(bases, row, strict=True)], axis=1) for row in readout]
-        first = int(ends[0])
-        features = {
-            "stiffness": (bases[0], 0),
-            "viscosity": (every[1][:, first:], first),
-            "inertia": (every[2][:, first:], first),
-        }
-        values = [(name, f @ coefficients[at : at + f.shape[1]], (f, at)) for name, (f, at) in features.items()]
-        return cls(weights, np.stack(over_time[1:3], axis=1), float((every[0] @ coefficients).mean()), values)
+        fitted, *rest = problem.data.features(readout(lags, rate))
+        features = dict(zip(IMPEDANCE, (bases[0], *rest), strict=True))
+        values = {name: each @ coefficients[: each.shape[1]] for name, each in features.items()}
+        values["viscosity"] = np.maximum(values["viscosity"], 0.0)  # but for rounding it is
+        return cls(weights, np.stack(over_time[1:3], axis=1), float((fitted @ coefficients).mean()), values, features)
 
 
 def model(method: str, chosen: Chosen, only_gain: bool = False) -> JointCascadeModel:
@@ -118,17 +102,18 @@ def model(method: str, chosen: Chosen, only_gain: bool = False) -> JointCascadeM
     start = len(chosen.fit.problem.data.own.cross)
     sure = covariance_of(used.problem, used.found, left, start if only_gain else 0)
     reflex_sure = sure if chosen.shown else covariance_of(chosen.fit.problem, chosen.fit.found, left, start)
+    kinds = {"viscosity": NonNegativeError, "reflex_gain": StandardError if chosen.emg else NonNegativeError}
     estimates = {
         name: Estimate(
             np.where(known, values, np.nan),
             UNITS[name],
-            error=None if only_gain else sure.error(features, known, first),
+            error=None if only_gain else sure.error(intrinsic.features[name], known, 0, kinds.get(name, StandardError)),
         )
-        for name, values, (features, first) in intrinsic.estimated
+        for name, values in intrinsic.values.items()
     }
-    gain, basis = _gain(chosen.fit, ensemble.time)
+    gain, basis = _gain(chosen, ensemble.time)
     unit = "N m/V" if chosen.emg else UNITS["reflex_gain"]
-    error = reflex_sure.error(basis, known, start)
+    error = reflex_sure.error(basis, known, start, kinds["reflex_gain"])
     estimates["reflex_gain"] = Estimate(np.where(known, gain, np.nan), unit, error=error)
     response, reflex_lags = _reflex_response(chosen)
     details = _details(used, chosen, torques, reflex_sure) | {"stiffness_fitted": intrinsic.fitted_stiffness}
@@ -156,11 +141,13 @@ def _drive(chosen: Chosen) -> Drive:
     return Stretch(chosen.fit.found.shape.threshold, 1 if chosen.name == "positive" else -1)
 
 
-def _gain(fit: Candidate, time: Array) -> tuple[Array, Array]:
+def _gain(chosen: Chosen, time: Array) -> tuple[Array, Array]:
     """Reflex gain at times in s, and its basis."""
+    fit = chosen.fit
     assert fit.problem.reflex is not None
     basis = fit.problem.reflex.basis(time / fit.problem.reflex.period)
-    return basis @ fit.found.coefficients[len(fit.problem.data.own.cross) :], basis
+    gain = basis @ fit.found.coefficients[len(fit.problem.data.own.cross) :]
+    return gain if chosen.emg else np.maximum(gain, 0.0), basis
 
 
 def _reflex_response(chosen: Chosen) -> tuple[Array, Array]:
@@ -177,7 +164,7 @@ def _reflex_response(chosen: Chosen) -> tuple[Array, Array]:
     muscle = muscle[first : first + len(lags)]
     # The gain is that at which the stretch arrives.
     arrival = ensemble.time[:, None] - lags + shape.delay
-    gain = _gain(chosen.fit, arrival.ravel())[0].reshape(arrival.shape)
+    gain = _gain(chosen, arrival.ravel())[0].reshape(arrival.shape)
     return gain * muscle / muscle.sum(), lags
 
 
@@ -230,25 +217,18 @@ def _warnings(chosen: Chosen, details: Mapping[str, float], estimates: Mapping[s
         )
     mean = float(np.nanmean(estimates["stiffness"].values))
     yield from not_of_second_order(mean, details["stiffness_fitted"])
-    yield from negative_viscosity(estimates["viscosity"])
+    yield from contradicted(chosen.fit.found.solved.lost)
     yield from doubtful_gain(estimates["reflex_gain"], bool(details["constant"]))
 
 
 def doubtful_gain(gain: Estimate, constant: bool) -> Iterator[str]:
-    """Warn where a reflex gain is negative with its whole band, or its band is wider than its change over time."""
+    """Warn where a reflex gain's band is wider than its change over time."""
     known = gain.values[np.isfinite(gain.values)]
     error = gain.standard_error
     assert error is not None
     if not constant and 1.96 * np.nanmax(error.values) > np.ptp(known):
         yield (
             "the reflex gain's change over time is not identified: its band is wider than its range; only its mean is"
-        )
-    if share := negative_share(gain):
-        yield (
-            f"the reflex gain runs from {known.min():.1f} to {known.max():.1f} N·m·s/rad and is negative over "
-            f"{100 * share:.0f} % of the time, with its whole band, as no stretch reflex's is: there it stands for "
-            "something else that follows a movement; the difference from the stiffness of a method with one pathway "
-            "(as kbr) is an uncertainty"
         )
 
 
@@ -271,12 +251,11 @@ def not_of_second_order(mean: float, fitted: float) -> Iterator[str]:
         )
 
 
-def negative_viscosity(viscosity: Estimate) -> Iterator[str]:
-    """Warn where a viscosity is negative with its whole band."""
-    upper = viscosity.band()[1]
-    share = np.mean(upper[np.isfinite(upper)] < 0)
-    if share > 0:
+def contradicted(lost: float) -> Iterator[str]:
+    """Warn where a share of the torque is lost because no viscosity or reflex gain is negative."""
+    if lost > MAX_LOST:
         yield (
-            f"viscosity is negative over {100 * share:.0f} % of the time, with its whole band, as no joint's is: there "
-            "the realizations differ in more than the perturbation, or it moves the joint too little"
+            f"a viscosity or a reflex gain below 0, which no joint has, would explain {100 * lost:.1f} % more of the "
+            "torque: the torque may be early, or move the angle, or the realizations differ in more than the "
+            "perturbation"
         )

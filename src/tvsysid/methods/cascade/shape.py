@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.methods.cascade.evidence import Family, Moments, Prior, Solved, solve, tuned
+from tvsysid.methods.cascade.evidence import UNLIMITED, Family, Moments, Prior, Solved, solve, tuned
 from tvsysid.methods.cascade.regressors import Columns, Data, Reflex, Shape, part_of
 from tvsysid.numerics import Array
 
@@ -81,13 +81,17 @@ class Found(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Data, what else drives the torque (nothing, in a plain model), which numbers of its shape are ``free``."""
+    """Data, what else drives the torque (nothing, in a plain model), which numbers of its shape are ``free``.
+
+    The products of the coefficients with each row of ``positive`` (row, column) are not negative.
+    """
 
     data: Data
     families: tuple[Family, ...]
     prior: Prior
     reflex: Reflex | None = None
     free: tuple[str, ...] = ()
+    positive: Array = field(default_factory=lambda: UNLIMITED)
 
     @classmethod
     def of(cls, data: Data, reflex: Reflex | None, free: tuple[str, ...]) -> Self:
@@ -124,24 +128,25 @@ class Problem:
         moments = self.data.moments(self.columns(shape))
         scale = self.scale(moments)
         moments = moments.scaled(scale)
-        return self._solved(shape, moments, scale, parameters)
+        return self.solved(shape, moments, scale, parameters)
 
     def counted(self, found: Found) -> Found:
         """Solution for the same shape and columns, where samples counted in full before."""
-        return self._solved(found.shape, found.moments.times(self.data.share), found.scale, None)
+        return self.solved(found.shape, found.moments.times(self.data.share), found.scale, None)
 
-    def _solved(self, shape: Shape, moments: Moments, scale: Array, parameters: Array | None) -> Found:
+    def solved(self, shape: Shape, moments: Moments, scale: Array, parameters: Array | None) -> Found:
+        """Solution from moments of the scaled columns."""
         if parameters is None:
             parameters = tuned(moments, self.prior, self.prior.usual)
         spread = self.prior.spread(parameters)
-        solved = solve(moments, spread)
+        solved = solve(moments, spread, self.positive / scale)
         own = log_prior(shape, self.free) + self.prior.log_density(parameters)[0]
         return Found(shape, parameters, moments, scale, spread, solved, solved.log_evidence + own)
 
     def retuned(self, found: Found) -> Found:
         """Solution for the same shape, with hyper-parameters tuned anew."""
         parameters = tuned(found.moments, self.prior, found.parameters)
-        return self._solved(found.shape, found.moments, found.scale, parameters)
+        return self.solved(found.shape, found.moments, found.scale, parameters)
 
     def torques(self, found: Found) -> tuple[Array, Array]:
         """Intrinsic and reflex torque (realization, time) of a solution, as deviations from their means."""
@@ -221,12 +226,12 @@ def first_shapes(delay: float | None, free: tuple[str, ...]) -> tuple[Shape, ...
 
 def held_out(problem: Problem, found: Found, folds: list[NDArray[np.int64]]) -> Array:
     """Squares that are left in each realization by what was fitted to the other folds: (realization,)."""
-    columns, data = problem.columns(found.shape), problem.data
+    columns, data, limits = problem.columns(found.shape), problem.data, problem.positive / found.scale
     left = np.empty(len(data.torque))
     for fold in folds:
         part = data.part(fold)
         seen = part.moments(part_of(columns, fold)).scaled(found.scale)
-        coefficients = solve(found.moments.without(seen), found.spread).coefficients / found.scale
+        coefficients = solve(found.moments.without(seen), found.spread, limits).coefficients / found.scale
         own = len(data.own.cross)
         predicted = part.torque_of(coefficients[:own]) + problem.reflex_torque(found.shape, coefficients[own:])[fold]
         left[fold] = np.sum((part.torque - predicted) ** 2, axis=1)

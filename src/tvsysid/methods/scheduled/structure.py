@@ -10,7 +10,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tvsysid.estimates import IMPEDANCE
-from tvsysid.methods.cascade.result import second_order_fit
+from tvsysid.methods.cascade.regressors import second_order_fit
 from tvsysid.methods.shared.pathways import Stretch, history
 from tvsysid.numerics.bands import mean_known
 from tvsysid.numerics.bases import chebyshev_of

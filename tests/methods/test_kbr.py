@@ -11,7 +11,6 @@ from tests.conftest import standard_errors_of
 
 import tvsysid as tv
 from tvsysid.methods.kbr import record
-from tvsysid.methods.kbr.kernel import Kernel
 from tvsysid.methods.kbr.record import lagged
 from tvsysid.numerics.differentiation import differentiate
 from tvsysid.numerics.lowpass import low_pass
@@ -22,7 +21,7 @@ def test_shifts_in_frequency_equal_products_in_time(ensemble_of, monkeypatch):
     for method in (tv.KernelRegression(), tv.KernelRegression.preset("experiment", band=(1.0, 19.0))):
         fast = method.identify(ensemble)
         with monkeypatch.context() as patched:
-            patched.setattr(record.Run, "_shifted", record.Run._transformed)
+            patched.setattr(record.Runs, "_shifted", record.Runs._transformed)
             slow = method.identify(ensemble)
         np.testing.assert_allclose(fast.stiffness, slow.stiffness, rtol=1e-6)
         np.testing.assert_allclose(fast.inertia, slow.inertia, rtol=1e-4)
@@ -119,13 +118,6 @@ def test_prediction_is_at_the_phase_of_each_realization(duration, decay):
     assert tv.metrics.vaf(other.torque[:, other.core], model.predict(other)).min() > 98
 
 
-def test_runs_transformed_together_equal_runs_one_by_one(ensemble_of, monkeypatch):
-    ensemble = ensemble_of(100.0, "sine", "noise").select(np.arange(0, 50, 2))
-    together = tv.KernelRegression().identify(ensemble)
-    monkeypatch.setattr(record, "STACK", 3)
-    np.testing.assert_allclose(tv.KernelRegression().identify(ensemble).stiffness, together.stiffness, rtol=1e-8)
-
-
 def test_presets_are_the_papers():
     assert tv.KernelRegression.preset("simulation") == tv.KernelRegression()
     experiment = tv.KernelRegression.preset("experiment")
@@ -142,7 +134,7 @@ DEGREE = np.degrees(1.0)  # 1 N·m/deg in N·m/rad
 def test_of_the_papers_joint_gamma_counts_in_newton_metres_per_degree(ensemble_of, profile, perturbation):
     for duration in (40.0, 150.0):
         ensemble = ensemble_of(duration, profile, perturbation)
-        assert record.Record.of(ensemble, (0.0, 20.0), 2).scale == pytest.approx(DEGREE, rel=0.04)
+        assert record.Record.of(ensemble, (0.0, 20.0)).scale == pytest.approx(DEGREE, rel=0.04)
         own, fixed = (tv.KernelRegression(scale=scale).identify(ensemble) for scale in (None, DEGREE))
         assert np.abs(own.stiffness - fixed.stiffness).max() < 0.2
 
@@ -218,15 +210,6 @@ def test_features_that_the_data_cannot_see_do_not_matter(ensemble_of, monkeypatc
     assert np.abs(model.inertia - whole.inertia).max() < 1e-5
     # Coefficients that were left out have their prior variance, and nearly the same posterior otherwise.
     np.testing.assert_allclose(np.diag(model.covariance), np.diag(whole.covariance), rtol=0.05)
-
-
-def test_sums_of_features_need_no_features(random):
-    for decay in (30.0, 1e6):
-        kernel = Kernel.of(2.0, 0.2, decay, 0.0, 40.0, 100.0)
-        coefficients = random.normal(size=3 * kernel.columns)
-        phase, clock = np.linspace(3.3, 4.1, 9), np.linspace(10.0, 10.8, 9)
-        expected = kernel(phase, clock) @ coefficients.reshape(3, -1).T
-        np.testing.assert_allclose(kernel.combined(phase, clock, coefficients), expected, rtol=1e-10)
 
 
 # Other orders, and a lag.

@@ -12,9 +12,8 @@ from tests.conftest import ensemble_of
 
 import tvsysid as tv
 from tvsysid.methods import sds
-from tvsysid.methods.kbr.likelihood import Likelihood
 from tvsysid.methods.kbr.record import Record, lagged
-from tvsysid.methods.kbr.search import CLEARLY
+from tvsysid.methods.kbr.search import CLEARLY, Likelihood
 from tvsysid.methods.shared.residuals import independent_share
 from tvsysid.methods.tuning import halves
 from tvsysid.methods.tuning.evidence import edge_of
@@ -153,7 +152,7 @@ def dense_log_density(ensemble, theta, decay, near):
 @pytest.mark.parametrize("decay", [math.inf, 15.0])
 def test_marginal_likelihood_is_that_of_the_dense_kernel(decay):
     ensemble = ensemble_of(12.0, "sine", "noise")
-    record = Record.of(ensemble, (0.0, 20.0), 2)
+    record = Record.of(ensemble, (0.0, 20.0))
     kernel = record.kernel(2.0, 0.05, decay)
     likelihood = Likelihood.of(record, kernel, np.ones((3, kernel.columns), dtype=bool), 0.15)
     one = np.log([0.3, 1600.0, 0.3, 3e-5, 0.15])
@@ -190,7 +189,7 @@ def test_evidence_of_orders_and_lags_is_that_of_the_dense_kernel_with_a_proper_p
     theta = np.log([0.1, 1600.0, 0.3, 3e-5, 0.15])
     found, expected = [], []
     for lag in (0.0, 0.008):
-        record = Record.of(lagged(ensemble, lag), (0.0, 20.0), 2)
+        record = Record.of(lagged(ensemble, lag), (0.0, 20.0))
         kernel = record.kernel(2.0, 0.1)
         whole = Likelihood.of(record, kernel, np.ones((3, kernel.columns), dtype=bool), 0.15, lag)
         for order in (0, 1, 2):
@@ -203,12 +202,10 @@ def test_evidence_of_orders_and_lags_is_that_of_the_dense_kernel_with_a_proper_p
 
 
 def test_evidence_of_constants_does_not_depend_on_their_units():
-    record = Record.of(ensemble_of(20.0, "sine", "noise"), (0.0, 20.0), 2)
-    other = record._replace(
-        stacks=[
-            run._replace(signals=run.signals * np.array([1.0, 100.0, 1e-3])[:, None, None]) for run in record.stacks
-        ]
-    )
+    record = Record.of(ensemble_of(20.0, "sine", "noise"), (0.0, 20.0))
+    units = np.array([1.0, 100.0, 1e-3])[:, None, None]
+    stacks = tuple(dataclasses.replace(runs, signals=runs.signals * units) for runs in record.stacks)
+    other = dataclasses.replace(record, stacks=stacks)
     kernel = record.kernel(2.0, 0.1)
     values = []
     for each, variances in ((record, [1600.0, 0.3, 3e-5]), (other, [1600.0, 3e-5, 30.0])):
@@ -342,17 +339,18 @@ def test_chosen_kernel_is_at_the_top_of_the_likelihood():
     method = tv.KernelRegression()
     evidence = tuned_to_a_square_wave(method).evidence
     settings = evidence.settings
-    record = Record.of(ensemble, (0.0, 20.0), 2)
+    record = Record.of(ensemble, (0.0, 20.0))
     kernel = record.kernel(2.0, 0.5 * settings["length_periodic"])
     noise, share = method._noise(ensemble)
     likelihood = Likelihood.of(record, kernel, np.ones((3, kernel.columns), dtype=bool), noise, share=share)
     variances = record.scale**2 * np.array(settings["gamma"])
     top = np.log([settings["length_periodic"], *variances, noise])
-    top[4], best = likelihood.best_noise(top)
-    assert likelihood.tried(np.zeros(5), best, "").value == pytest.approx(evidence.values[evidence.chosen], abs=0.05)
+    best = likelihood.at(top, "")
+    assert best.value == pytest.approx(evidence.values[evidence.chosen], abs=0.05)
     for number in range(5):
         for step in (-0.5, 0.5):
-            assert likelihood(top + step * (np.arange(5) == number))[0] < best + 0.02
+            other = best.theta + step * (np.arange(5) == number)
+            assert likelihood(other)[0] < likelihood(best.theta)[0] + 0.02
 
 
 @slow

@@ -18,7 +18,7 @@ from scipy.linalg import blas, lapack
 
 from tvsysid.numerics import Array
 
-STANDS = 2e-3  # relative change of the noise variance from which on another step, some 1e-4 of it, needs no new factors
+STANDS = 1e-4  # relative change of the noise variance from which on another step, some 1e-4 of it, needs no new factors
 ITERATIONS = 30  # noise variances tried at most
 STRONG = 1e-2  # share of a column's power below which its prior precision, times the noise variance, leaves it free
 
@@ -71,15 +71,22 @@ def fit(statistics: Statistics, precision: Array, weak: float) -> Fit:
     a fixed point, found by secants in the logarithm of the noise variance.
     """
     scaled, scale = _scaled(statistics)
-    precision = precision * scale**2
-    start = _Place(max(0.02 * statistics.square / statistics.number, _floor(statistics)))
-    # The columns that the prior leaves most freedom tell the noise nearly as well as all of them, at a small cost.
-    strong = precision * start.noise < STRONG
-    if strong.sum() < 0.8 * len(strong):
-        start, _ = _settled(of_columns(scaled, strong), precision[strong], weak, start)
-    place, solution = _settled(scaled, precision, weak, start)
-    mean = _refined(scaled, precision, weak, place.noise, solution)
-    return Fit(mean * scale, place.noise, solution.effective, place.iterations, solution.inverse_factor, scale)
+    precision, floor = precision * scale**2, _floor(statistics)
+    noise, slope, before = max(0.02 * statistics.square / statistics.number, floor), -1.0, None
+    for iteration in range(1, ITERATIONS + 1):
+        solution = _solve(scaled, precision, weak, noise)
+        freedom = max(statistics.number - solution.effective, 1.0)
+        wanted = max(2 * max(solution.residual, 0.0) / freedom, floor)
+        place, gap = math.log(noise), math.log(wanted / noise)
+        if abs(gap) <= STANDS:
+            break
+        if before is not None and place != before[0]:
+            slope = (gap - before[1]) / (place - before[0])
+        # Where the secant is no help, the plain step.
+        step = -gap / slope if slope < -0.1 else gap
+        before = place, gap
+        noise = max(math.exp(place + min(max(step, -7.0), 7.0)), floor)
+    return Fit(solution.mean * scale, noise, solution.effective, iteration, solution.inverse_factor, scale)
 
 
 class InstrumentalFit(NamedTuple):
@@ -216,14 +223,6 @@ def without_nuisance(statistics: Statistics, weak: float, noise: float) -> Stati
     return Statistics(gram, cross, square, number, np.zeros((len(cross), 0)), np.zeros(0), np.zeros(0))
 
 
-class _Place(NamedTuple):
-    """A noise variance, how fast the gap between it and the one that its fit leaves closes, and how it was come by."""
-
-    noise: float
-    slope: float = -1.0
-    iterations: int = 0
-
-
 class _Solution(NamedTuple):
     """Weights; the inverse of the system's Cholesky factor, and its columns' squares; what is left, and determined."""
 
@@ -248,39 +247,6 @@ def _scaled(statistics: Statistics) -> tuple[Statistics, Array]:
 
 def _floor(statistics: Statistics) -> float:
     return 2e-14 * statistics.square / statistics.number
-
-
-def _settled(statistics: Statistics, precision: Array, weak: float, start: _Place) -> tuple[_Place, _Solution]:
-    """Noise variance that its own fit leaves, by secants in its logarithm, and that fit."""
-    floor = _floor(statistics)
-    noise, slope = max(start.noise, floor), start.slope
-    before: tuple[float, float] | None = None
-    for iteration in range(1, ITERATIONS + 1):
-        solution = _solve(statistics, precision, weak, noise)
-        freedom = max(statistics.number - solution.effective, 1.0)
-        wanted = max(2 * max(solution.residual, 0.0) / freedom, floor)
-        place, gap = math.log(noise), math.log(wanted / noise)
-        if before is not None and place != before[0]:
-            slope = (gap - before[1]) / (place - before[0])
-        # Where the secant is no help, the plain step.
-        step = -gap / slope if slope < -0.1 else gap
-        before = place, gap
-        noise = max(math.exp(place + min(max(step, -7.0), 7.0)), floor)
-        if abs(gap) <= STANDS:
-            break
-    return _Place(noise, slope, start.iterations + iteration), solution
-
-
-def _refined(statistics: Statistics, precision: Array, weak: float, noise: float, near: _Solution) -> Array:
-    """Weights for a noise variance, by the factors of one that is close to it."""
-    gram, cross, _, _, mixed, shared, powers = statistics
-    shrink = 1 / (powers + noise * weak)
-    mean = near.mean
-    for _ in range(2):
-        left = cross - blas.dsymv(1.0, gram, mean, lower=1) - noise * precision * mean
-        left -= mixed @ (shrink * (shared - mean @ mixed))
-        mean = mean + near.inverse_factor.T @ (near.inverse_factor @ left)
-    return np.asarray(mean)
 
 
 def _solve(statistics: Statistics, precision: Array, weak: float, noise: float) -> _Solution:

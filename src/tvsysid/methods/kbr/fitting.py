@@ -1,15 +1,19 @@
-"""Fits of the features that a record can see; frequencies count alike, or by how strong the noise is there."""
+"""Fits of the features that a record can see, what is known of them then, and of the impedance that they make."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property, partial
 
 import numpy as np
 
+from tvsysid.estimates import StandardError
 from tvsysid.methods.kbr.kernel import VISIBLE, Kernel
-from tvsysid.methods.kbr.record import Chosen, ComplexArray, Record, Run
-from tvsysid.numerics import Array
+from tvsysid.methods.kbr.record import WHITE, Chosen, NoiseSpectrum, Record, clocks_of
+from tvsysid.methods.shared.residuals import PosteriorErrors
 from tvsysid.numerics.gaussian import Fit, InstrumentalFit, fit, instrumental
+from tvsysid.signals import Array, Ensemble
 
 Fitted = Fit | InstrumentalFit
 
@@ -19,96 +23,138 @@ FLOOR = 1e-3  # share of the largest power below which none is taken to lie
 
 
 @dataclass(frozen=True, eq=False)
-class Weighting:
-    """Weights of frequencies by the ``power`` of the noise over its mean, which is known at frequencies in Hz."""
+class KernelPosterior:
+    """Posterior of all coefficients: from the ``fit`` of those ``kept``, (coefficient, column), and the prior.
 
-    frequency: Array
-    power: Array
-
-    def __call__(self, frequency: Array) -> Array:
-        """Weights at some frequencies in Hz."""
-        return np.asarray(1 / np.sqrt(np.interp(frequency, self.frequency, self.power)))
-
-    @property
-    def largest(self) -> float:
-        """Largest squared weight."""
-        return float(1 / self.power.min())
-
-
-def fitted(record: Record, kernel: Kernel, variances: Array, reweighted: int = 0) -> tuple[Fitted, Chosen]:
-    """Fit the coefficients that the data can see, and say which these are, shape (coefficient, column).
-
-    A record with twice as many signals as prior ``variances`` has instruments in its second half. The frequencies are
-    weighted by what the fit left, so many times.
+    Of coefficients that the data cannot see, the prior is all that is known: its ``variances`` (coefficient,).
     """
-    bins = max(1.0, record.size * min(record.band[1] / record.rate, 0.5))
-    found, kept = _fit_visible(record, kernel, variances, GUESS * 0.5 * record.power / bins)
-    weighting = None
+
+    fit: Fitted
+    kept: Chosen
+    kernel: Kernel
+    variances: Array
+
+    @cached_property
+    def mean(self) -> Array:
+        """Of shape (coefficient,)."""
+        mean = np.zeros(self.kept.size)
+        mean[self.kept.ravel()] = self.fit.mean
+        mean.flags.writeable = False
+        return mean
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Of shape (coefficient, coefficient); of some megabytes, and therefore worked out when somebody asks."""
+        unseen = np.outer(0.5 * self.variances, 1 / np.where(self.kernel.precision > 0, self.kernel.precision, np.inf))
+        covariance = np.diag(unseen.ravel())
+        covariance[np.ix_(self.kept.ravel(), self.kept.ravel())] = self.fit.covariance
+        covariance.flags.writeable = False
+        return covariance
+
+    def __getstate__(self) -> dict[str, object]:
+        return {name: self.__dict__[name] for name in ("fit", "kept", "kernel", "variances")}
+
+
+def posterior_of(record: Record, kernel: Kernel, variances: Array, reweighted: int = 0) -> KernelPosterior:
+    """Fit the coefficients that the data can see, with prior ``variances`` (coefficient,).
+
+    The frequencies are weighted by what the fit left, so many times.
+    """
+    bins = max(1.0, record.size * min(record.stacks[0].band[1] / record.stacks[0].rate, 0.5))
+    posterior = _fit_visible(record, kernel, variances, GUESS * 0.5 * record.power / bins, WHITE)
+    spectrum = WHITE
     for _ in range(reweighted):
-        weighting = residual_weighting(record, kernel, kept, found, weighting)
-        found, kept = _fit_visible(record, kernel, variances, 0.5 * found.noise_variance, weighting)
-    return found, kept
+        spectrum = residual_spectrum(record, posterior, spectrum)
+        posterior = _fit_visible(record, kernel, variances, 0.5 * posterior.fit.noise_variance, spectrum)
+    return posterior
 
 
 def _fit_visible(
-    record: Record, kernel: Kernel, variances: Array, noise: float, weighting: Weighting | None = None
-) -> tuple[Fitted, Chosen]:
+    record: Record, kernel: Kernel, variances: Array, noise: float, spectrum: NoiseSpectrum
+) -> KernelPosterior:
     """Fit what noise lets the data see of the features, the noise being known when it is fitted."""
-    count, strength = len(variances), 1.0 if weighting is None else weighting.largest
-    instrumented = len(record.stacks[0].signals) > count
-    powers = record.powers[:count] * strength
+    order, instrumented = len(variances), len(record.powers) > 3
+    powers = variances * record.powers[:order] / spectrum.power.min()
     while True:
-        kept = kernel.visible(variances * powers, VISIBLE * noise)
+        kept = kernel.visible(powers, VISIBLE * noise)
+        lower = np.zeros((3 - order, kernel.columns), dtype=bool)
+        chosen = np.concatenate([kept, lower, kept]) if instrumented else kept
+        statistics = record.statistics(kernel, chosen, spectrum)
         precision = np.outer(1 / variances, kernel.precision)[kept]
-        chosen = np.concatenate([kept, kept]) if instrumented else kept
-        statistics = record.statistics(kernel, chosen, weighting)
         found = (instrumental if instrumented else fit)(statistics, precision, record.weak_prior)
         if found.noise_variance >= noise or kept.all():
-            return found, kept
+            return KernelPosterior(found, kept, kernel, variances)
         noise = 0.5 * found.noise_variance
 
 
-def residual_weighting(
-    record: Record, kernel: Kernel, kept: Chosen, found: Fitted, weighting: Weighting | None
-) -> Weighting:
-    """Weights by what a fit with (other) weights left of the torque."""
+def residual_spectrum(record: Record, posterior: KernelPosterior, before: NoiseSpectrum) -> NoiseSpectrum:
+    """Spectrum of what a fit under the spectrum ``before`` left of the torque."""
+    by = np.append(-posterior.fit.mean, 1.0)
+    prior = posterior.fit.noise_variance * record.weak_prior
     spectra = []
-    for run in record.stacks:
-        low, high = run.bins(record.band)
-        frequency = run.frequencies(low, high)
-        weights = np.ones(high - low) if weighting is None else weighting(frequency)
-        left = _left(run, kernel, kept, found, low, high)
-        left -= _external(run.external_terms(low, high), left, weights, found.noise_variance * record.weak_prior)
-        spectra.append((frequency, np.sum(np.abs(left) ** 2, axis=0), np.full(high - low, float(len(left)))))
-    at = max(spectra, key=lambda each: len(each[0]))[0]
+    for runs in record.stacks:
+        blocks = [np.tensordot(by, rows, axes=1) for _, rows in runs.rows(posterior.kernel, posterior.kept)]
+        left, terms = np.concatenate(blocks, axis=1), runs.external_terms
+        # The external term of each run.
+        seen, target = ((each * before.weights(runs.frequency)).view(np.float64) for each in (terms, left))
+        left -= np.linalg.solve(seen @ seen.T + prior * np.eye(len(terms)), seen @ target.T).T @ terms
+        power = np.sum(np.abs(left) ** 2, axis=0)
+        spectra.append((runs.frequency, power, np.full_like(power, len(left))))
+    at = max((frequency for frequency, _, _ in spectra), key=len)
     frequency, power, count = (np.concatenate(each) for each in zip(*spectra, strict=True))
     smooth = smoothed(frequency, power, count, at)
     smooth = np.maximum(smooth, max(FLOOR * smooth.max(), np.finfo(float).tiny))
-    return Weighting(at, smooth / smooth.mean())
+    return NoiseSpectrum(at, smooth / smooth.mean())
 
 
 def smoothed(frequency: Array, power: Array, count: Array, at: Array) -> Array:
     """Mean power of so many numbers within :data:`SMOOTH` of frequencies, mirrored at the ends."""
     mirrored = np.concatenate([2 * frequency.min() - frequency, frequency, 2 * frequency.max() - frequency])
     order = np.argsort(mirrored, kind="stable")
-    first, last = (
-        np.searchsorted(mirrored[order], at + side * SMOOTH, "left" if side < 0 else "right") for side in (-1, 1)
-    )
-    sums = [np.r_[0.0, np.cumsum(np.tile(each, 3)[order])] for each in (power, count)]
-    return np.asarray((sums[0][last] - sums[0][first]) / (sums[1][last] - sums[1][first]))
+    first = np.searchsorted(mirrored[order], at - SMOOTH, "left")
+    last = np.searchsorted(mirrored[order], at + SMOOTH, "right")
+    powers, counts = (np.r_[0.0, np.cumsum(np.tile(each, 3)[order])] for each in (power, count))
+    return np.asarray((powers[last] - powers[first]) / (counts[last] - counts[first]))
 
 
-def _left(run: Run, kernel: Kernel, kept: Chosen, found: Fitted, low: int, high: int) -> ComplexArray:
-    """Spectrum (run, bin) of the torque less what the signals that were fitted, the first ones, explain."""
-    left = run.output(low, high)
-    fitted = run._replace(signals=run.signals[: len(kept)])
-    for first, products in fitted.in_band(kernel, kept, low, high):
-        left[:, first : first + products.shape[2]] -= np.tensordot(found.mean, products, axes=1)
-    return left
+@dataclass(frozen=True, eq=False)
+class KernelErrors:
+    """Standard errors of sums of features, averaged over realizations; the features are made when somebody asks.
+
+    ``phases`` and ``clocks`` (realization,) say when realizations whose impedance differs begin, ``time`` is that
+    within one, without what is missing at its ends; ``of_noise`` makes the errors from expansions and covariances.
+    """
+
+    posterior: KernelPosterior
+    phases: Array
+    clocks: Array
+    time: Array
+    of_noise: partial[PosteriorErrors]
+
+    def standard_errors(self) -> Mapping[str, StandardError]:
+        """By quantity."""
+        kernel, covariance = self.posterior.kernel, self.posterior.covariance
+        starts = zip(self.phases, self.clocks, strict=True)
+        features = sum(kernel(phase + self.time, clock + self.time) for phase, clock in starts) / len(self.phases)
+        parts = (slice(first, first + kernel.columns) for first in range(0, len(covariance), kernel.columns))
+        covariances = tuple(covariance[part, part] for part in parts)
+        return self.of_noise((features,) * len(covariances), covariances).standard_errors()
 
 
-def _external(terms: ComplexArray, left: ComplexArray, weights: Array, prior: float) -> ComplexArray:
-    """External term of each run (run, bin)."""
-    seen, target = ((each * weights).view(np.float64) for each in (terms, left))
-    found = np.linalg.solve(seen @ seen.T + prior * np.eye(len(terms)), seen @ target.T)
-    return np.asarray(found.T @ terms)
+def starts_of(ensemble: Ensemble, kernel: Kernel) -> tuple[Array, Array]:
+    """Phase and time of the record in s at which realizations begin: of the first where all have one impedance."""
+    assert ensemble.onsets is not None
+    phases = np.round(ensemble.onsets % kernel.period, 9) % kernel.period
+    some = slice(0, 1 if kernel.decay is None and np.ptp(phases) < 1e-9 else None)
+    return ensemble.onsets[some], clocks_of(ensemble)[some]
+
+
+def impedance_over(ensemble: Ensemble, kernel: Kernel, coefficients: Array) -> Array:
+    """Stiffness, viscosity and inertia, shape (realization, time, 3), of realizations with an impedance of their own.
+
+    One realization where all have the same. Of lower orders than 2, what the model does not have is 0.
+    """
+    of_signals = np.zeros((kernel.columns, 3))
+    of_signals[:, : len(coefficients) // kernel.columns] = coefficients.reshape(-1, kernel.columns).T
+    starts = zip(*starts_of(ensemble, kernel), strict=True)
+    return np.stack([kernel(phase + ensemble.time, clock + ensemble.time) @ of_signals for phase, clock in starts])

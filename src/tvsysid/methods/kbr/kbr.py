@@ -10,12 +10,11 @@ from functools import partial
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
-import scipy
 
 from tvsysid.errors import DataQualityWarning, InputError
-from tvsysid.methods import kbr, shared
-from tvsysid.methods.base import EXCITED_ABOVE, Method, check_choice, check_positive, missing_edge, padded
-from tvsysid.methods.kbr.posterior import KernelErrors, KernelPosterior, common_phase, impedance_over, starts_of
+from tvsysid.methods import base, shared, tuning
+from tvsysid.methods.kbr import fitting, record, search
+from tvsysid.methods.kbr.kernel import ENDLESS, Kernel
 from tvsysid.models import Diagnostics, SecondOrderModel
 from tvsysid.signals import Array, Ensemble
 
@@ -23,7 +22,7 @@ Preset = Literal["simulation", "experiment"]
 Weights = Literal["white", "residual"]
 
 PRESETS: dict[str, dict[str, float]] = {
-    "simulation": {"length_periodic": math.exp(-2), "length_decay": kbr.ENDLESS, "gamma": 4.5},
+    "simulation": {"length_periodic": math.exp(-2), "length_decay": ENDLESS, "gamma": 4.5},
     "experiment": {"length_periodic": math.exp(-1), "length_decay": 30.0, "gamma": 13.8},
 }  # The paper's settings for its simulated (section 3.2.5) and its experimental study (section 4.2).
 
@@ -32,7 +31,7 @@ REWEIGHTED = 2  # times that residual weights are found; a third changes stiffne
 
 
 @dataclass(frozen=True)
-class KernelRegression(Method):
+class KernelRegression(base.Method):
     r"""Impedance whose change in time is smooth and nearly periodic, fitted in the frequency domain.
 
     .. math:: y(t) + a_1\,\dot y(t) = \sum_{m=0}^{N_b} b_m(t)\,\theta^{(m)} - f_{ext}(t), \qquad
@@ -144,13 +143,11 @@ class KernelRegression(Method):
     cites: ClassVar[tuple[str, ...]] = ("lataire2017", "cavallo2020", "vanderuit2021")
 
     def __post_init__(self) -> None:
-        check_choice(self, "weighting", Weights)
+        base.check_choice(self, "weighting", Weights)
         if self.reference is not None:
             object.__setattr__(self, "inputs", shared.reference_input(self.reference))
-        check_positive(self, length_periodic=self.length_periodic, length_decay=self.length_decay)
-        for name in ("period", "scale"):
-            if getattr(self, name) is not None:
-                check_positive(self, **{name: getattr(self, name)})
+        sizes = {name: getattr(self, name) for name in ("length_periodic", "length_decay", "period", "scale")}
+        base.check_positive(self, **{name: size for name, size in sizes.items() if size is not None})
         several = self.gamma if isinstance(self.gamma, tuple) else (self.gamma,) * 3
         if len(several) != 3:
             raise InputError(
@@ -158,7 +155,7 @@ class KernelRegression(Method):
                 f"{self.gamma!r}"
             )
         for gamma in several:
-            check_positive(self, gamma=gamma)
+            base.check_positive(self, gamma=gamma)
         try:
             low, high = (float(edge) for edge in self.band)
         except (TypeError, ValueError) as error:
@@ -182,34 +179,33 @@ class KernelRegression(Method):
         return cls(**(PRESETS[name] | settings))
 
     def _identify(self, ensemble: Ensemble) -> KernelModel:
-        period, instrument = self._period(ensemble), None
+        instrument, moved = None, ensemble
         if self.reference is not None:
             instrument = self._instrument(ensemble, self.reference)
-        moved = ensemble if instrument is None else instrument.moved
-        record = kbr.Record.of(moved, self.band, kbr.HIGHEST)
-        variances = self._variances(self._scale(record))[: self.order + 1]
+            moved = instrument.moved
+        data = record.Record.of(moved, self.band)
+        variances = self._variances(self._scale(data))[: self.order + 1]
         if self.lag:  # an impedance behind a lag is the impedance of the lagged angle
-            ensemble, moved = (kbr.lagged(each, self.lag) for each in (ensemble, moved))
-            record = kbr.Record.of(moved, self.band, self.order)
-        record = record.up_to(self.order)
+            ensemble, moved = (record.lagged(each, self.lag) for each in (ensemble, moved))
+            data = record.Record.of(moved, self.band)
         if instrument is not None:
-            record = kbr.Record.of(ensemble, self.band, self.order).beside(record)
-        kernel = record.kernel(period, self.length_periodic, self.length_decay)
-        found, kept = kbr.fitted(record, kernel, variances, REWEIGHTED if self.weighting == "residual" else 0)
-
-        posterior = KernelPosterior(found, kept, kernel, variances)
-        each = impedance_over(ensemble, kernel, posterior.mean)
+            data = record.Record.of(ensemble, self.band).with_instrument(data)
+        features = data.kernel(self._period(ensemble), self.length_periodic, self.length_decay)
+        reweighted = REWEIGHTED if self.weighting == "residual" else 0
+        posterior = fitting.posterior_of(data, features, variances, reweighted)
+        each = fitting.impedance_over(ensemble, features, posterior.mean)
         impedance = each.mean(axis=0)
 
-        # Where the derivatives lack samples at the ends of every run, nothing was identified.
-        missing = missing_edge(shared.HALF_WIDTH, ensemble) if all(len(run) == 1 for run in ensemble.runs) else 0
-        stiffness, viscosity, inertia = padded(impedance[missing : len(impedance) - missing], missing).T
+        edge = base.missing_edge(shared.HALF_WIDTH, ensemble)
         filters = shared.derivative_filters(shared.HALF_WIDTH, ensemble.sampling_rate)[: self.order + 1]
-        edge = missing_edge(shared.HALF_WIDTH, ensemble)
         left = shared.residual(ensemble, impedance[edge : len(impedance) - edge, : self.order + 1] @ filters)
-        errors = KernelErrors(
+        # Where the derivatives lack samples at the ends of every run, nothing was identified.
+        missing = edge if all(len(run) == 1 for run in ensemble.runs) else 0
+        stiffness, viscosity, inertia = base.padded(impedance[missing : len(impedance) - missing], missing).T
+        found = posterior.fit
+        errors = fitting.KernelErrors(
             posterior,
-            *starts_of(ensemble, kernel),
+            *fitting.starts_of(ensemble, features),
             ensemble.time,
             self._errors(moved, left, filters, found, missing),
         )
@@ -223,9 +219,8 @@ class KernelRegression(Method):
             time=ensemble.time,
             estimates=shared.impedance_estimates(stiffness, viscosity, inertia, errors),
             posterior=posterior,
-            labels=tuple(f"{name} {j}" for name in shared.IMPEDANCE[: self.order + 1] for j in range(kernel.columns)),
-            kernel=kernel,
-            phase=common_phase(ensemble, period),
+            labels=tuple(f"{name} {j}" for name in shared.IMPEDANCE[: self.order + 1] for j in range(features.columns)),
+            kernel=features,
             lag=self.lag,
             diagnostics=diagnostics if instrument is None else instrument.seen(diagnostics, banded=False),
         )
@@ -235,9 +230,9 @@ class KernelRegression(Method):
         least = shared.HARDLY_MOVED if self.weighting == "white" else shared.LEAST
         return shared.Instrument.of("kbr", ensemble, reference, least)
 
-    def _scale(self, record: kbr.Record) -> float:
+    def _scale(self, data: record.Record) -> float:
         """What gamma counts in, in N·m/rad; the record is one without a lag."""
-        return record.scale if self.scale is None else self.scale
+        return data.scale if self.scale is None else self.scale
 
     def _variances(self, scale: float) -> Array:
         """Prior variances of stiffness, viscosity and inertia about their means."""
@@ -247,16 +242,16 @@ class KernelRegression(Method):
         return ensemble.duration if self.period is None else self.period
 
     def _errors(
-        self, ensemble: Ensemble, left: Array, filters: Array, found: kbr.Fitted, missing: int
+        self, ensemble: Ensemble, left: Array, filters: Array, found: fitting.Fitted, missing: int
     ) -> partial[shared.PosteriorErrors]:
         """Errors of the coefficients' sums, but for the features and the covariance.
 
         The posterior takes the noise to be as strong as in the mean over the band that was fitted.
         """
-        rate = ensemble.sampling_rate
-        low, high = (min(frequency / rate, 0.5) for frequency in self.band)
-        filters, colour = _in_band(filters, self.band, rate), None
+        low, high = (min(frequency / ensemble.sampling_rate, 0.5) for frequency in self.band)
+        colour = None
         if self.weighting == "white":
+            filters = _in_band(filters, low, high) if high - low < 0.5 else filters
             products = shared.colour_products(ensemble, filters.shape[1])
             colour = shared.Colour.of(ensemble, left, found.effective / left.size, filters, products)
         return partial(
@@ -270,7 +265,7 @@ class KernelRegression(Method):
             missing=missing,
         )
 
-    def _evidence(self, ensemble: Ensemble, seed: int) -> kbr.Evidence:
+    def _evidence(self, ensemble: Ensemble, seed: int) -> tuning.Evidence:
         """Marginal likelihood: of l1, gammas and decays, then of other orders and lags; nothing is drawn at random.
 
         Noise that is not white in the band makes a record worth less than as many independent numbers, as what the
@@ -281,11 +276,11 @@ class KernelRegression(Method):
         if self.reference is not None or self.weighting != "white":
             return replace(self, reference=None, weighting="white")._evidence(ensemble, seed)
         noise, share = self._noise(ensemble)
-        scale = self._scale(kbr.Record.of(ensemble, self.band, kbr.HIGHEST))
-        theta = np.array([math.log(self.length_periodic), *np.log(self._variances(scale)), math.log(noise)])
-        given = kbr.Tried(self.order, self.lag, self.length_decay, theta, math.nan, "as given")
-        search = kbr.Search(ensemble, self._period(ensemble), self.band, noise, share, scale)
-        evidence = search.evidence(given, self)
+        scale = self._scale(record.Record.of(ensemble, self.band))
+        theta = np.log([self.length_periodic, *self._variances(scale), noise])
+        given = search.Tried(self.order, self.lag, self.length_decay, theta, math.nan, "as given")
+        compared = search.Search(ensemble, self._period(ensemble), self.band, noise, share)
+        evidence = compared.evidence(given, self, scale)
         if evidence.chosen:
             self._compare(replace(self, **evidence.settings), ensemble)
         return evidence
@@ -303,12 +298,12 @@ class KernelRegression(Method):
 
     def _noise(self, ensemble: Ensemble) -> tuple[float, float]:
         """Variance of what these settings leave, without decay, and what one of its samples is worth in white ones."""
-        endless = replace(self, length_decay=kbr.ENDLESS)._identify(ensemble)
+        endless = replace(self, length_decay=ENDLESS)._identify(ensemble)
         share = shared.independent_share(ensemble, endless.predict(ensemble), self.band)
         return endless.diagnostics.details["noise_variance"], share
 
     def _needed_band(self) -> tuple[float, float]:
-        return self.band[1], max(self.band[0], EXCITED_ABOVE)
+        return self.band[1], max(self.band[0], base.EXCITED_ABOVE)
 
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
         period = self._period(ensemble)
@@ -325,31 +320,20 @@ class KernelModel(SecondOrderModel):
 
     ``stiffness``, ``viscosity`` and ``inertia`` are means over the realizations that it was identified from. A
     prediction uses the impedance at the time of each realization. The coefficients multiply the features of the
-    ``kernel``. All realizations that it was identified from begin at the ``phase``, in s; it is NaN if they begin at
-    different ones. The torque lags behind what the joint does, with the time constant ``lag`` in s.
+    ``kernel``. The torque lags behind what the joint does, with the time constant ``lag`` in s.
     """
 
-    kernel: kbr.Kernel
-    phase: float
+    kernel: Kernel
     lag: float = 0.0
 
     def impedance(self, ensemble: Ensemble) -> tuple[Array, Array, Array]:
         """Stiffness, viscosity and inertia at the ensemble's own times, (time,) or (realization, time)."""
-        if self.same_for_all(ensemble):
-            return super().impedance(ensemble)
-        stiffness, viscosity, inertia = np.moveaxis(impedance_over(ensemble, self.kernel, self.coefficients), -1, 0)
+        each = fitting.impedance_over(ensemble, self.kernel, self.coefficients)
+        stiffness, viscosity, inertia = np.moveaxis(each if len(each) > 1 else each[0], -1, 0)
         return stiffness, viscosity, inertia
 
-    def same_for_all(self, ensemble: Ensemble) -> bool:
-        """Whether all realizations have the impedance of those that the model was identified from."""
-        return self.kernel.decay is None and common_phase(ensemble, self.kernel.period) == self.phase
-
-    def torque(self, ensemble: Ensemble) -> Array:
-        """Torque for an angle that has passed the lag already, shape (realization, time)."""
-        return super()._pathways(ensemble)["intrinsic"]
-
     def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
-        return {"intrinsic": self.torque(kbr.lagged(ensemble, self.lag))}
+        return super()._pathways(record.lagged(ensemble, self.lag))
 
 
 def _vaf(ensemble: Ensemble, predicted: Array) -> float:
@@ -374,16 +358,8 @@ def _agreement(impedance: Array, ensemble: Ensemble, left: Array, moved: Ensembl
     return shared.agreement_of(torque - left, left, angle, shared.autocovariance(angle, 2 * shared.HALF_WIDTH))
 
 
-def _in_band(filters: Array, band: tuple[float, float], rate: float) -> Array:
-    """Filters followed by one that passes the band."""
-    low, high = band
-    edges = [edge for edge in (low, high) if 0 < edge < rate / 2]
-    if not edges:
-        return filters
-    taps = 2 * shared.HALF_WIDTH + 1  # these weights are firwin's, and scipy.signal takes long to import
-    passing = (
-        scipy.signal.firwin(taps, edges, fs=rate, pass_zero=False)
-        if low
-        else shared.decimation_weights(rate / 2 / high, taps)
-    )
+def _in_band(filters: Array, low: float, high: float) -> Array:
+    """Filters followed by one that passes a band, in cycles per sample."""
+    lags = np.arange(-shared.HALF_WIDTH, shared.HALF_WIDTH + 1)
+    passing = np.hamming(len(lags)) * (2 * high * np.sinc(2 * high * lags) - 2 * low * np.sinc(2 * low * lags))
     return np.stack([np.convolve(row, passing) for row in filters])

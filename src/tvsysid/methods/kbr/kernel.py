@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,18 +33,17 @@ NODES = 1024  # nodes beyond which there would be more than that for any decay, 
 class Kernel:
     """Features of the locally periodic kernel: products of a harmonic of the period and a slow function of time.
 
-    ``decay`` gives the slow functions beside the constant, None where the kernel is strictly periodic. ``products`` are
-    harmonic, part (0 for cosine, 1 for sine) and slow function of each column, ``precision`` (column,) its prior
-    precision for gamma = 1. The first column is the constant without prior, 0.
+    ``decay`` gives the slow functions beside the constant, None where the kernel is strictly periodic. ``harmonic``,
+    ``sine`` (0 for cosine, 1 for sine) and ``slow``, the number of the slow function, make each column, ``precision``
+    is its prior precision for gamma = 1; all (column,). The first column is the constant without prior, 0.
     """
 
     period: float
     decay: DecayFeatures | None
-    products: tuple[tuple[int, int, int], ...]
+    harmonic: NDArray[np.int64]
+    sine: NDArray[np.int64]
+    slow: NDArray[np.int64]
     precision: Array
-
-    def __post_init__(self) -> None:
-        self.precision.flags.writeable = False
 
     @classmethod
     def of(cls, period: float, l1: float, l2: float, first: float, last: float, rate: float) -> Kernel:
@@ -53,70 +51,54 @@ class Kernel:
         # Harmonics beyond the Nyquist frequency would be aliases of slower ones.
         variances = harmonic_variances(l1)[: max(1, math.ceil(period * rate / 2))]
         decay = None if l2 >= STRICT * (last - first) else DecayFeatures(first, last, l2)
-        slow = [(0, 1.0)] if decay is None else list(enumerate(decay.variances, start=1))
-        count = 2 * np.count_nonzero(np.outer(variances, [share for _, share in slow]) > TOLERANCE)
-        if count > MOST:
+        # The constant, which comes first, is strictly periodic without prior; one column of it is enough.
+        shares = np.ones(1) if decay is None else np.concatenate([[0.0], decay.variances])
+        matter = np.outer(variances, shares) > TOLERANCE
+        if (count := 2 * np.count_nonzero(matter)) > MOST:
             raise InputError(
                 f"KernelRegression: a length_periodic of {l1:g} and a length_decay of {l2:g} s over a record of "
                 f"{last - first:g} s need some {count} features of each coefficient, at most {MOST} can be solved for; "
                 "give fewer realizations, a longer length_decay or a larger length_periodic"
             )
-        products = [
-            (harmonic, part, function)
-            for harmonic, variance in enumerate(variances)
-            for part in range(2 if harmonic else 1)
-            for function, share in slow
-            # Of the constant one column is enough: that without prior.
-            if variance * share > TOLERANCE and (harmonic, function) != (0, 0)
-        ]
-        precision = [0.0, *(1 / variances[harmonic] for harmonic, _, _ in products)]
-        return cls(period, decay, ((0, 0, 0), *products), np.array(precision))
+        matter[0, 0] = True
+        harmonic, sine, slow = np.nonzero(np.stack([matter, matter], axis=1))
+        columns = (harmonic > 0) | (sine == 0)
+        harmonic, sine, slow = harmonic[columns], sine[columns], slow[columns]
+        precision = np.where(harmonic + slow > 0, 1 / variances[harmonic], 0.0)
+        precision.flags.writeable = False
+        return cls(period, decay, harmonic, sine, slow, precision)
 
     @property
     def columns(self) -> int:
         """Features of each coefficient."""
-        return len(self.products)
+        return len(self.precision)
 
-    @cached_property
-    def harmonics(self) -> int:
+    @property
+    def highest(self) -> int:
         """Highest harmonic of the period."""
-        return max(harmonic for harmonic, _, _ in self.products)
+        return int(self.harmonic[-1])
 
-    def slow_features(self, clock: Array) -> Array:
-        """Constant and slow functions at times of the record in s, shape (function, time)."""
-        constant = np.ones((1, len(clock)))
-        return constant if self.decay is None else np.concatenate([constant, self.decay(clock).T])
+    @property
+    def place(self) -> NDArray[np.int64]:
+        """Column of :func:`harmonic_features` in each feature."""
+        return np.asarray(np.maximum(0, 2 * self.harmonic - 1 + self.sine))
 
     def visible(self, power: Array, noise: float) -> NDArray[np.bool_]:
         """Features that may reach a ``noise``, as a sum of squares, in the torque, shape (signal, column).
 
         ``power`` (signal,) is the prior variance of a signal's coefficient times its summed squares.
         """
-        with np.errstate(divide="ignore"):
-            return np.asarray(np.outer(power, 1 / self.precision) >= noise)
+        return np.asarray(power[:, None] >= noise * self.precision)
+
+    def slow_features(self, clock: Array) -> Array:
+        """Constant and slow functions at times of the record in s, shape (*clock, function)."""
+        constant = np.ones((*clock.shape, 1))
+        return constant if self.decay is None else np.concatenate([constant, self.decay(clock)], axis=-1)
 
     def __call__(self, phase: Array, clock: Array) -> Array:
-        """Features at times in s: of the periodic behaviour, and of the record; shape (time, column)."""
-        periodic = harmonic_features(phase, self.period, self.harmonics)
-        slow = self.slow_features(clock)
-        place, slowness = self.places
-        return np.asarray(periodic[:, place] * slow[slowness].T)
-
-    def combined(self, phase: Array, clock: Array, coefficients: Array) -> Array:
-        """Sums of features times coefficients (signal x column), without the features; shape (time, signal)."""
-        of_signals = coefficients.reshape(-1, self.columns)
-        slow = 1 if self.decay is None else 1 + len(self.decay.variances)
-        weights = np.zeros((2 * self.harmonics + 1, len(of_signals), slow))
-        place, slowness = self.places
-        weights[place, :, slowness] = of_signals.T
-        of_harmonics = np.tensordot(self.slow_features(clock), weights, axes=(0, 2))  # (time, harmonic, signal)
-        return np.asarray(np.einsum("th,thm->tm", harmonic_features(phase, self.period, self.harmonics), of_harmonics))
-
-    @cached_property
-    def places(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Column of :func:`harmonic_features` and row of :meth:`slow_features` that make each feature."""
-        harmonic, part, slowness = np.array(self.products).T
-        return np.maximum(0, 2 * harmonic - 1 + part), slowness
+        """Features at times in s: of the periodic behaviour, and of the record; shape (*time, column)."""
+        periodic = harmonic_features(phase, self.period, self.highest)
+        return np.asarray(periodic[..., self.place] * self.slow_features(clock)[..., self.slow])
 
 
 def harmonic_variances(l1: float) -> Array:
@@ -149,12 +131,11 @@ def log_harmonic_variances(l1: float, harmonics: int) -> tuple[Array, Array]:
 
 
 def harmonic_features(time: Array, period: float, harmonics: int) -> Array:
-    """Constant, then cosine and sine of each harmonic; shape (time, 2 x harmonics + 1)."""
-    features = np.ones((len(time), 2 * harmonics + 1))
-    turn = np.exp(2j * np.pi / period * time)[:, None]
+    """Constant, then cosine and sine of each harmonic; shape (*time, 2 x harmonics + 1)."""
+    turn = np.exp(2j * np.pi / period * time)[..., None]
     # Powers of one turn, whose parts are the cosines and sines.
-    features[:, 1:] = np.cumprod(np.broadcast_to(turn, (len(time), harmonics)), axis=1).view(np.float64)
-    return features
+    powers = np.cumprod(np.broadcast_to(turn, (*time.shape, harmonics)), axis=-1).view(np.float64)
+    return np.concatenate([np.ones((*time.shape, 1)), powers], axis=-1)
 
 
 class DecayFeatures:
@@ -181,8 +162,8 @@ class DecayFeatures:
         self.projection: Array = (root[:, None] * vectors[:, kept] / np.sqrt(values[kept]))[:, ::-1]
 
     def _kernel(self, time: Array) -> Array:
-        return np.asarray(np.exp(-(((time[:, None] - self.nodes) / self.l2) ** 2)))
+        return np.asarray(np.exp(-(((time[..., None] - self.nodes) / self.l2) ** 2)))
 
     def __call__(self, time: Array) -> Array:
-        """Values at the times in s, shape (time, feature)."""
+        """Values at the times in s, shape (*time, feature)."""
         return self._kernel(time) @ self.projection

@@ -1,11 +1,11 @@
-"""A record in unbroken runs, and what kernel-based regression needs of it."""
+"""A record in unbroken runs, and the sums over its frequencies that kernel-based regression is fitted to."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import replace
-from functools import lru_cache
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +15,7 @@ from scipy.fft import rfft
 from scipy.linalg import blas
 
 from tvsysid.errors import InputError
-from tvsysid.methods.kbr.kernel import Kernel, harmonic_features
+from tvsysid.methods.kbr.kernel import ENDLESS, Kernel, harmonic_features
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.gaussian import Statistics, fit
 from tvsysid.numerics.lowpass import low_pass
@@ -27,146 +27,147 @@ Chosen = NDArray[np.bool_]
 
 DEGREE = math.degrees(1.0)  # 1 N·m/deg in N·m/rad
 USUAL = 100.0  # modulus in N·m/rad of the impedance at 1 Hz whose gamma counts in (N·m/deg)²: that of the paper's joint
-BLOCK = 2048  # frequencies whose regressors are held at once
-STACK = 32  # runs of one length that are transformed together
+BLOCK = 512  # frequencies whose regressors are held at once
 EXTERNAL_TERMS = 5  # half-cosines over a run, the fastest of two cycles, that make up the smooth external term
 LARGEST = 2**31  # bytes above which regressors are refused
 
 
-class Run(NamedTuple):
-    """Unbroken stretches of record of one length: angle and its derivatives, torque, and when they were.
+class NoiseSpectrum(NamedTuple):
+    """Power of the noise over its mean, at frequencies in Hz."""
 
-    ``signals`` (derivative, run, time), ``torque`` (run, time), ``rate`` in Hz; ``phase`` and ``clock`` (run,), the
-    time in s at the start, since the trial's time 0 and on the record's clock.
+    frequency: Array
+    power: Array
+
+    def weights(self, frequency: Array) -> Array:
+        """Weights of other frequencies in Hz."""
+        return np.asarray(1 / np.sqrt(np.interp(frequency, self.frequency, self.power)))
+
+
+WHITE = NoiseSpectrum(np.zeros(1), np.ones(1))
+
+
+@dataclass(frozen=True, eq=False)
+class Runs:
+    """Unbroken stretches of record of one length, of which the ``band`` in Hz is fitted.
+
+    ``signals`` (signal, run, time) are the angle and its derivatives, then those of an instrument if there is one;
+    ``torque`` (run, time); ``rate`` in Hz; ``phase`` and ``clock`` (run,), the time in s at the start, since the
+    trial's time 0 and on the record's clock. Spectra are those of ``norm="ortho"``.
     """
 
     signals: Array
     torque: Array
     rate: float
+    band: tuple[float, float]
     phase: Array
     clock: Array
 
     @classmethod
-    def of(cls, ensemble: Ensemble, realizations: NDArray[np.int64], clock: float, order: int) -> Run:
-        """Join realizations that follow each other; the derivatives use the context at both ends, or lose samples."""
+    def of(cls, ensemble: Ensemble, members: NDArray[np.int64], band: tuple[float, float]) -> Runs:
+        """Join realizations (run, realization); the derivatives use the context at both ends, or lose samples."""
         assert ensemble.onsets is not None
-        rate, used = ensemble.sampling_rate, min(ensemble.context, HALF_WIDTH)
-        lost = HALF_WIDTH - used
-        torque = ensemble.torque[realizations, ensemble.core].ravel()
-        torque = torque[lost : len(torque) - lost]
-        signals = np.zeros((order + 1, 0))
-        if len(torque):
-            signals = differentiate(_joined(ensemble, realizations, used), rate)[: order + 1]
-        times = (np.array([onset + lost / rate]) for onset in (float(ensemble.onsets[realizations[0]]), clock))
-        return cls(signals[:, None], torque[None], rate, *times)
+        rate, first = ensemble.sampling_rate, members[:, 0]
+        lost = max(0, HALF_WIDTH - ensemble.context)
+        torque = ensemble.torque[members, ensemble.core].reshape(len(members), -1)
+        torque = torque[:, lost : torque.shape[1] - lost]
+        signals = differentiate(_joined(ensemble, members, min(ensemble.context, HALF_WIDTH)), rate)
+        return cls(
+            signals, torque, rate, band, ensemble.onsets[first] + lost / rate, clocks_of(ensemble)[first] + lost / rate
+        )
 
-    def bins(self, band: tuple[float, float]) -> tuple[int, int]:
-        """First frequency in the band, and the one after the last."""
-        count = self.torque.shape[1]
-        low = math.ceil(band[0] * count / self.rate - 1e-9)
-        return low, min(math.floor(band[1] * count / self.rate + 1e-9), count // 2) + 1
+    @cached_property
+    def bins(self) -> slice:
+        """Those in the band."""
+        low, high = (frequency * self.torque.shape[1] / self.rate for frequency in self.band)
+        return slice(math.ceil(low - 1e-9), min(math.floor(high + 1e-9), self.torque.shape[1] // 2) + 1)
 
-    def frequencies(self, low: int, high: int) -> Array:
-        """Frequencies in Hz of some bins."""
-        return np.asarray(np.arange(low, high) * (self.rate / self.torque.shape[1]))
+    @property
+    def frequency(self) -> Array:
+        """Frequencies in Hz of the bins."""
+        return np.asarray(np.arange(self.bins.start, self.bins.stop) * (self.rate / self.torque.shape[1]))
 
-    def output(self, low: int, high: int) -> ComplexArray:
+    @cached_property
+    def spectra(self) -> ComplexArray:
+        """Spectra of the signals (signal, run, frequency), of all frequencies."""
+        return np.asarray(rfft(self.signals, norm="ortho"))
+
+    @cached_property
+    def output(self) -> ComplexArray:
         """Spectrum of the torque (run, bin)."""
-        spectrum: ComplexArray = np.ascontiguousarray(rfft(self.torque)[:, low:high])
-        return spectrum * (1 / math.sqrt(self.torque.shape[1]))
+        return np.asarray(rfft(self.torque, norm="ortho")[:, self.bins])
 
-    def external_terms(self, low: int, high: int) -> ComplexArray:
+    @property
+    def external_terms(self) -> ComplexArray:
         """Spectra of the half-cosines that make up the external term, (term, bin)."""
-        return _half_cosines(self.torque.shape[1], low, high)
+        return _half_cosines(self.torque.shape[1], self.bins.start, self.bins.stop)
 
-    def in_band(self, kernel: Kernel, kept: Chosen, low: int, high: int) -> Iterator[tuple[int, ComplexArray]]:
-        """Regressors kept (column, run, bin), in blocks of frequencies, and the first bin of each.
+    def rows(self, kernel: Kernel, chosen: Chosen) -> Iterator[tuple[slice, ComplexArray]]:
+        """Regressors chosen of (signal, column) and, as the last row, the torque: (row, run, bin) and which bins.
 
-        In blocks, so that memory does not grow with the record times the columns.
+        In blocks of frequencies, so that memory does not grow with the record times the columns.
         """
         count = self.torque.shape[1]
         periods = count / self.rate / kernel.period
         shift = round(periods)
-        whole = abs(periods - shift) < 1e-9 * periods and high - 1 + kernel.harmonics * shift <= count // 2
-        return (self._shifted if whole else self._transformed)(kernel, kept, low, high)
+        reach = self.bins.stop - 1 + kernel.highest * shift
+        whole = kernel.highest * abs(periods - shift) < 1e-9 * periods and reach <= count // 2
+        for bins, out in (self._shifted if whole else self._transformed)(kernel, *np.nonzero(chosen)):
+            out[-1] = self.output[:, bins]
+            yield bins, out
 
-    def _shifted(self, kernel: Kernel, kept: Chosen, low: int, high: int) -> Iterator[tuple[int, ComplexArray]]:
+    def _shifted(
+        self, kernel: Kernel, signal: NDArray[np.int64], column: NDArray[np.int64]
+    ) -> Iterator[tuple[slice, ComplexArray]]:
         """Products with harmonics as shifts in frequency: exact where the run holds whole periods."""
         runs, count = self.torque.shape
         shift = round(count / self.rate / kernel.period)
-        reach = kernel.harmonics * shift
-        below = max(0, reach - low)
-        slow = self._slow(kernel)
-        # Of each signal and harmonic the first slow functions are kept, since their variances descend.
-        order, part, _ = np.transpose(kernel.products)
-        cosines = kept & (part == 0) & (kernel.precision > 0)
-        used = np.stack([np.bincount(order[row], minlength=kernel.harmonics + 1) for row in cosines])
-
-        def reaching(x: Array) -> ComplexArray:
-            """Spectra from bin low - reach to high + reach."""
-            spectrum = rfft(x)
-            ends = spectrum[..., below:0:-1].conj(), spectrum[..., max(0, low - reach) : high + reach]
-            found = np.concatenate(ends, axis=-1)
-            found *= 1 / math.sqrt(count)
-            return np.asarray(found, dtype=np.complex128)
-
-        # Shape (slow function, run, bin) for each signal. The constant, which comes first, needs no product.
-        spectra = [reaching(signal)[None] for signal in self.signals]
+        reach = kernel.highest * shift
+        spectra, source = self.spectra[..., : self.bins.stop + reach], signal
         if kernel.decay is not None:
-            for place, (signal, most) in enumerate(zip(self.signals, used.max(axis=1), strict=True)):
-                spectra[place] = np.concatenate([spectra[place], reaching(signal * slow[1 : 1 + most])])
-        first = 0 if kernel.decay is None else 1
-        harmonics = np.arange(kernel.harmonics + 1)
-        turns = 0.5 * np.exp(2j * np.pi * np.outer(harmonics, self.phase) / kernel.period)[:, :, None]
+            slow = self._slow(kernel)
+            pairs, source = np.unique(signal * len(slow) + kernel.slow[column], return_inverse=True)
+            products = (self.signals[m] * slow[n] for m, n in zip(*divmod(pairs, len(slow)), strict=True))
+            spectra = np.stack([rfft(each, norm="ortho")[:, : self.bins.stop + reach] for each in products])
+        spectra = np.concatenate([spectra[..., reach:0:-1].conj(), spectra], axis=-1)  # from bin -reach on
+        cosine = kernel.sine[column] == 0
+        source, harmonic = source[cosine], kernel.harmonic[column[cosine]]
+        turn = 0.5 * np.exp(2j * np.pi * np.outer(harmonic, self.phase) / kernel.period)[..., None]
         length = max(1, BLOCK // runs)
-        for start in range(low, high, length):
-            bins = min(length, high - start)
-            out = np.empty((int(kept.sum()), runs, bins), dtype=np.complex128)
-            centre, row = start - low + reach, 0
-            for spectrum, counts in zip(spectra, used, strict=True):
-                constant = 1 + (counts[0] if first else 0)
-                out[row : row + constant] = spectrum[:constant, :, centre : centre + bins]
-                row += constant
-                for harmonic in harmonics[1:]:
-                    many = counts[harmonic]
-                    functions = spectrum[first : first + many]
-                    up, down = centre - harmonic * shift, centre + harmonic * shift
-                    below_it = functions[:, :, up : up + bins] * turns[harmonic]
-                    above_it = functions[:, :, down : down + bins] * turns[harmonic].conj()
-                    np.add(below_it, above_it, out=out[row : row + many])
-                    sine = out[row + many : row + 2 * many]  # 1j times their difference
-                    np.subtract(below_it.imag, above_it.imag, out=sine.real)
-                    np.subtract(above_it.real, below_it.real, out=sine.imag)
-                    row += 2 * many
-            yield start - low, out
+        for start in range(self.bins.start, self.bins.stop, length):
+            stop = min(start + length, self.bins.stop)
+            windows = sliding_window_view(spectra, stop - start, axis=-1)
+            up = windows[source, :, start + reach - harmonic * shift] * turn
+            down = windows[source, :, start + reach + harmonic * shift] * turn.conj()
+            out = np.empty((len(column) + 1, runs, stop - start), dtype=np.complex128)
+            out[:-1][cosine] = up + down
+            up -= down
+            up *= -1j
+            out[:-1][~cosine] = up[harmonic > 0]
+            yield slice(start - self.bins.start, stop - self.bins.start), out
 
-    def _transformed(self, kernel: Kernel, kept: Chosen, low: int, high: int) -> Iterator[tuple[int, ComplexArray]]:
+    def _transformed(
+        self, kernel: Kernel, signal: NDArray[np.int64], column: NDArray[np.int64]
+    ) -> Iterator[tuple[slice, ComplexArray]]:
         """Products with any features, each transformed."""
-        runs, count = self.torque.shape
-        columns = int(kept.sum())
-        size = 16 * columns * runs * (high - low)
-        if size > LARGEST:
+        shape = (len(column) + 1, *self.output.shape)
+        if (size := 16 * math.prod(shape)) > LARGEST:
             raise InputError(
-                f"KernelRegression: {columns} regressors over {high - low} frequencies would take "
+                f"KernelRegression: {len(column)} regressors over {shape[2]} frequencies would take "
                 f"{size / 2**30:.1f} GiB; give realizations of whole periods, fewer of them, or a longer length_decay"
             )
         slow = self._slow(kernel)
-        index = np.arange(count) / self.rate
-        periodic = np.stack([harmonic_features(phase + index, kernel.period, kernel.harmonics) for phase in self.phase])
-        place, slowness = kernel.places
-        out = np.empty((columns, runs, high - low), dtype=np.complex128)
-        for row, (signal, column) in enumerate(np.argwhere(kept)):
-            feature = periodic[:, :, place[column]] * slow[slowness[column]]
-            out[row] = rfft(self.signals[signal] * feature)[:, low:high]
-        out /= math.sqrt(count)
-        yield 0, out
+        periodic = harmonic_features(self._times(self.phase), kernel.period, kernel.highest)
+        out = np.empty(shape, dtype=np.complex128)
+        for row, m, place, n in zip(out, signal, kernel.place[column], kernel.slow[column], strict=False):
+            row[:] = rfft(self.signals[m] * periodic[..., place] * slow[n], norm="ortho")[:, self.bins]
+        yield slice(0, shape[2]), out
 
     def _slow(self, kernel: Kernel) -> Array:
         """Slow functions over each run, shape (function, run, time)."""
-        if kernel.decay is None:
-            return np.broadcast_to(1.0, (1, *self.torque.shape))
-        clock = self.clock[:, None] + np.arange(self.torque.shape[1]) / self.rate
-        return kernel.slow_features(clock.ravel()).reshape(-1, *clock.shape)
+        return np.ascontiguousarray(np.moveaxis(kernel.slow_features(self._times(self.clock)), -1, 0))
+
+    def _times(self, start: Array) -> Array:
+        return np.add.outer(start, np.arange(self.torque.shape[1]) / self.rate)
 
 
 @lru_cache(maxsize=4)
@@ -188,54 +189,54 @@ def lagged(ensemble: Ensemble, lag: float) -> Ensemble:
         return ensemble
     angle = np.empty_like(ensemble.angle)
     for realizations in ensemble.runs:
-        passed = low_pass(_joined(ensemble, realizations, ensemble.context), lag, ensemble.sampling_rate)
+        passed = low_pass(_joined(ensemble, realizations[None], ensemble.context)[0], lag, ensemble.sampling_rate)
         angle[realizations] = sliding_window_view(passed, angle.shape[1])[:: ensemble.samples]
     return replace(ensemble, angle=angle)
 
 
-def _joined(ensemble: Ensemble, realizations: NDArray[np.int64], context: int) -> Array:
-    """Angle of realizations that follow each other, with so much context at both ends."""
+def _joined(ensemble: Ensemble, members: NDArray[np.int64], context: int) -> Array:
+    """Angle (run, time) of realizations that follow each other, with so much context at both ends."""
     start, stop = ensemble.core.start, ensemble.core.stop
-    ends = ensemble.angle[realizations[0], start - context : start], ensemble.angle[realizations[-1], stop:]
-    return np.concatenate([ends[0], ensemble.angle[realizations, start:stop].ravel(), ends[1][:context]])
+    before = ensemble.angle[members[:, 0], start - context : start]
+    after = ensemble.angle[members[:, -1], stop : stop + context]
+    inside = ensemble.angle[members, start:stop].reshape(len(members), -1)
+    return np.concatenate([before, inside, after], axis=1)
 
 
-class Record(NamedTuple):
-    """A record in ``stacks`` of unbroken runs, from ``start`` to ``stop`` in s; its ``band`` in Hz is fitted."""
+@dataclass(frozen=True, eq=False)
+class Record:
+    """A record in ``stacks`` of unbroken runs, from ``start`` to ``stop`` in s."""
 
-    stacks: list[Run]
+    stacks: tuple[Runs, ...]
     start: float
     stop: float
-    rate: float
-    band: tuple[float, float]
 
     @classmethod
-    def of(cls, ensemble: Ensemble, band: tuple[float, float], order: int) -> Record:
-        """With derivatives of the angle up to an order; raises if they, or the band, leave nothing."""
-        rate, clocks = ensemble.sampling_rate, clocks_of(ensemble)
-        runs = [Run.of(ensemble, joined, float(clocks[joined[0]]), order) for joined in ensemble.runs]
-        runs = [run for run in runs if run.torque.shape[1] >= 2]
-        if not runs or band[0] >= rate / 2:
+    def of(cls, ensemble: Ensemble, band: tuple[float, float]) -> Record:
+        """Raises if nothing is left in the band."""
+        rate, lost = ensemble.sampling_rate, max(0, HALF_WIDTH - ensemble.context)
+        alike: dict[int, list[NDArray[np.int64]]] = {}
+        for run in ensemble.runs:
+            if len(run) * ensemble.samples >= 2 * lost + 2:
+                alike.setdefault(len(run), []).append(run)
+        if not alike or band[0] >= rate / 2:
             raise InputError(
                 f"KernelRegression: nothing is left of realizations of {ensemble.samples} samples at "
                 f"{rate:g} Hz after {HALF_WIDTH} at either end for the derivatives, within a band of "
                 f"{band[0]:g} to {band[1]:g} Hz; give context, longer realizations or a lower band"
             )
-        stop = max(run.clock.max() + run.torque.shape[1] / rate for run in runs)
-        return cls(list(_stacked(runs)), min(run.clock.min() for run in runs), stop, rate, band)
+        stacks = tuple(Runs.of(ensemble, np.stack(members), band) for members in alike.values())
+        stop = max(runs.clock.max() + runs.torque.shape[1] / rate for runs in stacks)
+        return cls(stacks, min(runs.clock.min() for runs in stacks), stop)
 
-    def kernel(self, period: float, l1: float, l2: float = math.inf) -> Kernel:
+    def kernel(self, period: float, l1: float, l2: float = ENDLESS) -> Kernel:
         """Features that matter over the record."""
-        return Kernel.of(period, l1, l2, self.start, self.stop, self.rate)
+        return Kernel.of(period, l1, l2, self.start, self.stop, self.stacks[0].rate)
 
-    def beside(self, other: Record) -> Record:
-        """Record with the signals of another after its own, as instruments."""
+    def with_instrument(self, other: Record) -> Record:
+        """Record with the signals of another after its own."""
         pairs = zip(self.stacks, other.stacks, strict=True)
-        return self._replace(stacks=[a._replace(signals=np.concatenate([a.signals, b.signals])) for a, b in pairs])
-
-    def up_to(self, order: int) -> Record:
-        """Record without the higher derivatives."""
-        return self._replace(stacks=[run._replace(signals=run.signals[: order + 1]) for run in self.stacks])
+        return replace(self, stacks=tuple(replace(a, signals=np.concatenate([a.signals, b.signals])) for a, b in pairs))
 
     @property
     def scale(self) -> float:
@@ -244,86 +245,64 @@ class Record(NamedTuple):
         1 N·m/deg for the paper's joint. Unlike the torque over the angle, it does not depend on the perturbation or the
         noise; at 1 Hz, a joint without stiffness has one too.
         """
-        constant = Kernel(1.0, None, ((0, 0, 0),), np.zeros(1))
-        orders = len(self.stacks[0].signals)
-        found = fit(self.statistics(constant, np.ones((orders, 1), dtype=bool)), np.zeros(orders), self.weak_prior)
+        constant = Kernel.of(1.0, math.inf, math.inf, 0.0, 1.0, 1.0)
+        found = fit(self.statistics(constant, np.ones((3, 1), dtype=bool)), np.zeros(3), self.weak_prior)
         modulus = abs(np.polynomial.polynomial.polyval(2j * np.pi, found.mean))
         least = 1e-6 * math.sqrt(self.power / self.powers[0])  # of a torque that does not answer at all
         return DEGREE / USUAL * max(float(modulus), least)
 
-    @property
+    @cached_property
     def powers(self) -> Array:
-        """Summed squares of the angle and its derivatives."""
-        orders = range(len(self.stacks[0].signals))
-        return np.array([sum(float(np.sum(run.signals[m] ** 2)) for run in self.stacks) for m in orders])
+        """Summed squares of each signal."""
+        return np.asarray(sum(np.einsum("mrt,mrt->m", runs.signals, runs.signals) for runs in self.stacks))
+
+    @cached_property
+    def power(self) -> float:
+        """Summed squares of the torque."""
+        return sum(float(np.vdot(runs.torque, runs.torque)) for runs in self.stacks)
 
     @property
     def size(self) -> int:
         """Samples of the torque."""
-        return sum(run.torque.size for run in self.stacks)
-
-    @property
-    def power(self) -> float:
-        """Summed squares of the torque."""
-        return sum(float(np.vdot(run.torque, run.torque)) for run in self.stacks)
+        return sum(runs.torque.size for runs in self.stacks)
 
     @property
     def weak_prior(self) -> float:
         """Prior precision of the external terms: one over the torque's mean square."""
         return self.size / (self.power or 1.0)
 
-    def statistics(self, kernel: Kernel, kept: Chosen, weighting: Callable[[Array], Array] | None = None) -> Statistics:
-        """Sums over real and imaginary parts of the frequencies in the band, of the features kept.
+    def statistics(self, kernel: Kernel, chosen: Chosen, noise: NoiseSpectrum = WHITE) -> Statistics:
+        """Weighted sums over real and imaginary parts of the frequencies in the band, of the features chosen.
 
-        ``weighting`` gives weights of frequencies in Hz. Each run has its own external terms; they are turned so that
-        they are orthogonal in the band.
+        Each run has its own external terms; they are turned so that they are orthogonal in the band.
         """
-        size, square, count = int(kept.sum()), 0.0, 0
-        gram, cross = np.zeros((size, size), order="F"), np.zeros(size)
-        mixed, shared, powers = [], [], []
-        for run in self.stacks:
-            low, high = run.bins(self.band)
-            runs = len(run.torque)
-            output, terms = run.output(low, high), run.external_terms(low, high)
-            weights = None if weighting is None else weighting(run.frequencies(low, high))
-            if weights is not None:
-                output, terms = output * weights, terms * weights
-            power, axes = np.linalg.eigh(terms.view(np.float64) @ terms.view(np.float64).T)
-            terms = axes.T @ terms
-            between = np.zeros((size, runs, EXTERNAL_TERMS))
-            for first, products in run.in_band(kernel, kept, low, high):
-                block = slice(first, first + products.shape[2])
-                weighted = products if weights is None else products * weights[block]
-                regressors, target, within = (
-                    np.ascontiguousarray(values).view(np.float64)
-                    for values in (weighted, output[:, block], terms[:, block])
-                )
-                flat = regressors.reshape(size, -1)
+        size, number = np.count_nonzero(chosen) + 1, 0
+        gram = np.zeros((size, size), order="F")
+        mixed, powers = [], []
+        for runs in self.stacks:
+            weights = noise.weights(runs.frequency)
+            terms = runs.external_terms * weights
+            power, axes = np.linalg.eigh((terms @ terms.conj().T).real)
+            turned = (axes.T @ terms).view(np.float64)
+            between = np.zeros((size * len(runs.torque), EXTERNAL_TERMS))
+            for bins, rows in runs.rows(kernel, chosen):
+                parts = (rows if noise is WHITE else rows * weights[bins]).view(np.float64)
+                flat = parts.reshape(size, -1)
                 gram = blas.dsyrk(1.0, flat.T, beta=1.0, c=gram, trans=1, lower=1, overwrite_c=1)
-                cross += flat @ target.ravel()
-                between += (regressors.reshape(-1, within.shape[1]) @ within.T).reshape(between.shape)
+                between += parts.reshape(len(between), -1) @ turned[:, 2 * bins.start : 2 * bins.stop].T
             mixed.append(between.reshape(size, -1))
-            shared.append((output.view(np.float64) @ terms.view(np.float64).T).ravel())
-            powers.append(np.tile(np.maximum(power, 0.0), runs))
-            square += float(np.sum(np.abs(output) ** 2))
-            count += 2 * output.size
-        nuisance = np.concatenate(mixed, axis=1), np.concatenate(shared), np.concatenate(powers)
-        return Statistics(gram, cross, square, count, *nuisance)
-
-
-def _stacked(runs: list[Run]) -> Iterator[Run]:
-    """Runs of one length together."""
-    alike: dict[int, list[Run]] = {}
-    for run in runs:
-        alike.setdefault(run.torque.shape[1], []).append(run)
-    for group in alike.values():
-        for first in range(0, len(group), STACK):
-            run, *others = group[first : first + STACK]
-            if others:  # one by itself needs no copy
-                signals, torque, _, phase, clock = zip(run, *others, strict=True)
-                times = np.concatenate(phase), np.concatenate(clock)
-                run = Run(np.concatenate(signals, axis=1), np.concatenate(torque), run.rate, *times)
-            yield run
+            powers.append(np.tile(np.maximum(power, 0.0), len(runs.torque)))
+            number += 2 * runs.output.size
+        nuisance = np.concatenate(mixed, axis=1)
+        return Statistics(
+            np.asfortranarray(gram[:-1, :-1]),
+            gram[-1, :-1],
+            float(gram[-1, -1]),
+            number,
+            nuisance[:-1],
+            nuisance[-1],
+            np.concatenate(powers),
+        )
 
 
 def clocks_of(ensemble: Ensemble) -> Array:

@@ -6,23 +6,29 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from operator import attrgetter
+from typing import Any
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
-from tvsysid.methods.kbr.kernel import ENDLESS, VISIBLE, Kernel
-from tvsysid.methods.kbr.likelihood import LENGTHS, Likelihood, Tried
-from tvsysid.methods.kbr.record import Record, lagged
+from tvsysid.errors import InputError
+from tvsysid.methods.kbr.kernel import ENDLESS, VISIBLE, Kernel, log_harmonic_variances
+from tvsysid.methods.kbr.record import Chosen, Record, lagged
 from tvsysid.methods.tuning.evidence import Evidence, edge_of
+from tvsysid.numerics.gaussian import Statistics, log_evidence, of_columns, of_share, unit_information, without_nuisance
 from tvsysid.signals import Array, Ensemble
 
-HIGHEST = 2  # order of an impedance: inertia, viscosity and stiffness
+LENGTHS = np.geomspace(0.002, 30.0, 12)  # periodic lengths of which a tuned one is the best
 DECAYS = (4.0, 2.0, 1.0, 0.5, 0.25, 0.125)  # decays that are tried, in lengths of the record
 LAGS = (0.001, 0.002, 0.004, 0.008, 0.016, 0.032, 0.05)  # lags in s that are tried, until the likelihood falls
 REFINED = 6  # further lags about the best of them
 START = 1e3  # power of the torque that each coefficient makes, in noise variances, from which tuning sets out
 LEEWAY = 100.0  # factor by which a decay may enlarge a prior variance
 MOST = 2000  # coefficients beyond which a decay is not tried, and settings that were given are not compared
+NOISES = 20  # steps of the noise variance at most, for settings that are given
+FAR = 12.0  # from the log noise variance at the start: so much less is no noise, but data too few to show any
+FAINT = 1e-7  # share of the noise below which a feature's part of the torque does not count in the likelihood
 # Log marginal likelihood by which a decay must be worse for shorter ones not to be tried, and by which an order or a
 # lag must be better than the one given.
 CLEARLY = 5.0
@@ -30,11 +36,145 @@ _value = attrgetter("value")
 
 
 @dataclass(frozen=True, eq=False)
+class Tried:
+    """Settings that were tried, and their log marginal likelihood.
+
+    ``theta`` holds the logs of l1, three prior variances and the noise variance; one beyond the ``order`` says nothing.
+    ``line`` is what they differ in from those given.
+    """
+
+    order: int
+    lag: float
+    decay: float
+    theta: Array
+    value: float
+    line: str
+
+    @property
+    def variances(self) -> Array:
+        """Prior variances of the coefficients that the model has."""
+        return np.asarray(np.exp(self.theta[1 : 2 + self.order]))
+
+    def settings(self, scale: float) -> dict[str, Any]:
+        """As arguments of the method, to four digits; gammas count in squares of the scale."""
+        numbers = (math.exp(self.theta[0]), self.decay, self.lag, *(np.exp(self.theta[1:4]) / scale**2))
+        length, decay, lag, *gammas = (float(f"{number:.4g}") for number in numbers)
+        of_kernel = {"length_periodic": length, "length_decay": decay, "gamma": tuple(gammas)}
+        return of_kernel | {"order": self.order, "lag": lag}
+
+
+@dataclass(frozen=True, eq=False)
+class Likelihood:
+    r"""Log marginal likelihood as a function of the logs of l1, three prior variances and the noise variance.
+
+    For one order, lag and decay (in s), and so that others can be compared with them:
+
+    .. math:: \log p + \log \pi(\hat b) - \tfrac12 (M + 1 + L) \log N
+
+    The first is the restricted likelihood of :func:`tvsysid.numerics.gaussian.log_evidence`; the second makes it that
+    under a unit-information prior on the constants (:func:`tvsysid.numerics.gaussian.unit_information`); the third is
+    the price of what is fitted by its maximum and is not common to all models: M + 1 gammas, and a lag (L = 1) unless
+    it is 0. Within an order and lag the last two are constant.
+
+    ``statistics`` are of N numbers, the external terms eliminated about the ``noise`` variance, of which also the prior
+    of the constants is. ``coefficient`` and ``harmonic`` are those of each column; the ``fixed`` ones have no prior.
+    """
+
+    statistics: Statistics
+    coefficient: NDArray[np.int64]
+    harmonic: NDArray[np.int64]
+    fixed: Chosen
+    noise: float
+    lag: float
+    decay: float
+
+    @classmethod
+    def of(
+        cls,
+        record: Record,
+        kernel: Kernel,
+        kept: Chosen,
+        noise: float,
+        lag: float = 0.0,
+        decay: float = ENDLESS,
+        share: float = 1.0,
+    ) -> Likelihood:
+        """With the external terms eliminated for about this noise variance; of a share of the numbers."""
+        coefficient, column = np.nonzero(kept)
+        statistics = without_nuisance(record.statistics(kernel, kept), record.weak_prior, noise)
+        return cls(of_share(statistics, share), coefficient, kernel.harmonic[column], column == 0, noise, lag, decay)
+
+    def up_to(self, order: int) -> Likelihood:
+        """Likelihood of the model without the higher derivatives."""
+        mask = self.coefficient <= order
+        columns = {name: getattr(self, name)[mask] for name in ("coefficient", "harmonic", "fixed")}
+        return replace(self, statistics=of_columns(self.statistics, mask), **columns)
+
+    @property
+    def order(self) -> int:
+        """Highest derivative of the angle."""
+        return int(self.coefficient.max())
+
+    def __call__(self, theta: Array) -> tuple[float, Array]:
+        """Restricted log likelihood, and its derivatives."""
+        logs, slopes = log_harmonic_variances(math.exp(theta[0]), int(self.harmonic.max()))
+        variances = np.where(self.fixed, 0.0, theta[1 + self.coefficient] + logs[self.harmonic])
+        with np.errstate(divide="ignore"):
+            strength = variances + np.log(np.diag(self.statistics.gram)) - theta[4]
+        seen = self.fixed | (strength > math.log(FAINT))
+        precision = np.where(self.fixed, 0.0, np.exp(-np.where(seen, variances, 0.0)))[seen]
+        found = log_evidence(of_columns(self.statistics, seen), precision, 1.0, math.exp(theta[4]))
+        by_gamma = np.bincount(self.coefficient[seen], found.by_variances, minlength=3)
+        by_length = float(found.by_variances @ slopes[self.harmonic[seen]])
+        return found.value, np.array([by_length, *by_gamma, found.by_noise])
+
+    def at(self, theta: Array, line: str) -> Tried:
+        """These settings, but with the noise variance that suits them best."""
+        place = theta.copy()
+        for _ in range(NOISES):
+            value, slope = self(place)
+            # The likelihood of a log variance curves like that of so many numbers.
+            step = slope[4] / (0.5 * self.statistics.number)
+            if abs(step) < 1e-4:
+                break
+            place[4] = np.clip(place[4] + step, theta[4] - FAR, theta[4] + FAR)
+        return self.tried(place, value, line)
+
+    def climb(self, theta: Array, line: str, length: float | None = None, leeway: float = 15.0) -> Tried:
+        """Highest likelihood near a start; at one l1, if that is given, and with gammas no larger than by a leeway."""
+        lengths = np.log([LENGTHS[0], LENGTHS[-1]] if length is None else [length, length])
+        low, high = theta - np.array([0.0, 50.0, 50.0, 50.0, FAR]), theta + np.array([0.0, *(leeway,) * 3, FAR])
+        low[0], high[0] = lengths
+        # That of about white noise, so that where the search stops does not depend on the unit of the torque.
+        usual = -0.5 * self.statistics.number * math.log(self.noise)
+
+        def descent(place: Array) -> tuple[float, Array]:
+            value, slope = self(place)
+            return usual - value, -slope
+
+        bounds, options = scipy.optimize.Bounds(low, high), {"ftol": 1e-9}
+        start = np.clip(theta, low, high)
+        found = scipy.optimize.minimize(descent, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+        if found.x[4] <= low[4]:
+            raise InputError(
+                "the settings of kbr cannot be found from the data: so few realizations are explained without any "
+                "noise; give more realizations, or the settings"
+            )
+        return self.tried(found.x, usual - float(found.fun), line)
+
+    def tried(self, theta: Array, value: float, line: str) -> Tried:
+        """Settings with their restricted likelihood, made comparable with other orders' and lags'."""
+        price = 0.5 * (self.order + 1 + (self.lag > 0)) * math.log(self.statistics.number)
+        comparable = unit_information(of_columns(self.statistics, self.fixed), self.noise) - price
+        return Tried(self.order, self.lag, self.decay, theta, value + comparable, line)
+
+
+@dataclass(frozen=True, eq=False)
 class Search:
     """What settings are compared on.
 
     ``noise`` is about the variance that the settings given leave; ``share`` says how many independent numbers one
-    number of the record is worth; a gamma counts in squares of the ``scale``.
+    number of the record is worth.
     """
 
     ensemble: Ensemble
@@ -42,36 +182,33 @@ class Search:
     band: tuple[float, float]
     noise: float
     share: float
-    scale: float
 
-    def evidence(self, given: Tried, method: object) -> Evidence:
-        """Evidence for all settings that are tried, first those given, which are a method's."""
+    def evidence(self, given: Tried, method: object, scale: float) -> Evidence:
+        """Evidence for all settings that are tried, first those given, which are a method's; ``scale`` is of gamma."""
         tried, chosen = self.from_settings(given)
+        settings = [each.settings(scale) for each in tried]
+        edges: tuple[str, ...] = ()
+        if chosen:  # no decay and no lag are no edges
+            length, decay, lag = (settings[chosen][name] for name in ("length_periodic", "length_decay", "lag"))
+            edges += edge_of("length_periodic", length, (float(f"{each:.4g}") for each in LENGTHS))
+            if decay < ENDLESS:
+                edges += edge_of("length_decay", decay, (each["length_decay"] for each in settings))
+            if lag >= LAGS[-1]:
+                edges += edge_of("lag", lag, LAGS)
+        settings[0] = {name: getattr(method, name) for name in settings[0]}
         return Evidence(
             criterion="log marginal likelihood",
             unit="nat",
             better="higher",
-            tried=(
-                {name: getattr(method, name) for name in given.settings(self.scale)},
-                *(each.settings(self.scale) for each in tried[1:]),
-            ),
+            tried=tuple(settings),
             values=np.array([each.value for each in tried]),
             standard_errors=np.full(len(tried), math.nan),
             chosen=chosen,
             axis="length_periodic (no unit)",
             positions=np.exp([each.theta[0] for each in tried]),
             lines=tuple(each.line for each in tried),
-            edges=self._edges(tried, chosen) if chosen else (),
+            edges=edges,
         )
-
-    def _edges(self, tried: list[Tried], chosen: int) -> tuple[str, ...]:
-        """Which of the settings chosen are the last that were tried; none means no decay, and no lag."""
-        settings = [each.settings(self.scale) for each in tried]
-        length, decay, lag = (settings[chosen][name] for name in ("length_periodic", "length_decay", "lag"))
-        edges = edge_of("length_periodic", length, (float(f"{each:.4g}") for each in LENGTHS))
-        if decay < ENDLESS:
-            edges += edge_of("length_decay", decay, (each["length_decay"] for each in settings))
-        return edges + (edge_of("lag", lag, LAGS) if lag >= LAGS[-1] else ())
 
     def from_settings(self, given: Tried) -> tuple[list[Tried], int]:
         """All that was tried, those given first, and which is the best.
@@ -82,26 +219,24 @@ class Search:
         record = self._record(given.lag)
         # No harmonic is shared by two lengths, but its variance: all lengths have one Gram matrix.
         kernel = record.kernel(self.period, LENGTHS[0])
-        every = np.ones((HIGHEST + 1, kernel.columns), dtype=bool)
+        every = np.ones((3, kernel.columns), dtype=bool)
         everything = Likelihood.of(record, kernel, every, self.noise, given.lag, share=self.share)
-        tried = [self._as_given(record, given), *self._lengths(record, everything.up_to(given.order))]
-        endless = max(tried[1:], key=_value)
-        tried += self._decays(record, tried[1:])
-        own = int(np.nanargmax([each.value for each in tried]))
+        strict = self._lengths(record, everything.up_to(given.order))
+        endless = max(strict, key=_value)
+        tried = [self._as_given(given), *strict, *self._decays(endless, float(record.stop - record.start))]
+        chosen = tried[int(np.nanargmax([each.value for each in tried]))]
 
         other = list(self._orders(record, everything, endless))
         for each in (endless, *other):
             other += self._lags(each, max(endless, *other, key=_value))
         best = self._clearly_better(endless, other)
-        if best is not endless and tried[own].decay < endless.decay:
-            decayed = self._one_decay(self._record(best.lag), best, tried[own].decay)
-            other += [] if decayed is None else [decayed]
-        alike = [place for place, each in enumerate(other) if (each.order, each.lag) == (best.order, best.lag)]
-        found = max(alike, key=lambda place: other[place].value, default=-1)
-        chosen = own
-        if best is not endless and other[found].value > tried[own].value + CLEARLY:
-            chosen = len(tried) + found
-        return tried + other, chosen
+        if best is not endless:
+            if chosen.decay < endless.decay:
+                other += self._decayed(best, chosen.decay)
+            top = max((each for each in other if (each.order, each.lag) == (best.order, best.lag)), key=_value)
+            chosen = top if top.value > chosen.value + CLEARLY else chosen
+        tried += other
+        return tried, tried.index(chosen)
 
     def _clearly_better(self, endless: Tried, other: list[Tried]) -> Tried:
         """Best of other orders and lags, if it is clearly better than the order and lag given, or else these.
@@ -109,11 +244,9 @@ class Search:
         A share of the numbers says too little of an order or a lag: noise that is not white is slow, and so is quiet
         where inertia shows. So they must be better by all the numbers, too.
         """
-        whole, alike = (
-            replace(self, share=1.0),
-            {(each.order, each.lag > 0): each for each in sorted(other, key=_value)},
-        )
-        for each in sorted(alike.values(), key=_value, reverse=True):
+        whole = replace(self, share=1.0)
+        best_of_kind = {(each.order, each.lag > 0): each for each in sorted(other, key=_value)}
+        for each in sorted(best_of_kind.values(), key=_value, reverse=True):
             if each.value <= endless.value + CLEARLY:
                 break
             if whole._at(each, each.lag).value > whole._at(endless, endless.lag).value:
@@ -121,15 +254,17 @@ class Search:
         return endless
 
     def _record(self, lag: float) -> Record:
-        return Record.of(lagged(self.ensemble, lag), self.band, HIGHEST)
+        return Record.of(lagged(self.ensemble, lag), self.band)
 
     def _likelihood(
-        self, record: Record, kernel: Kernel, variances: Array, lag: float, decay: float
-    ) -> Likelihood | None:
-        """Of the features that may be seen with these prior variances; None if there are too many."""
-        kept = kernel.visible(variances * record.powers, VISIBLE * self.noise)
-        if int(kept.sum()) > MOST:
-            return None
+        self, about: Tried, variances: Array, lag: float, decay: float = ENDLESS, least: float = 0.0
+    ) -> Likelihood:
+        """Likelihood of features that may be seen with prior variances (coefficient,), or with this power at least."""
+        record = self._record(lag)
+        kernel = record.kernel(self.period, math.exp(about.theta[0]), decay)
+        kept = kernel.visible(np.maximum(variances * record.powers[: len(variances)], least), VISIBLE * self.noise)
+        if kept.sum() > MOST:
+            raise InputError(f"KernelRegression: more than {MOST} coefficients are too many to compare")
         return Likelihood.of(record, kernel, kept, self.noise, lag, decay, self.share)
 
     def _loose(self, record: Record) -> Array:
@@ -137,64 +272,53 @@ class Search:
         noise = math.log(self.noise)
         return np.array([0.0, *(math.log(START) + noise - np.log(record.powers)), noise])
 
-    def _as_given(self, record: Record, given: Tried) -> Tried:
-        own = record.up_to(given.order)
-        kernel = record.kernel(self.period, math.exp(given.theta[0]), given.decay)
-        likelihood = self._likelihood(own, kernel, given.variances, given.lag, given.decay)
-        if likelihood is None:
+    def _as_given(self, given: Tried) -> Tried:
+        try:
+            return self._likelihood(given, given.variances, given.lag, given.decay).at(given.theta, given.line)
+        except InputError:  # too many coefficients
             return given
-        theta = given.theta.copy()
-        theta[4], value = likelihood.best_noise(theta)
-        return likelihood.tried(theta, value, given.line)
 
-    def _lengths(self, record: Record, strict: Likelihood) -> Iterator[Tried]:
+    def _lengths(self, record: Record, strict: Likelihood) -> list[Tried]:
         """Best settings for each l1, and those for any."""
         starts, found = [self._loose(record)], []
         for length in LENGTHS:
             found.append(max((strict.climb(theta, "no decay", length) for theta in starts), key=_value))
             starts[1:] = [found[-1].theta]
-        yield from found
-        yield strict.climb(max(found, key=_value).theta, "no decay")
+        return [*found, strict.climb(max(found, key=_value).theta, "no decay")]
 
-    def _decays(self, record: Record, strict: list[Tried]) -> Iterator[Tried]:
+    def _decays(self, best: Tried, length: float) -> Iterator[Tried]:
         """Best settings for shorter and shorter decays, as long as there is something to gain."""
-        best = max(strict, key=_value)
         for share in DECAYS:
-            decay = float(share * (record.stop - record.start))
-            found = self._one_decay(record, best, decay) if decay >= 2 * self.period else None
-            if found is None:
+            found = self._decayed(best, share * length) if share * length >= 2 * self.period else []
+            yield from found
+            if not found or found[0].value < best.value - CLEARLY:
                 break
-            yield found
-            if found.value < best.value - CLEARLY:
-                break
-            best = max(best, found, key=_value)
+            best = max(best, *found, key=_value)
 
-    def _one_decay(self, record: Record, best: Tried, decay: float) -> Tried | None:
+    def _decayed(self, best: Tried, decay: float) -> list[Tried]:
         """Best settings for a decay; none if that takes too many coefficients."""
-        own = record.up_to(best.order)
-        kernel = record.kernel(self.period, math.exp(best.theta[0]), decay)
-        likelihood = self._likelihood(own, kernel, LEEWAY * best.variances, best.lag, decay)
-        if likelihood is None:
-            return None
-        return likelihood.climb(best.theta, f"decay {decay:.3g} s", leeway=math.log(LEEWAY))
+        try:
+            likelihood = self._likelihood(best, LEEWAY * best.variances, best.lag, decay)
+        except InputError:
+            return []
+        return [likelihood.climb(best.theta, f"decay {decay:.3g} s", leeway=math.log(LEEWAY))]
 
     def _orders(self, record: Record, likelihood: Likelihood, best: Tried) -> Iterator[Tried]:
         """Best settings for each other order."""
-        loose = self._loose(record)
-        for order in range(HIGHEST + 1):
+        theta, absent = best.theta.copy(), slice(2 + best.order, 4)
+        theta[absent] = self._loose(record)[absent]
+        for order in range(3):
             if order != best.order:
-                own, theta = likelihood.up_to(order), best.theta.copy()
-                theta[1 + best.order + 1 : 4] = loose[1 + best.order + 1 : 4]
-                theta[4], _ = own.best_noise(theta)
-                yield own.climb(theta, f"order {order}")
+                own, line = likelihood.up_to(order), f"order {order}"
+                yield own.climb(own.at(theta, line).theta, line)
 
     def _about(self, best: Tried, lag: float) -> Likelihood:
         """Likelihood without decay, about the best settings, for another lag."""
-        record = self._record(lag).up_to(best.order)
-        kernel = record.kernel(self.period, math.exp(best.theta[0]))
-        loose = np.exp(self._loose(record)[1:-1])
-        kept = kernel.visible(np.maximum(LEEWAY * best.variances, loose) * record.powers, VISIBLE * self.noise)
-        return Likelihood.of(record, kernel, kept, self.noise, lag, share=self.share)
+        return self._likelihood(best, LEEWAY * best.variances, lag, least=START * self.noise)
+
+    def _at(self, best: Tried, lag: float) -> Tried:
+        """Best settings but for a lag, with the noise that suits them."""
+        return self._about(best, lag).at(best.theta, "other lags")
 
     def _lags(self, best: Tried, rival: Tried) -> Iterator[Tried]:
         """Other lags, each twice the one before, with the best settings; and the best settings for the best of them.
@@ -204,32 +328,23 @@ class Search:
         looked for only where it may come up to a rival.
         """
         tried = [self._at(best, 0.0) if best.lag else best]
-        yield from tried[: 1 if best.lag else 0]
         for lag in LAGS:
             tried.append(self._at(best, lag))
-            yield tried[-1]
             if tried[-1].value < tried[-2].value:
                 break
+        yield from tried if best.lag else tried[1:]
         top = max(tried, key=_value)
         if top.value + (top.value - best.value) / 8 <= rival.value:
             return
         if top.lag:
-            found: dict[float, Tried] = {}
+            found: list[Tried] = []
 
             def loss(lag: float) -> float:
-                found[lag] = self._at(best, lag)
-                return -found[lag].value
+                found.append(self._at(best, lag))
+                return -found[-1].value
 
-            scipy.optimize.minimize_scalar(
-                loss, bounds=(top.lag / 2, 2 * top.lag), method="bounded", options={"maxiter": REFINED}
-            )
-            yield from found.values()
-            top = max(top, *found.values(), key=_value)
+            bounds, options = (top.lag / 2, 2 * top.lag), {"maxiter": REFINED}
+            scipy.optimize.minimize_scalar(loss, bounds=bounds, method="bounded", options=options)
+            yield from found
+            top = max(top, *found, key=_value)
         yield self._about(best, top.lag).climb(top.theta, f"lag {1e3 * top.lag:.3g} ms" if top.lag else "no lag")
-
-    def _at(self, best: Tried, lag: float) -> Tried:
-        """Best settings but for a lag, with the noise that suits them."""
-        likelihood = self._about(best, lag)
-        theta = best.theta.copy()
-        theta[4], value = likelihood.best_noise(theta)
-        return likelihood.tried(theta, value, "other lags")

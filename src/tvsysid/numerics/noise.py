@@ -9,6 +9,8 @@ from tvsysid.numerics import Array
 from tvsysid.numerics.moments import diagonal_moments
 
 ROUNDING = 1e-9  # share of a regressor's power that is rounding
+SAMPLES = 40  # of noise for each lag of its autocorrelation
+FLOOR = 0.01  # share of the noise's power that is taken as white at least
 FAINT = 1e-13  # share of the power that filters could pass below which a filtered angle is rounding
 
 
@@ -27,6 +29,21 @@ def autocovariance(x: Array, lags: int) -> Array:
     power = np.einsum("rf,rf->f", spectrum.real, spectrum.real) + np.einsum("rf,rf->f", spectrum.imag, spectrum.imag)
     products = irfft(power, size)[: lags + 1]
     return np.asarray(np.where(np.arange(lags + 1) < count, products / x.size, 0.0))
+
+
+def autocorrelation(noise: Array, floor: float = FLOOR) -> Array:
+    """Autocorrelation of noise (realization, time), from lag 0 on, as far as it is well known.
+
+    Noise and lags are tapered by Hann windows, so that slow noise does not leak into faster one's power. White noise of
+    a ``floor`` times the power is added: no frequency is taken to be free of noise.
+    """
+    times = noise.shape[1]
+    lags = min(times - 1, noise.size // SAMPLES)
+    taper = np.hanning(lags + 3)[1:-1]
+    covariance = autocovariance(noise * np.hanning(times + 2)[1:-1], lags)
+    covariance *= np.correlate(taper, taper, "full")[lags:]
+    covariance[0] *= 1 + floor
+    return np.asarray(covariance / max(covariance[0], np.finfo(float).tiny))
 
 
 def cross_covariance(x: Array, y: Array, lags: int) -> Array:

@@ -6,17 +6,17 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
 from tvsysid.methods.adaptive.mixture import Mixture
 from tvsysid.methods.adaptive.moments import MIN_REALIZATIONS, SHORTEST, Constants, Signals
 from tvsysid.methods.cascade.cascade import JointCascade
-from tvsysid.methods.cascade.regressors import MANY, Columns, Rows, readout
+from tvsysid.methods.cascade.regressors import readout
 from tvsysid.methods.cascade.result import JointCascadeModel, model
 from tvsysid.methods.cascade.shape import TERMS
 from tvsysid.numerics import Array
 from tvsysid.numerics.moments import row_blocks
+from tvsysid.numerics.noise import white_share
 from tvsysid.quality.reflexes import reflex_test_of
 from tvsysid.quality.statistics import LEAST_REALIZATIONS
 from tvsysid.signals import Ensemble
@@ -27,20 +27,18 @@ class WithReflex(Signals):
     """Signals of a joint with a reflex.
 
     Behind angle, velocity and acceleration follow the angle's differences of higher order (the intrinsic response lasts
-    40 ms to either side), the reflex's columns, and their derivatives by its shape. These ``columns`` are known of some
-    ``rows``, at ``times``: those with a history.
+    40 ms to either side), the reflex's columns, and their derivatives by its shape: ``columns`` (signal,
+    realization, time), of realizations with a history.
     """
 
-    columns: Columns
-    rows: NDArray[np.int64]
-    times: slice
+    columns: Array
     beside: JointCascadeModel
     readout: Array
 
     def blocks(self, low: bool = False) -> Iterator[Array]:
         """All of them: the differences take up what decimation does to the acceleration."""
-        for some in row_blocks(len(self.rows), MANY * self.times.stop):
-            yield self.columns(self.rows[some])[..., self.times]
+        for some in row_blocks(*self.columns.shape[1:]):
+            yield self.columns[:, some]
 
     def viscosity(self, mixture: Mixture, constants: Constants) -> Mixture:
         """Of a second-order fit to the whole intrinsic response, from the mixture of its velocity's coefficient."""
@@ -79,31 +77,24 @@ def with_reflex(ensemble: Ensemble, known: JointCascadeModel | None = None) -> W
         return None
     problem, found = chosen.fit.problem, chosen.fit.found
     data, rate, lags = problem.data, ensemble.sampling_rate, chosen.search.lags
-    count = data.fitted.sum(axis=1)
-    rows = np.flatnonzero(count == count.max())
-    times = np.flatnonzero(data.fitted[rows].all(axis=0))
-    if len(rows) < MIN_REALIZATIONS or len(times) < SHORTEST or np.ptp(times) + 1 != len(times):
+    times = data.times
+    if len(data.rows) < MIN_REALIZATIONS or data.torque.shape[1] < SHORTEST:
         return None
-    signals, torque, reflex = data.signals, data.torque, problem.columns_and_slopes(found)
-
-    def columns(some: Rows) -> Array:
-        return np.concatenate([signals[:, some], reflex(some), torque[None, some]])
+    signals, torque = data.signals, data.torque
 
     first = data.bases[0].shape[1] + data.bases[1].shape[1] + 1
-    weights = (found.scale / found.spread)[first:] ** 2
-    gains = problem.positive[len(data.torque[0]) :, len(data.own.cross) :]
+    share = white_share(problem.left(found), signals[0], rate, (0.0, rate / 2))
+    weights = share * (found.scale / found.spread)[first:] ** 2
+    gains = problem.positive[ensemble.samples :, problem.own :]
     slopes = [found.solved.noise_variance / TERMS[name].spread ** 2 for name in problem.free]
-    inside = slice(int(times[0]), int(times[-1]) + 1)
     return WithReflex(
         rate=rate,
-        edges=(inside.start, torque.shape[1] - inside.stop),
-        realizations=(len(rows), len(rows) - 1),
-        share=data.share,
+        edges=(times.start, ensemble.samples - times.stop),
+        realizations=(len(torque), len(torque) - 1),
+        share=share,
         holds=np.concatenate([[0.0, 0.0], weights, slopes]),
         positive=np.pad(gains, ((0, 0), (len(signals) - 1, len(slopes)))),
-        columns=columns,
-        rows=rows,
-        times=inside,
+        columns=np.concatenate([signals, problem.columns_and_slopes(found), torque[None]]),
         beside=model(repr(method), chosen, only_gain=True),
         readout=readout(lags, rate),
     )

@@ -31,9 +31,10 @@ class Moments(NamedTuple):
     square: float
     number: float
 
-    def times(self, share: float) -> Self:
-        """Moments of samples each of which counts as a share of one."""
-        return type(self)(share * self.gram, share * self.cross, share * self.square, share * self.number)
+    @classmethod
+    def of(cls, products: Array, number: float) -> Self:
+        """Of products of the columns and the torque, which is last."""
+        return cls(products[:-1, :-1], products[:-1, -1], float(products[-1, -1]), number)
 
     def scaled(self, scale: Array) -> Self:
         """Moments of columns that are divided by these numbers."""
@@ -48,13 +49,12 @@ class Moments(NamedTuple):
 class Family(NamedTuple):
     """Columns of one coefficient: a constant and the harmonics of its change; ``free`` if the constant's prior is flat.
 
-    ``several`` are columns of one size without harmonics, whose logarithm is ``size`` where it is known.
+    ``several`` are columns of one size without harmonics.
     """
 
     harmonics: int = 0
     free: bool = True
     several: int = 0
-    size: float | None = None
 
     @property
     def columns(self) -> int:
@@ -86,9 +86,8 @@ class Prior(NamedTuple):
 
         for family in families:
             flat = family.free and not family.several
-            known = np.full(family.columns, family.size or 0.0)
-            offset.append(np.where(flat & (np.arange(family.columns) == 0), FLAT, known))
-            if not flat and family.size is None:
+            offset.append(np.where(flat & (np.arange(family.columns) == 0), FLAT, 0.0))
+            if not flat:
                 parameter(np.ones(family.several or 1), start)
             if family.harmonics:
                 parameter(np.ones(2 * family.harmonics), start + 1)

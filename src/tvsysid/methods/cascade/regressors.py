@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import cmath
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import NamedTuple, Self
 
 import numpy as np
 import scipy
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
+from scipy.linalg import toeplitz
 from scipy.ndimage import correlate1d
 
-from tvsysid.methods.cascade.evidence import Moments
 from tvsysid.numerics import Array
 from tvsysid.numerics.bases import FourierSeries
 from tvsysid.numerics.decimation import TAPS
@@ -25,11 +26,8 @@ from tvsysid.numerics.stretch import decimated
 BAND = 0.6  # share of the Nyquist frequency over which so few lags give velocity and acceleration to 0.3 %
 HALF_WIDTH = 8  # samples to either side from which velocity and acceleration follow at the recorded rate
 FITTED = (0.5, 15.0)  # Hz, over which viscosity and inertia are those of the intrinsic response
+WINDOW = 256  # samples of a realization whose noise counts as correlated, at most
 HIGHEST = 8  # order of difference of the angle up to which the intrinsic response is free
-MANY = 10  # columns that a block of realizations is taken to have, whose values are counted
-
-Rows = slice | NDArray[np.int64]
-Columns = Callable[[Rows], Array]  # (column, realization, time) of some realizations; all take many times the data
 
 
 def intrinsic_filters(lags: int, rate: float) -> Array:
@@ -71,114 +69,137 @@ def readout(lags: int, rate: float) -> Array:
     return np.asarray(second_order_fit(np.arange(-lags, lags + 1) / rate) @ intrinsic_filters(lags, rate).T)
 
 
-def part_of(columns: Columns, rows: NDArray[np.int64]) -> Columns:
-    """Columns of some realizations, counted among these."""
-    return lambda some: columns(rows[some])
-
-
-def deviations(values: Array, fitted: NDArray[np.bool_]) -> Array:
-    """Values (…, realization, time) less their mean over the realizations fitted at each time; 0 where not fitted.
-
-    Of one realization, the mean over time is subtracted.
-    """
-    axis = -1 if len(fitted) == 1 else -2
-    if fitted.all():
-        return np.asarray(values - values.mean(axis=axis, keepdims=True))
-    known = np.where(fitted, values, 0.0)
-    count = np.maximum(fitted.sum(axis=axis, keepdims=True), 1)
-    return np.where(fitted, known - known.sum(axis=axis, keepdims=True) / count, 0.0)
+def deviations(values: Array) -> Array:
+    """Values (…, realization, time) less their mean over realizations, or of one over time; 0 where they are NaN."""
+    axis = -1 if values.shape[-2] == 1 else -2
+    known = np.isfinite(values)
+    total = np.where(known, values, 0.0).sum(axis=axis, keepdims=True)
+    return np.asarray(np.where(known, values - total / np.maximum(known.sum(axis=axis, keepdims=True), 1), 0.0))
 
 
 @dataclass(frozen=True, eq=False)
 class Data:
     """Deviations of the torque (realization, time) and of the intrinsic ``signals`` from their mean over realizations.
 
-    ``bases`` are the functions of time (time, function) by which each signal's coefficient changes; samples that are
-    not ``fitted`` are 0. ``own`` are the moments of the signals' products with their functions. Of ``number``
-    independent samples each counts as a ``share`` of one, because noise is not white; ``remainder`` is the log size of
-    the prior of the differences, where it is known.
+    They are those of the ``rows`` and ``times`` of an ensemble that are fitted. ``bases`` are the functions of time
+    (time, function) by which each signal's coefficient changes, at all times. ``noise`` is the autocorrelation of the
+    noise, and ``windows`` are stretches of time with the inverse of its matrix. ``own`` (fold, column, column) are the
+    products of the intrinsic columns and the torque, which is last, by ``folds`` of realizations.
     """
 
     torque: Array
     signals: Array
     bases: tuple[Array, ...]
-    fitted: NDArray[np.bool_]
-    number: float
-    own: Moments
-    share: float = 1.0
-    remainder: float | None = None
+    rows: NDArray[np.int64]
+    times: slice
+    folds: list[NDArray[np.int64]]
+    noise: Array
+    windows: list[tuple[slice, Array]]
+    own: Array
 
     @classmethod
-    def of(cls, torque: Array, signals: Array, bases: tuple[Array, ...], fitted: NDArray[np.bool_]) -> Self:
-        """Of torque and signals (signal, realization, time) as they are."""
-        taken = int(fitted.any(axis=0).sum()) if len(fitted) > 1 else 1
-        number = float(fitted.sum() - taken)
-        torque, signals = deviations(torque, fitted), deviations(signals, fitted)
-        return cls(torque, signals, bases, fitted, number, _own(torque, signals, bases, number))
+    def of(
+        cls,
+        torque: Array,
+        signals: Array,
+        bases: tuple[Array, ...],
+        fitted: NDArray[np.bool_],
+        folds: list[NDArray[np.int64]],
+    ) -> Self:
+        """Of torque and signals (signal, realization, time) as they are, where those are ``fitted`` (likewise).
+
+        These are the times that are fitted in half of the realizations, and the realizations that are at all of them.
+        """
+        often = fitted.sum(axis=0)
+        inside = np.flatnonzero(2 * often >= often.max())
+        times = slice(int(inside[0]), int(inside[-1]) + 1)
+        taken = np.asarray(fitted[:, times].all(axis=1))
+        rows = np.flatnonzero(taken)
+        place = np.cumsum(taken) - 1
+        folds = [place[fold[taken[fold]]] for fold in folds]
+        torque, signals = deviations(torque[rows, times]), deviations(signals[:, rows, times])
+        empty = np.zeros(())
+        return cls(torque, signals, bases, rows, times, folds, empty, [], empty).weighed(np.ones(1))
+
+    @property
+    def number(self) -> float:
+        """How many samples are independent of the means."""
+        rows, times = self.torque.shape
+        return float((rows - 1) * times if rows > 1 else times - len(self.windows))
 
     @property
     def varies(self) -> bool:
         """Whether anything changes over time."""
         return any(functions.shape[1] > 1 for functions in self.bases)
 
+    @property
+    def functions(self) -> list[Array]:
+        """Functions of time of each signal and of the torque, at the times that are fitted."""
+        return [*(each[self.times] for each in self.bases), np.ones((self.torque.shape[1], 1))]
+
     def constant(self) -> Self:
         """Data of coefficients that do not change."""
-        bases = tuple(a[:, :1] for a in self.bases)
-        own = _own(self.torque, self.signals, bases, self.number).times(self.share)
-        return replace(self, bases=bases, own=own)
+        first = np.cumsum([0, *(functions.shape[1] for functions in self.bases)])
+        bases = tuple(functions[:, :1] for functions in self.bases)
+        return replace(self, bases=bases, own=self.own[:, first[:, None], first])
 
-    def counting(self, share: float, remainder: float | None = None) -> Self:
-        """Data of which each sample counts as this share of an independent one."""
-        return replace(self, own=self.own.times(share / self.share), share=share, remainder=remainder)
+    def weighed(self, noise: Array, true: Array | None = None) -> Self:
+        """Data whose noise has this autocorrelation, from lag 0 on, within a realization or a window of it.
 
-    def part(self, rows: NDArray[np.int64]) -> Self:
-        """Data of some realizations, the means subtracted being those of all."""
-        number = self.number * float(self.fitted[rows].sum() / self.fitted.sum())
-        torque, signals, fitted = self.torque[rows], self.signals[:, rows], self.fitted[rows]
-        own = _own(torque, signals, self.bases, number).times(self.share)
-        return replace(self, torque=torque, signals=signals, fitted=fitted, number=number, own=own)
+        If another one is ``true``, the products are those of which the coefficients' covariance is made.
+        """
+        rows, times = self.torque.shape
+        edges = np.linspace(0, times, -(-times // WINDOW) + 1).astype(int)
+        windows = []
+        for start, stop in pairwise(edges):
+            inverse = np.asarray(np.linalg.inv(_matrix(noise, stop - start)), dtype=np.float64)
+            if rows == 1:  # its mean is not known
+                weight = inverse.sum(axis=0)
+                inverse -= np.outer(weight, weight) / weight.sum()
+            if true is not None:
+                inverse = inverse @ _matrix(true, stop - start) @ inverse
+            windows.append((slice(start, stop), inverse))
+        signals = np.concatenate([self.signals, self.torque[None]])
+        own = np.stack([_products(signals[:, fold], self.functions, windows) for fold in self.folds])
+        return replace(self, noise=noise, windows=windows, own=own)
 
-    def moments(self, columns: Columns) -> Moments:
-        """Moments of the intrinsic columns and of others, which are deviations."""
-        own, total = len(self.own.cross), np.zeros(())
-        for some in row_blocks(len(self.torque), MANY * self.torque.shape[1]):
-            these = columns(some)
-            flat = these.reshape(len(these), self.torque[some].size)
-            mixed = [
-                a.T @ np.einsum("rt,krt->tk", s[some], these) for a, s in zip(self.bases, self.signals, strict=True)
-            ]
-            total = total + np.concatenate([*mixed, flat @ flat.T, [flat @ self.torque[some].ravel()]])
-        total = self.share * total
-        gram = np.block([[self.own.gram, total[:own]], [total[:own].T, total[own:-1]]])
-        return Moments(gram, np.concatenate([self.own.cross, total[-1]]), self.own.square, self.own.number)
+    def whitened(self, values: Array) -> Array:
+        """Values (…, time) times the inverse covariance of the noise."""
+        return np.concatenate([values[..., inside] @ inverse for inside, inverse in self.windows], axis=-1)
 
     def features(self, weights: Array) -> list[Array]:
         """What gives sums of the signals' coefficients at each time, (time, column), by weights (sum, signal)."""
         return [np.concatenate([a * w for a, w in zip(self.bases, row, strict=True)], axis=1) for row in weights]
 
-    def modulated(self, rows: slice) -> Array:
-        """Intrinsic columns of some realizations (column, realization, time)."""
-        parts = [s[None, rows] * a.T[:, None] for a, s in zip(self.bases, self.signals, strict=True)]
-        return np.concatenate(parts)
+    def cross(self, white: Array, rows: slice | NDArray[np.int64] = slice(None)) -> Array:
+        """Products (column, signal) of the intrinsic columns and the torque with whitened signals of some rows."""
+        every = (*self.signals[:, rows], self.torque[rows])
+        parts = [np.einsum("rt,krt->kt", x, white) @ a for a, x in zip(self.functions, every, strict=True)]
+        return np.concatenate(parts, axis=1).T
 
     def torque_of(self, coefficients: Array) -> Array:
         """Intrinsic torque (realization, time), as a deviation from its mean."""
         out, at = np.zeros_like(self.torque), 0
-        for functions, signal in zip(self.bases, self.signals, strict=True):
+        for functions, signal in zip(self.functions, self.signals, strict=False):
             out += (functions @ coefficients[at : at + functions.shape[1]]) * signal
             at += functions.shape[1]
-        return out
+        return deviations(out) if len(out) == 1 else out
 
 
-def _own(torque: Array, signals: Array, bases: tuple[Array, ...], number: float) -> Moments:
-    """Moments of signals times functions of time, from those of the signals at each time."""
-    products = np.zeros(())
-    for some in row_blocks(len(torque), MANY * torque.shape[1]):
-        both = np.concatenate([signals[:, some], torque[None, some]])
-        products = products + np.einsum("irt,jrt->tij", signals[:, some], both, optimize=True)
-    gram = np.block([[(a * products[:, i, j, None]).T @ b for j, b in enumerate(bases)] for i, a in enumerate(bases)])
-    cross = np.concatenate([a.T @ products[:, i, -1] for i, a in enumerate(bases)])
-    return Moments(gram, cross, float(np.vdot(torque, torque)), number)
+def _matrix(correlation: Array, times: int) -> Array:
+    return np.asarray(toeplitz(np.pad(correlation, (0, times))[:times]))
+
+
+def _products(signals: Array, functions: list[Array], windows: list[tuple[slice, Array]]) -> Array:
+    """Weighted products of signals (signal, realization, time) times functions of time (time, function)."""
+    ends = np.cumsum([0, *(each.shape[1] for each in functions)])
+    out = np.zeros((ends[-1], ends[-1]))
+    for inside, inverse in windows:
+        for i, a in enumerate(functions):
+            for j, b in enumerate(functions[: i + 1]):
+                weighted = signals[i, :, inside].T @ signals[j, :, inside] * inverse
+                out[ends[i] : ends[i + 1], ends[j] : ends[j + 1]] += a[inside].T @ weighted @ b[inside]
+    return np.tril(out) + np.tril(out, -1).T
 
 
 class Shape(NamedTuple):
@@ -217,12 +238,10 @@ class Shape(NamedTuple):
         response = scipy.signal.lfilter(up, down, impulse)
         return np.asarray(response / response.sum())
 
-
-def behind(driven: Array, muscle: tuple[int, Array, Array], samples: int) -> Array:
-    """What comes out of delay and muscle (:meth:`Shape.muscle`) at the last so many samples."""
-    whole, up, down = muscle
-    stop = driven.shape[-1] - whole
-    return np.asarray(scipy.signal.lfilter(up, down, driven)[..., stop - samples : stop])
+    def matrix(self, history: int, times: int, rate: float) -> Array:
+        """Delay and muscle as a matrix (time, history + time)."""
+        response = self.response(history + times, rate)
+        return np.asarray(toeplitz(response[history:], np.pad(response[history::-1], (0, times - 1))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,34 +256,57 @@ class Reflex:
     basis: FourierSeries
     period: float
     rate: float
-    fitted: NDArray[np.bool_]
+    data: Data
 
-    def functions(self, shape: Shape, times: int) -> Array:
-        """Functions of the gain (time, function) at the times of arrival of so many last samples of the drive."""
-        samples = self.fitted.shape[1]
-        arrival = np.arange(samples - times, samples) / self.rate + shape.delay
-        return self.basis(arrival / self.period)
+    def windows(self, shape: Shape) -> Iterator[tuple[slice, slice, Array, Array, Array]]:
+        """Windows of time and of what drives the muscle, the noise's inverse matrix, the muscle's, and the functions.
 
-    def columns(self, shape: Shape) -> Columns:
+        The functions (time, function) of the gain are those at the times of arrival.
+        """
+        times, total = self.data.torque.shape[1], self.drive(shape.threshold).shape[1]
+        stop = self.data.times.stop
+        functions = self.basis((np.arange(stop - total, stop) / self.rate + shape.delay) / self.period)
+        history = total - times
+        for inside, inverse in self.data.windows:
+            driven = slice(inside.start, inside.stop + history)
+            matrix = shape.matrix(history, inside.stop - inside.start, self.rate)
+            yield inside, driven, inverse, matrix, functions[driven]
+
+    def moments(self, shape: Shape, fold: int | None) -> tuple[Array, Array]:
+        """Weighted products of the columns with themselves, and with the intrinsic ones and the torque."""
+        data = self.data
+        rows = slice(None) if fold is None else data.folds[fold]
+        if not self.basis.harmonics:  # one column has fewer samples than there are products
+            column = self.torque(shape, np.ones(1))[None, rows]
+            white = data.whitened(column)
+            return np.tensordot(column, white, axes=((1, 2), (1, 2))), data.cross(white, rows)
+        drive, own, cross = self.drive(shape.threshold)[rows], np.zeros(()), np.zeros(())
+        every = [*zip(data.functions, (*data.signals[:, rows], data.torque[rows]), strict=True)]
+        for inside, driven, inverse, muscle, gain in self.windows(shape):
+            part, later = drive[:, driven], inverse @ muscle
+            own = own + gain.T @ (muscle.T @ later * (part.T @ part)) @ gain
+            cross = cross + np.concatenate([a[inside].T @ (x[:, inside].T @ part * later) for a, x in every]) @ gain
+        return own, cross
+
+    def with_signals(self, shape: Shape, weighted: Array) -> Array:
+        """Products (signal, function) of the columns with weighted signals (signal, realization, time)."""
+        rows, out = self.drive(shape.threshold), np.zeros(())
+        for inside, driven, _, muscle, gain in self.windows(shape):
+            out = out + np.einsum("rs,krs->ks", rows[:, driven], weighted[..., inside] @ muscle) @ gain
+        return out
+
+    def columns(self, shape: Shape) -> Array:
         """Regressors (function, realization, time), as deviations from their mean over realizations."""
-        rows, fitted = self.drive(shape.threshold), self.fitted
-        muscle, samples = shape.muscle(self.rate), fitted.shape[1]
-        functions = self.functions(shape, rows.shape[1]).T[:, None]
-        if len(rows) == 1:
-            return lambda some: deviations(behind(rows[some] * functions, muscle, samples), fitted)
-        # The sum over realizations is what the sum of the drives gives, less what is not fitted.
-        lost = ~fitted & fitted.any(axis=0)
-        losing = np.flatnonzero(lost.any(axis=1))
-        total = behind(rows.sum(axis=0, keepdims=True) * functions, muscle, samples)
-        total -= (behind(rows[losing] * functions, muscle, samples) * lost[losing]).sum(axis=1, keepdims=True)
-        mean = total / np.maximum(fitted.sum(axis=0), 1)
-        return lambda some: (behind(rows[some] * functions, muscle, samples) - mean) * fitted[some]
+        return np.stack([self.torque(shape, each) for each in np.eye(2 * self.basis.harmonics + 1)])
 
     def torque(self, shape: Shape, coefficients: Array) -> Array:
         """Sum of the columns times coefficients, (realization, time)."""
         rows = self.drive(shape.threshold)
-        driven = rows * (self.functions(shape, rows.shape[1]) @ coefficients)
-        return deviations(behind(driven, shape.muscle(self.rate), self.fitted.shape[1]), self.fitted)
+        parts = [
+            (rows[:, driven] * (gain @ coefficients)) @ muscle.T for _, driven, _, muscle, gain in self.windows(shape)
+        ]
+        torque = np.concatenate(parts, axis=1)
+        return deviations(torque) if len(torque) == 1 else torque
 
 
 def lagged_signals(angle: Array, context: int, lags: int, rate: float) -> tuple[Array, NDArray[np.bool_]]:

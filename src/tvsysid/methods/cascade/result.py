@@ -78,7 +78,7 @@ class Intrinsic(NamedTuple):
     def of(cls, problem: Problem, found: Found, lags: int, rate: float) -> Intrinsic:
         """Of a solution."""
         bases, filters = problem.data.bases, intrinsic_filters(lags, rate)
-        coefficients = found.coefficients[: len(problem.data.own.cross)]
+        coefficients = found.coefficients[: problem.own]
         ends = np.cumsum([functions.shape[1] for functions in bases])
         parts = np.split(coefficients, ends[:-1])
         over_time = [a @ c for a, c in zip(bases, parts, strict=True)]
@@ -96,12 +96,12 @@ def model(method: str, chosen: Chosen, only_gain: bool = False) -> JointCascadeM
     rate = ensemble.sampling_rate
     used = chosen.fit if chosen.shown else fits["none"]
     intrinsic = Intrinsic.of(used.problem, used.found, lags, rate)
-    known = np.asarray(used.problem.data.fitted.any(axis=0))
-    torques = used.problem.torques(used.found)
-    left = used.problem.data.torque - np.sum(torques, axis=0)
-    start = len(chosen.fit.problem.data.own.cross)
-    sure = covariance_of(used.problem, used.found, left, start if only_gain else 0)
-    reflex_sure = sure if chosen.shown else covariance_of(chosen.fit.problem, chosen.fit.found, left, start)
+    known = np.zeros(ensemble.samples, dtype=bool)
+    known[used.problem.data.times] = True
+    torques = used.problem.torques(used.found.shape, used.found.coefficients)
+    start = chosen.fit.problem.own
+    sure = covariance_of(used.problem, used.found, start if only_gain else 0)
+    reflex_sure = sure if chosen.shown else covariance_of(chosen.fit.problem, chosen.fit.found, start)
     kinds = {"viscosity": NonNegativeError, "reflex_gain": StandardError if chosen.emg else NonNegativeError}
     estimates = {
         name: Estimate(
@@ -146,7 +146,7 @@ def _gain(chosen: Chosen, time: Array) -> tuple[Array, Array]:
     fit = chosen.fit
     assert fit.problem.reflex is not None
     basis = fit.problem.reflex.basis(time / fit.problem.reflex.period)
-    gain = basis @ fit.found.coefficients[len(fit.problem.data.own.cross) :]
+    gain = basis @ fit.found.coefficients[fit.problem.own :]
     return gain if chosen.emg else np.maximum(gain, 0.0), basis
 
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tvsysid.methods.cascade.evidence import UNLIMITED, Family, Moments, Prior, Solved, solve, tuned
-from tvsysid.methods.cascade.regressors import Columns, Data, Reflex, Shape, part_of
+from tvsysid.methods.cascade.regressors import Data, Reflex, Shape
 from tvsysid.numerics import Array
 
 STEPS, HALVINGS, ROUNDS = 8, 6, 2
@@ -98,21 +97,52 @@ class Problem:
         """Of data and a reflex; each signal is a family, but those beyond the acceleration are one together."""
         families = [Family(basis.shape[1] // 2) for basis in data.bases[:3]]
         if len(data.bases) > 3:
-            families.append(Family(several=len(data.bases) - 3, size=data.remainder))
+            families.append(Family(several=len(data.bases) - 3))
         if reflex is not None:
             families.append(Family(reflex.basis.harmonics, free=False))
         return cls(data, tuple(families), Prior.of(tuple(families)), reflex, free)
 
-    def columns(self, shape: Shape) -> Columns:
-        """Columns of the reflex."""
-        if self.reflex is None:
-            return lambda some: np.zeros((0, *self.data.torque[some].shape))
-        return self.reflex.columns(shape)
+    def with_data(self, data: Data) -> Self:
+        """Problem whose samples are weighed in another way."""
+        return replace(self, data=data, reflex=self.reflex and replace(self.reflex, data=data))
 
-    def columns_and_slopes(self, found: Found) -> Columns:
+    @property
+    def own(self) -> int:
+        """How many columns are intrinsic."""
+        return sum(functions.shape[1] for functions in self.data.bases)
+
+    def columns_and_slopes(self, found: Found) -> Array:
         """Columns of the reflex, and the torque's derivatives by its shape."""
-        columns, slopes = self.columns(found.shape), self.slopes(found)
-        return lambda some: np.concatenate([columns(some), slopes[:, some]])
+        assert self.reflex is not None
+        return np.concatenate([self.reflex.columns(found.shape), self.slopes(found)])
+
+    def moments(self, shape: Shape, fold: int | None = None) -> Moments:
+        """Moments of all columns, of a fold of the realizations or all."""
+        products = self.data.own.sum(axis=0) if fold is None else self.data.own[fold]
+        if self.reflex is not None:
+            gram, cross = self.reflex.moments(shape, fold)
+            products = np.block(
+                [
+                    [products[:-1, :-1], cross[:-1], products[:-1, -1:]],
+                    [cross[:-1].T, gram, cross[-1:].T],
+                    [products[-1:, :-1], cross[-1:], products[-1:, -1:]],
+                ]
+            )
+        share = 1.0 if fold is None else len(self.data.folds[fold]) / len(self.data.torque)
+        return Moments.of(products, share * self.data.number)
+
+    def moments_and_slopes(self, found: Found, moments: Moments) -> tuple[Array, Array]:
+        """Weighted products of all columns and of the torque's derivatives by the shape, and with the torque."""
+        slopes = self.slopes(found)
+        if not len(slopes):
+            return moments.gram, moments.cross
+        assert self.reflex is not None
+        white = self.data.whitened(slopes)
+        cross = self.data.cross(white)
+        mixed = np.concatenate([cross[:-1], self.reflex.with_signals(found.shape, white).T]) / found.scale[:, None]
+        own = np.tensordot(white, slopes, axes=((1, 2), (1, 2)))
+        gram = np.block([[moments.gram, mixed], [mixed.T, own]])
+        return gram, np.concatenate([moments.cross, cross[-1]])
 
     def scale(self, moments: Moments) -> Array:
         """Root mean square of each family's column that is not modulated."""
@@ -125,14 +155,10 @@ class Problem:
 
     def at(self, shape: Shape, parameters: Array | None = None) -> Found:
         """Solution for a shape; hyper-parameters not given are tuned."""
-        moments = self.data.moments(self.columns(shape))
+        moments = self.moments(shape)
         scale = self.scale(moments)
         moments = moments.scaled(scale)
         return self.solved(shape, moments, scale, parameters)
-
-    def counted(self, found: Found) -> Found:
-        """Solution for the same shape and columns, where samples counted in full before."""
-        return self.solved(found.shape, found.moments.times(self.data.share), found.scale, None)
 
     def solved(self, shape: Shape, moments: Moments, scale: Array, parameters: Array | None) -> Found:
         """Solution from moments of the scaled columns."""
@@ -148,21 +174,23 @@ class Problem:
         parameters = tuned(found.moments, self.prior, found.parameters)
         return self.solved(found.shape, found.moments, found.scale, parameters)
 
-    def torques(self, found: Found) -> tuple[Array, Array]:
-        """Intrinsic and reflex torque (realization, time) of a solution, as deviations from their means."""
-        own = len(self.data.own.cross)
-        return self.data.torque_of(found.coefficients[:own]), self.reflex_torque(found.shape, found.coefficients[own:])
+    def torques(self, shape: Shape, coefficients: Array) -> tuple[Array, Array]:
+        """Intrinsic and reflex torque (realization, time), as deviations from their means."""
+        intrinsic = self.data.torque_of(coefficients[: self.own])
+        if self.reflex is None:
+            return intrinsic, np.zeros_like(intrinsic)
+        return intrinsic, self.reflex.torque(shape, coefficients[self.own :])
 
-    def reflex_torque(self, shape: Shape, coefficients: Array) -> Array:
-        """Reflex torque (realization, time) of coefficients of its columns."""
-        return np.zeros_like(self.data.torque) if self.reflex is None else self.reflex.torque(shape, coefficients)
+    def left(self, found: Found) -> Array:
+        """Torque (realization, time) that a solution leaves."""
+        return np.asarray(self.data.torque - np.sum(self.torques(found.shape, found.coefficients), axis=0))
 
     def slopes(self, found: Found) -> Array:
         """Derivatives of the reflex torque by the free numbers of its shape, (number, realization, time)."""
         out = np.zeros((len(self.free), *self.data.torque.shape))
         if self.reflex is None:
             return out
-        coefficients = found.coefficients[len(self.data.own.cross) :]
+        coefficients = found.coefficients[self.own :]
         place = place_of(found.shape, self.free)
         for index, name in enumerate(self.free):
             ends = [place.copy(), place.copy()]
@@ -177,12 +205,11 @@ class Problem:
     def step(self, found: Found) -> Array:
         """Gauss-Newton step of the free numbers: all coefficients and it are solved for together."""
         terms, count = [TERMS[name] for name in self.free], len(found.scale)
-        moments = self.data.moments(self.columns_and_slopes(found))
-        moments = moments.scaled(np.concatenate([found.scale, np.ones(len(terms))]))
+        gram, cross = self.moments_and_slopes(found, found.moments)
         weight = found.solved.noise_variance / np.array([term.spread for term in terms]) ** 2
-        system = moments.gram + np.diag(np.concatenate([1 / found.spread**2, weight]))
+        system = gram + np.diag(np.concatenate([1 / found.spread**2, weight]))
         away = np.array([term.mean for term in terms]) - place_of(found.shape, self.free)
-        right = moments.cross + np.concatenate([np.zeros(count), weight * away])
+        right = cross + np.concatenate([np.zeros(count), weight * away])
         return np.asarray(np.linalg.solve(system, right)[count:])
 
     def improved(self, found: Found) -> Found:
@@ -224,15 +251,12 @@ def first_shapes(delay: float | None, free: tuple[str, ...]) -> tuple[Shape, ...
     return tuple(Shape(d, w, 0.8, c) for d in delays for w in FREQUENCIES for c in thresholds)
 
 
-def held_out(problem: Problem, found: Found, folds: list[NDArray[np.int64]]) -> Array:
-    """Squares that are left in each realization by what was fitted to the other folds: (realization,)."""
-    columns, data, limits = problem.columns(found.shape), problem.data, problem.positive / found.scale
-    left = np.empty(len(data.torque))
-    for fold in folds:
-        part = data.part(fold)
-        seen = part.moments(part_of(columns, fold)).scaled(found.scale)
-        coefficients = solve(found.moments.without(seen), found.spread, limits).coefficients / found.scale
-        own = len(data.own.cross)
-        predicted = part.torque_of(coefficients[:own]) + problem.reflex_torque(found.shape, coefficients[own:])[fold]
-        left[fold] = np.sum((part.torque - predicted) ** 2, axis=1)
+def held_out(problem: Problem, found: Found) -> Array:
+    """Torque (realization, time) that is left by what was fitted to the other folds; NaN of a single fold."""
+    data, limits = problem.data, problem.positive / found.scale
+    left = np.full_like(data.torque, np.nan)
+    for fold, rows in enumerate(data.folds if len(data.folds) > 1 else []):
+        others = found.moments.without(problem.moments(found.shape, fold).scaled(found.scale))
+        coefficients = solve(others, found.spread, limits).coefficients / found.scale
+        left[rows] = (data.torque - np.sum(problem.torques(found.shape, coefficients), axis=0))[rows]
     return left

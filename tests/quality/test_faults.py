@@ -8,6 +8,7 @@ import pytest
 from scipy.signal import butter, sosfiltfilt
 from tests import faults
 from tests.faults import changed, cut, simulated
+from tests.independent import ensemble_of, imposed, in_loop
 
 import tvsysid as tv
 
@@ -84,9 +85,8 @@ def test_faults_that_take_a_behaviour_that_varies(perturbation, profile):
     assert "with 2 s, beside what repeats every 1.9 s" in check.what
 
 
-def test_they_are_found_in_walking_too(recordings):
+def test_a_wrong_period_is_found_in_walking_too(recordings):
     recording, period = recordings["walking"]
-    assert "misaligned-realizations" in found(faults.shifted(recording, period))
     check = found(cut(recording, 1.3 * period))["wrong-period"]
     assert check.value > 30
 
@@ -254,10 +254,36 @@ def test_a_coarse_angle_is_no_feedback():
     assert "in steps so coarse" in checks["feedback"].what
 
 
-def test_a_torque_smoothed_both_ways_is_no_feedback():
+def test_a_torque_smoothed_both_ways_knows_of_later_movement():
     recording = brief()
     smooth = sosfiltfilt(butter(2, 5.0, fs=1000, output="sos"), recording.torque)
-    assert "feedback" not in found(cut(changed(recording, torque=smooth)))
+    findings = found(cut(changed(recording, torque=smooth)))
+    assert "delay" not in findings
+    assert "check that both channels pass the same filters" in findings["feedback"].fault.remedy
+
+
+@pytest.mark.parametrize(
+    ("load", "colour", "snr_db"), [(60, "wide", 0), (60, "first-order", 5), (250, "wide", 0), (250, "pink", 5)]
+)
+def test_noise_of_any_colour_that_moves_the_angle(load, colour, snr_db):
+    angle, torque, _ = in_loop(load, colour, snr_db, seed=0)
+    findings = found(ensemble_of(angle, torque))
+    assert "feedback" in findings
+    assert "delay" not in findings  # the torque seems to be up to 17 ms early
+
+
+@pytest.mark.parametrize(
+    ("wave", "colour", "snr_db", "seed"),
+    [
+        ("triangle", "wide", 0, 29),
+        ("chirp", "wide", 5, 34),
+        ("triangle", "first-order", 5, 74),
+        ("stairs", "slow", 0, 105),
+    ],
+)
+def test_noise_of_any_colour_is_no_fault_where_the_angle_is_imposed(wave, colour, snr_db, seed):
+    signals, _ = imposed(wave, "noise", colour, snr_db, seed)
+    assert not found(ensemble_of(*signals))
 
 
 def test_one_channel_as_both():

@@ -299,8 +299,8 @@ FAULTS: dict[str, Fault] = {
     ),
     "feedback": Fault(
         "Closed loop: torque noise moves the angle",
-        "share of the angle's unpredicted movement that earlier noise in the torque predicts",
-        10,
+        "share of the torque that later movement predicts, beyond earlier movement",
+        3,
         "%",
         "the methods here take the angle as imposed; if noise in the torque moves it, stiffness, viscosity and "
         "inertia come out too low",

@@ -20,8 +20,11 @@ LONGEST_DELAY = 0.1  # in s, to either side
 CLEARER = 1.3  # times as much as with the best shift that a joint must leave unexplained without it
 HIDDEN = 1.25  # times as much, or as little, inertia behind a low-pass: noise in the angle hides some, a delay does not
 LARGE = 15.0  # ms: no noise in the angle looks like so large a delay
+SHIFTED = 0.3  # % of the torque that later movement predicts, in a loop, if the torque is shifted
 FINER = np.linspace(-1, 1, 9)  # samples beside the best shift that are tried
-STEPS, LONGEST_STEP = 2, 1.5  # Gauss-Newton steps from the best shift, and how many samples each may go
+STEPS, LONGEST_STEP = 3, 1.5  # Gauss-Newton steps, and how many samples each may go
+FAR = 1.05  # the same from which on the steps start at the best shift, which is too far from none for them
+SETTLED = 0.015  # share of a delay that the next step may be: what noise or a misfit looks like goes on and on
 MOST_TOLD = 200  # % of a value beyond which a change of it is not told as a share
 
 
@@ -34,15 +37,16 @@ def delay(data: FittedEnsemble) -> Seen:
     second order, or a torque that moves the angle, has such a part too. So a delay must also come out where other
     frequencies count more, when the noise is not whitened, and an early torque in a closed loop is not judged.
     """
-    samples, best = _best_shift(data)
+    shift, best = _best_shift(data)
+    clear = data.fit.left >= CLEARER * best.left
+    samples = shift if data.fit.left > FAR * best.left else 0.0
     for _ in range(STEPS):
         step, _, _ = _remaining(data.synchronised(samples))
         samples += float(np.clip(step, -LONGEST_STEP, LONGEST_STEP))
     timely = data.synchronised(samples)
-    _, error, apart = (1000 * each / data.rate for each in _remaining(timely))
+    step, error, apart = (1000 * each / data.rate for each in _remaining(timely))
     late = 1000 * samples / data.rate
-    significant = p_value(late, error, len(data)) < SIGNIFICANT and abs(late) > abs(apart)
-    clear = data.fit.left >= CLEARER * best.left
+    significant = p_value(late, error, len(data)) < SIGNIFICANT and abs(late) > max(abs(apart), abs(step) / SETTLED)
     if significant and (reason := _other_cause(data, timely, late, clear)):
         raise NotJudged(reason)
     edge = "at least " if abs(round(samples)) >= _reach(data) else ""
@@ -82,11 +86,14 @@ def _other_cause(data: FittedEnsemble, timely: FittedEnsemble, late: float, clea
     try:
         if not clear and FAULTS["narrow-excitation"].beyond(narrow_excitation(timely).value):
             return "a perturbation of so few frequencies hardly tells a delay from a viscosity"
-        seen = feedback(data) if not clear and late < -FAULTS["delay"].limit else None
+        # A loop shows in what is shifted, too; or as it is, where a shift hardly helps.
+        if late < -FAULTS["delay"].limit and (
+            feedback(timely).value > SHIFTED or (not clear and FAULTS["feedback"].beyond(feedback(data).value))
+        ):
+            return "torque noise moves the angle, which looks like an early torque"
     except NotJudged:
-        return ""
-    closed = seen is not None and seen.significant and FAULTS["feedback"].beyond(seen.value)
-    return "torque noise moves the angle, which looks like an early torque" if closed else ""
+        pass
+    return ""
 
 
 def _cost(given: FittedEnsemble, timely: FittedEnsemble) -> str:

@@ -296,6 +296,11 @@ class FittedEnsemble:
         """
         return _constant_impedance(self.fit.motion, self.fit.torque)
 
+    @property
+    def white_impedance(self) -> tuple[Array, Array]:
+        """The same with the noise whitened."""
+        return _constant_impedance(self.whitened(self.fit.motion), self.whitened(self.fit.torque))
+
     @cached_property
     def smooth_impedance(self) -> tuple[Array, Array]:
         """The same behind a low-pass, where noise in the angle (steps, spikes) hardly lowers the inertia."""

@@ -21,12 +21,12 @@ SHIFT_STEP, SHORTEST_SHIFT = 0.02, 0.05  # in s
 ROUNDED = 9  # digits after the point of values over their standard deviation that are alike in the same realizations
 ABOUT = 0.1  # seconds over which the noise about a time is averaged
 QUIETEST = 0.05  # share of the mean noise that no time is taken to have less of
-BETTER = 0.2  # share of a realization's residual that a shift must take away
+BETTER, HALF = 0.2, 0.5  # shares of a realization's residual that a shift must take away; of its low-passed one
 MOST = 0.5  # share of the realizations beyond which it is not misalignment
 ALIKE = 0.7  # correlation between the behaviour of odd and even realizations from which on it has a shape of its own
 DEEP = 0.1  # variation of the stiffness over its mean below which its shape tells nothing
 PARTS = 10  # parts of a realization that must tell alike how it differs; those side by side share too much
-BROAD = 2.5  # standard deviation in samples of the low-pass behind which a shift must be better too
+BROAD = 2.5  # standard deviation in samples of that low-pass
 SMOOTH = 1.5  # standard deviation in samples of the low-pass behind which realizations are compared
 TINY = np.finfo(float).tiny
 
@@ -108,7 +108,7 @@ def misaligned(data: FittedEnsemble) -> Seen:
     # Equal filters leave hardly any noise at high frequency, so that there the error of the fit is all that is seen.
     for realization in np.flatnonzero(clear).tolist():
         slow = [gaussian_filter1d(error(int(shift), realization), BROAD) for shift in (shifts[best[realization]], 0)]
-        clear[realization] = slow[0] ** 2 @ weights < (1 - BETTER) * (slow[1] ** 2 @ weights)
+        clear[realization] = slow[0] ** 2 @ weights < HALF * (slow[1] ** 2 @ weights)
     out = indices(clear & (np.abs(seconds) >= SHORTEST_SHIFT))
     count, every = len(out), len(data)
     what = f"{count} of {every} realizations {'fits' if count == 1 else 'fit'} better elsewhere"

@@ -30,13 +30,16 @@ def weak_answer(data: FittedEnsemble) -> Seen:
 
 
 def narrow_excitation(data: FittedEnsemble) -> Seen:
-    """How well a mean stiffness and inertia are determined, by the scatter over realizations."""
+    """How well a mean stiffness and inertia are determined at best, by the scatter over realizations."""
     data.require()
-    values, errors = (each[[0, 2]] for each in data.mean_impedance)
     if not np.isfinite(data.mean_impedance[0]).all():
         return Seen(100 * UNKNOWN, NOT_SEPARATE)
     with np.errstate(divide="ignore", invalid="ignore"):
-        relative = np.nan_to_num(np.abs(errors / values), nan=np.inf)
+        fits = [
+            (np.nan_to_num(np.abs(errors / values), nan=np.inf)[[0, 2]], values[[0, 2]], errors[[0, 2]])
+            for values, errors in (data.mean_impedance, data.white_impedance)
+        ]
+    relative, values, errors = min(fits, key=lambda fit: float(fit[0].max()))
     worst = int(np.argmax(relative))
     value = 100 * min(float(relative[worst]), UNKNOWN)
     name, unit = (("stiffness", "N·m/rad"), ("inertia", "kg·m²"))[worst]

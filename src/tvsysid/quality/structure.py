@@ -17,37 +17,38 @@ from tvsysid.quality.statistics import LEAST_REALIZATIONS, SIGNIFICANT, gained, 
 from tvsysid.signals import Array
 
 AHEAD = 0.03  # seconds ahead that the angle is predicted: within them derivatives' filters tell even of an imposed one
-MIRRORED = 1.5  # times what is predicted of the angle before that must be predicted of the angle after to be a cause
 PAST_ANGLE = 0.2  # seconds of the angle's past that predict it by themselves
 PAST_NOISE = 0.15  # seconds of the residual torque that may add to it
 # Shares of the unpredicted movement: that what was applied predicts of the angle at least, and the angle of it at most.
 LEADS, FOLLOWS = 0.04, 0.02
 BESIDE = 6  # samples of the torque to either side from which it is explained
 SLOWEST, STEP = 0.3, 0.03  # longest lag of a slow answer and step between lags, in s
+LATEST_FUTURE = 0.27  # s: how much later the movement is of which the torque should not know
 SHORT = "realizations and their context are too short"
 
 
 def feedback(data: FittedEnsemble) -> Seen:
-    """Whether noise in the torque predicts the angle beyond what the angle's own past does (Granger's test).
+    """Share of the torque that later movement predicts, beyond earlier movement and the joint's response (Sims, 1972).
 
-    What a model leaves of the torque is not noise alone: a small delay or a filter that does not match leaves a
-    function of the angle, which tells of the angle before as well as of the angle after. A cause does not: the same
-    test with time reversed must tell clearly less.
+    An imposed angle's future tells nothing of the torque's noise, of which a joint that it moves tells; a reflex is
+    late. All is whitened by the noise, and judged by realizations that were not fitted to.
     """
     data.require(LEAST_REALIZATIONS)
     if FAULTS["coarse-angle"].beyond(data.angle_step):
         raise NotJudged("the angle is recorded in steps so coarse that the torque tells it better")
-    angle, residual, first = data.angle, data.fit.residual, data.fit.first
-    after = angle.shape[1] - first - residual.shape[1]
-    forward = _predicted(angle, residual, first, data.rate)
-    backward = _predicted(angle[:, ::-1], residual[:, ::-1], after, data.rate)
-    share, before = forward.mean(), backward.mean()
-    what = (
-        f"noise in the torque predicts {_percent(share)} of the angle's unpredicted movement {1000 * AHEAD:.0f} ms "
-        f"later, and {_percent(before)} of that {1000 * AHEAD:.0f} ms before"
-    )
-    more = share > MIRRORED * before and p_value_of(forward - backward) < SIGNIFICANT
-    return Seen(100 * max(0.0, share), what, bool(more and p_value_of(forward) < SIGNIFICANT))
+    angle, residual, step = data.whitened(data.angle), data.white_residual, max(1, round(STEP * data.rate))
+    lags = 1 + step * np.arange(1, 1 + round(LATEST_FUTURE / STEP))
+    start, stop = max(data.fit.first, lags[-1]), min(data.fit.first + residual.shape[1], angle.shape[1] - lags[-1])
+    if stop - start < lags[-1]:
+        raise NotJudged(SHORT)
+    inside = slice(start - data.fit.first, stop - data.fit.first)
+    windows = sliding_window_view(angle, stop - start, axis=1).transpose(1, 0, 2)
+    own, later = windows[start + np.r_[-lags, -1:2]], windows[start + lags]
+    gain = gains(without(residual[:, inside], own), without(later, own))
+    share = float(gain.sum() / np.sum((data.white_parts.sum(axis=0) + data.white_residual)[:, inside] ** 2))
+    first, last = (1000 * lags[[0, -1]] / data.rate).round().astype(int)
+    what = f"movement {first} to {last} ms later predicts {_percent(share)} of the torque"
+    return Seen(100 * max(0.0, share), what, share > 0 and p_value_of(gain) < SIGNIFICANT)
 
 
 def loop_bias(data: FittedEnsemble, reference: str) -> Seen:
@@ -72,9 +73,10 @@ def loop_bias(data: FittedEnsemble, reference: str) -> Seen:
     first = fit.first - HALF_WIDTH
     z = differentiate(moved, data.rate)[:, :, first : first + fit.torque.shape[1]]
     # All times count alike: the angle moves farther where the joint gives way, and a sum of squares dwells there.
-    z /= np.bincount(fit.bins, np.mean(z[0] ** 2, axis=0))[fit.bins] / np.bincount(fit.bins)[fit.bins]
-    inverse = np.linalg.pinv(np.einsum("art,brt->ab", z, fit.motion))
-    missing = np.einsum("a,art,rt->r", inverse[0], z, fit.residual)  # of the stiffness, in each realization
+    power = np.bincount(fit.bins, np.mean(z[0] ** 2, axis=0))[fit.bins] / np.bincount(fit.bins)[fit.bins]
+    inverse = np.linalg.pinv(np.einsum("art,brt->ab", z / power, fit.motion))
+    # Of the stiffness, in each realization. The residual has no part in the whole movement, which is noise in each.
+    missing = np.einsum("a,art,rt->r", inverse[0], (z - fit.motion) / power, fit.residual)
     biased = float(fit.stiffness[fit.bins].mean())
     closed = biased + float(missing.sum())
     what = (

@@ -74,13 +74,13 @@ RULES = (
         "loop with a reference",
     ),
     Rule(
-        ("feedback > 10", "reference > 0"),
+        ("feedback > 0", "reference > 0"),
         (f"kbr:{REFERENCE},weighting=residual", f"birf:{REFERENCE}"),
         f"{LOOP}, of which {{reference!r}} is free",
         "",
     ),
     Rule(
-        ("feedback > 10",),
+        ("feedback > 0",),
         (),
         f"{LOOP}, which biases them all, and no reference is named: record the disturbance or the actuator's command",
         "loop without a reference",

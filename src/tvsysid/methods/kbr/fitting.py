@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 
 import numpy as np
 
@@ -34,25 +34,20 @@ class KernelPosterior:
     kernel: Kernel
     variances: Array
 
-    @cached_property
+    @property
     def mean(self) -> Array:
         """Of shape (coefficient,)."""
         mean = np.zeros(self.kept.size)
         mean[self.kept.ravel()] = self.fit.mean
-        mean.flags.writeable = False
         return mean
 
-    @cached_property
+    @property
     def covariance(self) -> Array:
         """Of shape (coefficient, coefficient); of some megabytes, and therefore worked out when somebody asks."""
         unseen = np.outer(0.5 * self.variances, 1 / np.where(self.kernel.precision > 0, self.kernel.precision, np.inf))
         covariance = np.diag(unseen.ravel())
         covariance[np.ix_(self.kept.ravel(), self.kept.ravel())] = self.fit.covariance
-        covariance.flags.writeable = False
         return covariance
-
-    def __getstate__(self) -> dict[str, object]:
-        return {name: self.__dict__[name] for name in ("fit", "kept", "kernel", "variances")}
 
 
 def posterior_of(record: Record, kernel: Kernel, variances: Array, reweighted: int = 0) -> KernelPosterior:
@@ -121,40 +116,39 @@ def smoothed(frequency: Array, power: Array, count: Array, at: Array) -> Array:
 class KernelErrors:
     """Standard errors of sums of features, averaged over realizations; the features are made when somebody asks.
 
-    ``phases`` and ``clocks`` (realization,) say when realizations whose impedance differs begin, ``time`` is that
-    within one, without what is missing at its ends; ``of_noise`` makes the errors from expansions and covariances.
+    ``times`` are those of :func:`times_of`; ``of_noise`` makes the errors from expansions and covariances.
     """
 
     posterior: KernelPosterior
-    phases: Array
-    clocks: Array
-    time: Array
+    times: Array
     of_noise: partial[PosteriorErrors]
 
     def standard_errors(self) -> Mapping[str, StandardError]:
         """By quantity."""
         kernel, covariance = self.posterior.kernel, self.posterior.covariance
-        starts = zip(self.phases, self.clocks, strict=True)
-        features = sum(kernel(phase + self.time, clock + self.time) for phase, clock in starts) / len(self.phases)
+        features = sum(kernel(*each) for each in self.times) / len(self.times)
         parts = (slice(first, first + kernel.columns) for first in range(0, len(covariance), kernel.columns))
         covariances = tuple(covariance[part, part] for part in parts)
         return self.of_noise((features,) * len(covariances), covariances).standard_errors()
 
 
-def starts_of(ensemble: Ensemble, kernel: Kernel) -> tuple[Array, Array]:
-    """Phase and time of the record in s at which realizations begin: of the first where all have one impedance."""
+def times_of(ensemble: Ensemble, kernel: Kernel) -> Array:
+    """Times in s of realizations with an impedance of their own, or of the first where all have the same.
+
+    Since the trial's time 0, and on the record's clock; shape (realization, 2, time).
+    """
     assert ensemble.onsets is not None
     phases = np.round(ensemble.onsets % kernel.period, 9) % kernel.period
-    some = slice(0, 1 if kernel.decay is None and np.ptp(phases) < 1e-9 else None)
-    return ensemble.onsets[some], clocks_of(ensemble)[some]
+    starts = np.stack([ensemble.onsets, clocks_of(ensemble)], axis=1)
+    some = starts[:1] if kernel.decay is None and np.ptp(phases) < 1e-9 else starts
+    return np.asarray(some[..., None] + ensemble.time)
 
 
 def impedance_over(ensemble: Ensemble, kernel: Kernel, coefficients: Array) -> Array:
-    """Stiffness, viscosity and inertia, shape (realization, time, 3), of realizations with an impedance of their own.
+    """Stiffness, viscosity and inertia at :func:`times_of`, shape (realization, time, 3).
 
-    One realization where all have the same. Of lower orders than 2, what the model does not have is 0.
+    Of lower orders than 2, what the model does not have is 0.
     """
     of_signals = np.zeros((kernel.columns, 3))
     of_signals[:, : len(coefficients) // kernel.columns] = coefficients.reshape(-1, kernel.columns).T
-    starts = zip(*starts_of(ensemble, kernel), strict=True)
-    return np.stack([kernel(phase + ensemble.time, clock + ensemble.time) @ of_signals for phase, clock in starts])
+    return np.stack([kernel(*each) @ of_signals for each in times_of(ensemble, kernel)])

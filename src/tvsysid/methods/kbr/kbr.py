@@ -205,8 +205,7 @@ class KernelRegression(base.Method):
         found = posterior.fit
         errors = fitting.KernelErrors(
             posterior,
-            *fitting.starts_of(ensemble, features),
-            ensemble.time,
+            fitting.times_of(ensemble, features),
             self._errors(moved, left, filters, found, missing),
         )
         details = {"noise_variance": found.noise_variance, "iterations": found.iterations}

@@ -111,14 +111,13 @@ class Runs:
         shift = round(periods)
         reach = self.bins.stop - 1 + kernel.highest * shift
         whole = kernel.highest * abs(periods - shift) < 1e-9 * periods and reach <= count // 2
-        for bins, out in (self._shifted if whole else self._transformed)(kernel, *np.nonzero(chosen)):
+        for bins, out in (self._shifted if whole else self._transformed)(kernel, chosen):
             out[-1] = self.output[:, bins]
             yield bins, out
 
-    def _shifted(
-        self, kernel: Kernel, signal: NDArray[np.int64], column: NDArray[np.int64]
-    ) -> Iterator[tuple[slice, ComplexArray]]:
+    def _shifted(self, kernel: Kernel, chosen: Chosen) -> Iterator[tuple[slice, ComplexArray]]:
         """Products with harmonics as shifts in frequency: exact where the run holds whole periods."""
+        signal, column = np.nonzero(chosen)
         runs, count = self.torque.shape
         shift = round(count / self.rate / kernel.period)
         reach = kernel.highest * shift
@@ -145,10 +144,9 @@ class Runs:
             out[:-1][~cosine] = up[harmonic > 0]
             yield slice(start - self.bins.start, stop - self.bins.start), out
 
-    def _transformed(
-        self, kernel: Kernel, signal: NDArray[np.int64], column: NDArray[np.int64]
-    ) -> Iterator[tuple[slice, ComplexArray]]:
+    def _transformed(self, kernel: Kernel, chosen: Chosen) -> Iterator[tuple[slice, ComplexArray]]:
         """Products with any features, each transformed."""
+        signal, column = np.nonzero(chosen)
         shape = (len(column) + 1, *self.output.shape)
         if (size := 16 * math.prod(shape)) > LARGEST:
             raise InputError(
@@ -215,19 +213,17 @@ class Record:
     def of(cls, ensemble: Ensemble, band: tuple[float, float]) -> Record:
         """Raises if nothing is left in the band."""
         rate, lost = ensemble.sampling_rate, max(0, HALF_WIDTH - ensemble.context)
-        alike: dict[int, list[NDArray[np.int64]]] = {}
-        for run in ensemble.runs:
-            if len(run) * ensemble.samples >= 2 * lost + 2:
-                alike.setdefault(len(run), []).append(run)
-        if not alike or band[0] >= rate / 2:
+        runs = [run for run in ensemble.runs if len(run) * ensemble.samples >= 2 * lost + 2]
+        if not runs or band[0] >= rate / 2:
             raise InputError(
                 f"KernelRegression: nothing is left of realizations of {ensemble.samples} samples at "
                 f"{rate:g} Hz after {HALF_WIDTH} at either end for the derivatives, within a band of "
                 f"{band[0]:g} to {band[1]:g} Hz; give context, longer realizations or a lower band"
             )
-        stacks = tuple(Runs.of(ensemble, np.stack(members), band) for members in alike.values())
-        stop = max(runs.clock.max() + runs.torque.shape[1] / rate for runs in stacks)
-        return cls(stacks, min(runs.clock.min() for runs in stacks), stop)
+        groups = ([run for run in runs if len(run) == length] for length in dict.fromkeys(map(len, runs)))
+        stacks = tuple(Runs.of(ensemble, np.stack(members), band) for members in groups)
+        stop = max(each.clock.max() + each.torque.shape[1] / rate for each in stacks)
+        return cls(stacks, min(each.clock.min() for each in stacks), stop)
 
     def kernel(self, period: float, l1: float, l2: float = ENDLESS) -> Kernel:
         """Features that matter over the record."""

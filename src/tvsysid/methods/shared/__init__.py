@@ -28,7 +28,6 @@ from tvsysid.methods.shared.residuals import (
 )
 from tvsysid.methods.shared.two_stage import truncated_at_threshold
 from tvsysid.numerics.bayes import PRIORS, Posterior
-from tvsysid.numerics.decimation import decimation_weights
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.instrument import HARDLY_MOVED
 from tvsysid.numerics.moments import convolve_lags, lagged_moments, time_chunks

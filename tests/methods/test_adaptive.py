@@ -302,6 +302,17 @@ def test_a_reflex_is_taken_out_of_the_stiffness():
     assert "reflex_gain" not in model_of("sine", "prbs").estimates
 
 
+def test_emg_drives_the_reflex():
+    joint = tv.simulate.ReflexJoint(stiffness=tv.simulate.SineWave(), reflex_gain=8.0)
+    recording = joint.simulate(40.0, perturbation=tv.simulate.FilteredNoise(), snr_db=15, seed=4).recording
+    ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0, 1.0)
+    model = tv.methods.parse("adaptive:emg=emg").identify(ensemble)
+    assert model.estimates["reflex_gain"].unit == "N m/V"
+    assert abs(np.mean(model.stiffness - tv.simulate.SineWave()(model.time))) < 15  # the electrode's noise is no drive
+    with pytest.raises(tv.InputError, match="it needs the channel 'soleus'"):
+        tv.AdaptiveRegression(emg="soleus").identify(ensemble)
+
+
 @pytest.mark.parametrize("reflex_gain", [0.0, 8.0])
 def test_a_refit_keeps_what_the_whole_found_and_predicts_as_well(reflex_gain, monkeypatch):
     joint = tv.simulate.ReflexJoint(stiffness=tv.simulate.SquareWave(), reflex_gain=reflex_gain)

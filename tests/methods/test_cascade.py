@@ -348,6 +348,10 @@ def test_emg_drives_the_reflex():
     assert model.diagnostics.details["reflex_shown"] == 1
     assert abs(np.mean(model.stiffness - truth["stiffness"])) < 15  # half of sds's: the electrode's noise is no drive
     assert model.estimates["reflex_gain"].unit == "N m/V"
+    reversed_one = dataclasses.replace(ensemble, channels={"emg": -ensemble.channels["emg"]})
+    gain = tv.JointCascade(emg="emg").identify(reversed_one).estimates["reflex_gain"]
+    np.testing.assert_allclose(gain.values, -model.over_time("reflex_gain"), rtol=1e-6)
+    assert gain.band()[1].max() <= 0
     assert set(model.pathways(ensemble)) == {"intrinsic", "reflex"}
     with pytest.raises(tv.InputError, match="it needs the channel 'soleus'"):
         tv.JointCascade(emg="soleus").identify(ensemble)

@@ -147,7 +147,7 @@ def recommend(
     >>> print(found.sentence)
     adaptive: stiffness switches, which it places and other methods smear
     >>> found.method
-    AdaptiveRegression()
+    AdaptiveRegression(emg=None)
     """
     if not isinstance(ensemble, Ensemble):
         raise InputError(f"recommend: expected an Ensemble, got {type(ensemble).__name__}; cut a Recording first")

@@ -5,14 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Literal, NamedTuple
 
+import numpy as np
+
+from tvsysid.estimates import UNITS
 from tvsysid.methods.base import inputs_of
-from tvsysid.methods.cascade.result import negative_share
 from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_of
 from tvsysid.quality import Diagnosis, Finding
 from tvsysid.recommendation.decide import MAY_BE_A_LOOP, Recommendation
 from tvsysid.recommendation.rules import IS_SLOW, holds
 
+CHANCE = 0.025  # share of the time over which a band of 95 % lies below its truth
 MAX_DELAY_MS = 4.0  # up to which a late torque hardly changes the stiffness
 # Faults that make the stiffness doubtful, the worst first.
 DOUBTFUL = (
@@ -161,5 +164,8 @@ def reflex_shown(model: Model) -> bool:
 def negative_reflex(model: Model) -> str:
     """Return over how much of the time a model's reflex gain is negative; empty if it is not."""
     gain = model.estimates.get("reflex_gain")
-    share = negative_share(gain) if gain is not None and reflex_shown(model) else 0.0
-    return f"{100 * share:.0f} % of the time, with its whole 95 % band" if share else ""
+    if gain is None or gain.unit != UNITS["reflex_gain"] or gain.standard_error is None or not reflex_shown(model):
+        return ""
+    upper = gain.band()[1]
+    share = float(np.mean(upper[np.isfinite(upper)] < 0))
+    return f"{100 * share:.0f} % of the time, with its whole 95 % band" if share > CHANCE else ""

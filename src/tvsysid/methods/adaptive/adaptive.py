@@ -57,6 +57,11 @@ class AdaptiveRegression(base.Method):
     is averaged by its evidence: whether there is a smooth part, how rough it is, how many switches there are, how large
     and where.
 
+    Parameters
+    ----------
+    emg
+        Channel that drives the reflex in the velocity's place, as in :class:`tvsysid.JointCascade`.
+
     Notes
     -----
     Stiffness is freed at every time, which leaves a problem of one dimension. Viscosity and inertia come from a
@@ -105,8 +110,10 @@ class AdaptiveRegression(base.Method):
     --------
     >>> import tvsysid as tv
     >>> tv.methods.create("adaptive")
-    AdaptiveRegression()
+    AdaptiveRegression(emg=None)
     """
+
+    emg: str | None = None
 
     key: ClassVar[str] = "adaptive"
     title: ClassVar[str] = "Adaptive smoothing with switches"
@@ -123,6 +130,10 @@ class AdaptiveRegression(base.Method):
         "reflex is shown, its torque is no stiffness."
     )
 
+    def __post_init__(self) -> None:
+        if self.emg is not None:
+            object.__setattr__(self, "inputs", (base.Input(self.emg, "input", "V"),))
+
     def skip(self, ensemble: Ensemble) -> str | None:
         """Too few realizations, or samples of one."""
         known = ensemble.samples - 2 * base.missing_edge(shared.HALF_WIDTH, ensemble)
@@ -138,13 +149,13 @@ class AdaptiveRegression(base.Method):
         return None
 
     def _identify(self, ensemble: Ensemble) -> AdaptiveModel:
-        return Identification(ensemble, with_reflex(ensemble) or Derived.of(ensemble)).model(repr(self))
+        return Identification(ensemble, with_reflex(ensemble, self.emg) or Derived.of(ensemble)).model(repr(self))
 
     def _refit(self, ensemble: Ensemble, model: Model) -> Model:
         """Fit what the model found plausible, and no more: its reflex, smooth parts and numbers of switches."""
         if not isinstance(model, AdaptiveModel) or self.skip(ensemble):
             return self.identify(ensemble)
-        reflex = None if model.beside is None else with_reflex(ensemble, model.beside)
+        reflex = None if model.beside is None else with_reflex(ensemble, self.emg, model.beside)
         found = Identification(ensemble, reflex or Derived.of(ensemble), model.hypotheses)
         return found.model(repr(self))
 

@@ -60,20 +60,26 @@ class WithReflex(Signals):
         return float(weights @ constants.values[rest]), float(weights @ constants.covariance[rest, rest] @ weights)
 
 
-def with_reflex(ensemble: Ensemble, known: JointCascadeModel | None = None) -> WithReflex | None:
+def with_reflex(ensemble: Ensemble, emg: str | None, known: JointCascadeModel | None = None) -> WithReflex | None:
     """Signals of a joint with a reflex, if held-out realizations show one; or with one that is ``known``.
 
-    None also if too little is known of the history of enough realizations.
+    None also if too little is known of the history of enough realizations. A channel of EMG may drive it.
     """
-    method = JointCascade()
+    method = JointCascade(emg=emg)
     try:
         if known is not None:
             chosen = method.refitted(ensemble, known.hyperparameters)
-        elif len(ensemble) >= LEAST_REALIZATIONS and (test := reflex_test_of(ensemble)).shown:
+        elif len(ensemble) < LEAST_REALIZATIONS:
+            return None
+        elif emg is not None:
+            chosen = method.solved(ensemble)
+        elif (test := reflex_test_of(ensemble)).shown:
             chosen = method.solved(ensemble, "positive" if test.direction > 0 else "negative")
         else:
             return None
     except InputError:  # realizations are too short
+        return None
+    if not chosen.shown:
         return None
     problem, found = chosen.fit.problem, chosen.fit.found
     data, rate, lags = problem.data, ensemble.sampling_rate, chosen.search.lags

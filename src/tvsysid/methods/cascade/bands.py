@@ -14,13 +14,13 @@ from tvsysid.numerics.bands import arc_length
 from tvsysid.numerics.noise import autocorrelation
 
 
-class NonNegativeError(StandardError):
-    """Random error of an estimate that is not negative: nor is its band."""
+class OneSignError(StandardError):
+    """Random error of an estimate that is nowhere negative, or nowhere positive: nor is its band."""
 
     def limits(self, values: Array, level: float, simultaneous: bool = False) -> tuple[Array, Array]:
         """See :meth:`tvsysid.Estimate.band`."""
         lower, upper = super().limits(values, level, simultaneous)
-        return np.maximum(lower, 0.0), upper
+        return (lower, np.minimum(upper, 0.0)) if np.nanmin(values) < 0 else (np.maximum(lower, 0.0), upper)
 
 
 class Covariance(NamedTuple):
@@ -30,15 +30,14 @@ class Covariance(NamedTuple):
     freedom: float
     first: int
 
-    def error(
-        self, features: Array, known: NDArray[np.bool_], start: int, kind: type[StandardError] = StandardError
-    ) -> StandardError:
+    def error(self, features: Array, known: NDArray[np.bool_], start: int, one_sign: bool = False) -> StandardError:
         """Standard error of sums of coefficients from ``start`` on, with features (time, coefficient), where known."""
         start -= self.first
         stop = start + features.shape[1]
         covariance = self.matrix[start:stop, start:stop]
         variance = np.einsum("tj,jk,tk->t", features, covariance, features, optimize=True)
         values = np.where(known, np.sqrt(np.maximum(variance, 0.0)), np.nan)
+        kind = OneSignError if one_sign else StandardError
         return kind(values, np.array(self.freedom), arc_length(features, covariance))
 
 

@@ -125,16 +125,18 @@ class Search(NamedTuple):
     def limited(self, name: str, fit: Candidate) -> Candidate:
         """Solution with the same hyperparameters, whose viscosity and gain are not negative.
 
-        The gain of EMG may be: its sign is the muscle's.
+        The gain of EMG is of either sign, but the same at all times.
         """
-        problem, found = fit.problem, fit.found
-        rows = problem.data.features(readout(self.lags, self.ensemble.sampling_rate)[1:2])
-        if problem.reflex is not None:
-            gain = problem.reflex.basis(self.ensemble.time / self.period)
-            rows.append(gain[: None if name in DIRECTIONS else 0])
-        problem = replace(problem, positive=block_diag(*rows))
-        found = problem.solved(found.shape, found.moments, found.scale, found.parameters)
-        return Candidate(problem, found)
+        old = fit.found
+        rows = fit.problem.data.features(readout(self.lags, self.ensemble.sampling_rate)[1:2])
+        if fit.problem.reflex is not None:
+            rows.append(fit.problem.reflex.basis(self.ensemble.time / self.period))
+        problems = [
+            replace(fit.problem, positive=block_diag(rows[0], *(sign * gain for gain in rows[1:])))
+            for sign in ((1, -1) if name == "emg" else (1,))
+        ]
+        both = [Candidate(each, each.solved(old.shape, old.moments, old.scale, old.parameters)) for each in problems]
+        return min(both, key=lambda each: each.found.solved.lost)
 
     def refitted(self, known: Hyperparameters) -> Candidate:
         """Return the solution with these hyperparameters."""

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tvsysid.estimates import IMPEDANCE, UNITS, Estimate, StandardError
-from tvsysid.methods.cascade.bands import Covariance, NonNegativeError, covariance_of
+from tvsysid.estimates import IMPEDANCE, UNITS, Estimate
+from tvsysid.methods.cascade.bands import Covariance, covariance_of
 from tvsysid.methods.cascade.choice import SETTLED, Candidate, Hyperparameters, Search
 from tvsysid.methods.cascade.regressors import intrinsic_filters, readout, unresolved
 from tvsysid.methods.cascade.shape import LOGARITHMIC, TERMS, Found, Problem, place_of
@@ -21,7 +21,6 @@ from tvsysid.signals import Array, Ensemble
 APART = 0.1  # share by which the stiffness of that fit may differ from the response's sum
 MAX_LOST = 0.01  # share of the torque that the limits of viscosity and gain may cost
 UNKNOWN = 0.1  # rad/s of a threshold's standard error, a third of its prior's
-CHANCE = 0.025  # share of the time over which a band of 95 % lies below its truth
 FADED = 3e-3  # share of a muscle's response that is cut off
 
 
@@ -102,18 +101,17 @@ def model(method: str, chosen: Chosen, only_gain: bool = False) -> JointCascadeM
     start = chosen.fit.problem.own
     sure = covariance_of(used.problem, used.found, start if only_gain else 0)
     reflex_sure = sure if chosen.shown else covariance_of(chosen.fit.problem, chosen.fit.found, start)
-    kinds = {"viscosity": NonNegativeError, "reflex_gain": StandardError if chosen.emg else NonNegativeError}
     estimates = {
         name: Estimate(
             np.where(known, values, np.nan),
             UNITS[name],
-            error=None if only_gain else sure.error(intrinsic.features[name], known, 0, kinds.get(name, StandardError)),
+            error=None if only_gain else sure.error(intrinsic.features[name], known, 0, name == "viscosity"),
         )
         for name, values in intrinsic.values.items()
     }
     gain, basis = _gain(chosen, ensemble.time)
     unit = "N m/V" if chosen.emg else UNITS["reflex_gain"]
-    error = reflex_sure.error(basis, known, start, kinds["reflex_gain"])
+    error = reflex_sure.error(basis, known, start, one_sign=True)
     estimates["reflex_gain"] = Estimate(np.where(known, gain, np.nan), unit, error=error)
     response, reflex_lags = _reflex_response(chosen)
     details = _details(used, chosen, torques, reflex_sure) | {"stiffness_fitted": intrinsic.fitted_stiffness}
@@ -147,7 +145,8 @@ def _gain(chosen: Chosen, time: Array) -> tuple[Array, Array]:
     assert fit.problem.reflex is not None
     basis = fit.problem.reflex.basis(time / fit.problem.reflex.period)
     gain = basis @ fit.found.coefficients[fit.problem.own :]
-    return gain if chosen.emg else np.maximum(gain, 0.0), basis
+    sign = fit.problem.positive[-1, fit.problem.own]
+    return sign * np.maximum(sign * gain, 0.0), basis
 
 
 def _reflex_response(chosen: Chosen) -> tuple[Array, Array]:
@@ -230,15 +229,6 @@ def doubtful_gain(gain: Estimate, constant: bool) -> Iterator[str]:
         yield (
             "the reflex gain's change over time is not identified: its band is wider than its range; only its mean is"
         )
-
-
-def negative_share(gain: Estimate) -> float:
-    """Share of the time over which a stretch reflex's gain is negative with its whole band; zero where that is rare."""
-    if gain.unit != UNITS["reflex_gain"] or gain.standard_error is None:
-        return 0.0
-    upper = gain.band()[1]
-    share = float(np.sum(upper < 0)) / max(1, int(np.isfinite(upper).sum()))
-    return share if share > CHANCE else 0.0
 
 
 def not_of_second_order(mean: float, fitted: float) -> Iterator[str]:

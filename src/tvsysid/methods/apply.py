@@ -56,6 +56,11 @@ def apply(method: Identifies, ensemble: Ensemble, label: str | None = None) -> M
     label = repr(method) if label is None else label
     if reason := reason_to_skip(method, ensemble):
         raise InputError(f"{label}: {reason}")
+    return _applied(method, ensemble, label)
+
+
+def _applied(method: Identifies, ensemble: Ensemble, label: str) -> Model:
+    """Model of an ensemble that the method can serve."""
     found = method.identify(ensemble)
     model = found if isinstance(found, Model) else _adopted(found, label, ensemble)
     _check_shapes(model, label, ensemble)
@@ -83,7 +88,7 @@ def identify(method: Identifies, ensemble: Ensemble, label: str = "", *, tune: b
         if reason := reason_to_skip(method, ensemble):
             raise SkippedError(reason)
         chosen, evidence = _tuned(method, ensemble) if tune else (method, None)
-        return Identified(apply(chosen, ensemble, label or type(method).__name__), evidence)
+        return Identified(_applied(chosen, ensemble, label or type(method).__name__), evidence)
 
 
 def _tuned(method: object, ensemble: Ensemble) -> tuple[Method, Evidence | None]:

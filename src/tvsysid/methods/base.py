@@ -334,7 +334,7 @@ def _changing(ensemble: Ensemble) -> Iterator[str]:
 
 
 def _common_warnings(method: Method, ensemble: Ensemble, model: Model) -> Iterator[str]:
-    spectrum = PowerSpectrum.of(ensemble.angle[:: max(1, len(ensemble) // 64)], ensemble.sampling_rate)
+    spectrum = PowerSpectrum.of(ensemble.angle[:: max(1, len(ensemble) // 32)], ensemble.sampling_rate)
     peak, share, width = spectrum.strongest_line()
     is_line = share > ONE_LINE and peak > 2 * width
     known = model.stiffness[np.isfinite(model.stiffness) & (not is_line)]  # of a line, it is rounding

@@ -374,7 +374,7 @@ def test_realizations_too_short_for_derivatives_are_refused(method, random):
         (lambda: tv.methods.create("sds", windw=1), "unknown setting 'windw'; its settings are max_lag, window"),
         (
             lambda: tv.methods.parse("adaptive:reference=command"),
-            "unknown setting 'reference'; its settings are emg, tuned; methods with that setting are sds, birf, esm, kbr",
+            "unknown setting 'reference'; its settings are emg, tuned; methods with that setting are sds, birf, esm",
         ),
         (lambda: tv.methods.parse("sds:window=wide"), "window must be a number, got 'wide'"),
         (lambda: tv.methods.parse("sds:window"), "expected setting=value"),

@@ -378,7 +378,7 @@ def test_no_viscosity_is_negative_and_what_contradicts_that_is_said_and_a_reflex
     torque = np.zeros_like(angle)
     torque[:, 12:-12] = 80 * inner[0] - 0.5 * inner[1] + random.normal(size=inner[0].shape)
     model = METHOD.identify(tv.Ensemble(angle, torque, 100.0, context=12))
-    assert ["a viscosity or a reflex gain below 0" in text for text in model.diagnostics.warnings].count(True) == 1
+    assert ["a negative viscosity or reflex gain" in text for text in model.diagnostics.warnings].count(True) == 1
     assert model.viscosity.min() == model.estimates["viscosity"].band()[0].min() == 0
     assert any("where a reflex is shown" in text for text in tv.methods.describe("adaptive").reports)
 

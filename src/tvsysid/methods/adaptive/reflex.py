@@ -91,7 +91,7 @@ def with_reflex(ensemble: Ensemble, emg: str | None, known: JointCascadeModel | 
     first = data.bases[0].shape[1] + data.bases[1].shape[1] + 1
     share = white_share(problem.left(found), signals[0], rate, (0.0, rate / 2))
     weights = share * (found.scale / found.spread)[first:] ** 2
-    gains = problem.positive[ensemble.samples :, problem.own :]
+    gains = problem.positive[-ensemble.samples :, problem.own :]
     slopes = [found.solved.noise_variance / TERMS[name].spread ** 2 for name in problem.free]
     return WithReflex(
         rate=rate,

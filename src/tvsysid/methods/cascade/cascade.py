@@ -90,7 +90,7 @@ class JointCascade(base.Method):
     to (:func:`tvsysid.quality.reflexes.reflex_test`); of fewer than eight, the evidence. Where none is shown, the model
     is one without, and ``reflex_gain`` says with its band what the data leave room for.
 
-    Neither viscosity nor reflex gain is negative at any time, nor are their bands; the gain of EMG may be, but is of
+    Neither viscosity nor reflex gain is negative at any time, nor are their bands; stiffness and the gain of EMG are of
     one sign. Sizes and decays are found without this limit. A warning says so where it costs 1 % of the torque.
 
     A threshold is taken as 0 unless with it realizations are predicted better that were not fitted to (p < 0.05); the

@@ -125,14 +125,15 @@ class Search(NamedTuple):
     def limited(self, name: str, fit: Candidate) -> Candidate:
         """Solution with the same hyperparameters, whose viscosity and gain are not negative.
 
-        The gain of EMG is of either sign, but the same at all times.
+        Stiffness, and the gain of EMG, are of either sign, but the same at all times.
         """
-        old = fit.found
-        rows = fit.problem.data.features(readout(self.lags, self.ensemble.sampling_rate)[1:2])
-        if fit.problem.reflex is not None:
-            rows.append(fit.problem.reflex.basis(self.ensemble.time / self.period))
+        old, data, reflex = fit.found, fit.problem.data, fit.problem.reflex
+        weights = readout(self.lags, self.ensemble.sampling_rate)[:2]
+        weights[0] = np.sign(old.coefficients[0]) * np.eye(1, weights.shape[1])
+        rows = np.concatenate(data.features(weights))
+        gains = [] if reflex is None else [reflex.basis(self.ensemble.time / self.period)]
         problems = [
-            replace(fit.problem, positive=block_diag(rows[0], *(sign * gain for gain in rows[1:])))
+            replace(fit.problem, positive=block_diag(rows, *(sign * gain for gain in gains)))
             for sign in ((1, -1) if name == "emg" else (1,))
         ]
         both = [Candidate(each, each.solved(old.shape, old.moments, old.scale, old.parameters)) for each in problems]

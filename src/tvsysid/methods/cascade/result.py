@@ -61,6 +61,11 @@ class JointCascadeModel(TwoPathwayModel):
         return variables, coordinates | {"derivative": (("derivative",), [1, 2])}
 
 
+def of_sign(values: Array, sign: float) -> Array:
+    """Values with one sign, without what rounding leaves of the other."""
+    return sign * np.maximum(sign * values, 0.0)
+
+
 class Intrinsic(NamedTuple):
     """Weights (time, lag) of lagged angles, those of derivatives, and the mean stiffness of a second-order fit to them.
 
@@ -85,7 +90,8 @@ class Intrinsic(NamedTuple):
         fitted, *rest = problem.data.features(readout(lags, rate))
         features = dict(zip(IMPEDANCE, (bases[0], *rest), strict=True))
         values = {name: each @ coefficients[: each.shape[1]] for name, each in features.items()}
-        values["viscosity"] = np.maximum(values["viscosity"], 0.0)  # but for rounding it is
+        for name, sign in (("stiffness", np.sign(coefficients[0])), ("viscosity", 1.0)):
+            values[name] = of_sign(values[name], sign)
         return cls(weights, np.stack(over_time[1:3], axis=1), float((fitted @ coefficients).mean()), values, features)
 
 
@@ -105,7 +111,7 @@ def model(method: str, chosen: Chosen, only_gain: bool = False) -> JointCascadeM
         name: Estimate(
             np.where(known, values, np.nan),
             UNITS[name],
-            error=None if only_gain else sure.error(intrinsic.features[name], known, 0, name == "viscosity"),
+            error=None if only_gain else sure.error(intrinsic.features[name], known, 0, name != "inertia"),
         )
         for name, values in intrinsic.values.items()
     }
@@ -145,8 +151,7 @@ def _gain(chosen: Chosen, time: Array) -> tuple[Array, Array]:
     assert fit.problem.reflex is not None
     basis = fit.problem.reflex.basis(time / fit.problem.reflex.period)
     gain = basis @ fit.found.coefficients[fit.problem.own :]
-    sign = fit.problem.positive[-1, fit.problem.own]
-    return sign * np.maximum(sign * gain, 0.0), basis
+    return of_sign(gain, fit.problem.positive[-1, fit.problem.own]), basis
 
 
 def _reflex_response(chosen: Chosen) -> tuple[Array, Array]:
@@ -242,10 +247,10 @@ def not_of_second_order(mean: float, fitted: float) -> Iterator[str]:
 
 
 def contradicted(lost: float) -> Iterator[str]:
-    """Warn where a share of the torque is lost because no viscosity or reflex gain is negative."""
+    """Warn where a share of the torque is lost because quantities are of one sign."""
     if lost > MAX_LOST:
         yield (
-            f"a viscosity or a reflex gain below 0, which no joint has, would explain {100 * lost:.1f} % more of the "
-            "torque: the torque may be early, or move the angle, or the realizations differ in more than the "
-            "perturbation"
+            f"a negative viscosity or reflex gain, or a stiffness of both signs, would explain {100 * lost:.1f} % more "
+            "of the torque, but no joint has these: the torque may be early, or move the angle, or the realizations "
+            "differ in more than the perturbation"
         )

@@ -128,6 +128,18 @@ def test_a_ramp_and_a_held_angle_are_no_gaps():
     assert not found(in_steps(recording, 12))
 
 
+@pytest.mark.parametrize("noise", [0.0, 0.1, 0.3])
+def test_a_rest_in_coarse_steps_and_a_clipped_torque_are_no_gaps(noise):
+    """Noise as a share of the step."""
+    signals, _ = imposed("sine", "prbs", "white", 20, 1, 40.0)
+    signals /= 1 + np.exp(-(np.arange(40_000) - 2000) / 20)  # moves after 2 s
+    steps = 4 * np.abs(signals).max(axis=1, keepdims=True) / 2**12
+    signals += noise * steps * np.random.default_rng(2).normal(size=signals.shape)
+    assert not found(tv.Recording(*(np.round(signals / steps) * steps), 1000.0))
+    for level in (1.0, 2.0, 3.0):
+        assert not found(faults.clipped(recorded("prbs", "slow")[0], "torque", level))
+
+
 def test_real_records_have_neither(recordings):
     for recording, _ in recordings.values():
         assert not found(recording)

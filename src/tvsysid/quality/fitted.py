@@ -14,6 +14,7 @@ from scipy.ndimage import convolve1d, gaussian_filter1d
 from tvsysid.impedance import second_order_fit
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.interpolation import between
+from tvsysid.preprocess.segment import every_signal
 from tvsysid.quality.reflexes import ReflexTest, reflex_test_of
 from tvsysid.quality.resampling import known_region, lowered
 from tvsysid.quality.statistics import innovations, prediction_error
@@ -355,16 +356,14 @@ class FittedEnsemble:
         return np.concatenate(self.ensemble.runs)
 
     @property
-    def half_orders(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def half_orders(self) -> list[NDArray[np.int64]]:
         """Realizations of the first and of the second half of the experiment."""
-        order, middle = self.order, len(self) // 2
-        return order[:middle], order[middle:]
+        return np.split(self.order, [len(self) // 2])
 
     @cached_property
-    def halves(self) -> tuple[FittedEnsemble, FittedEnsemble]:
+    def halves(self) -> list[FittedEnsemble]:
         """First and second half of the experiment, each by itself."""
-        first, second = (FittedEnsemble(self.given, self.ensemble.select(half)) for half in self.half_orders)
-        return first, second
+        return [FittedEnsemble(self.given, self.ensemble.select(half)) for half in self.half_orders]
 
     def levelled(self, angle: Array, torque: Array) -> FittedEnsemble:
         """Fit of the same ensemble less an offset of each realization, shape (realization,)."""
@@ -380,15 +379,6 @@ class FittedEnsemble:
         cut = abs(whole)
         if late == 0 or given.context < cut:
             return self
-        left = slice(cut, width - cut)
-        recorded = None if given.recorded_angle is None else given.recorded_angle[:, left]
-        torque = between(given.torque, late - whole)[:, cut + whole : width - cut + whole]
-        timely = replace(
-            given,
-            angle=given.angle[:, left],
-            torque=torque,
-            context=given.context - cut,
-            channels={name: values[:, left] for name, values in given.channels.items()},
-            recorded_angle=recorded,
-        )
-        return FittedEnsemble(self.given, timely)
+        timely = every_signal(given, lambda values: values[:, cut : width - cut])
+        timely["torque"] = between(given.torque, late - whole)[:, cut + whole : width - cut + whole]
+        return FittedEnsemble(self.given, replace(given, **timely, context=given.context - cut))

@@ -90,9 +90,6 @@ def lost(data: FittedEnsemble, which: str, heights: Mapping[str, Array]) -> Seen
         raw = (np.gradient(each, axis=1)[:, data.whitening :] for each in (data.fit.torque, data.fit.parts.sum(axis=0)))
         there, expected = (_window_power(each, samples) for each in raw)
         gone &= there < 2 * STILL * expected
-        # Where every torque is the same, and no mean was subtracted; an angle may be held, a torque not.
-        torque = data.ensemble.torque
-        gone |= np.ptp(_windows(torque[:, data.white_region], samples), axis=2) <= 1e-9 * float(np.std(torque))
     else:
         gone = (left > LOUD * noise) & (expected < STILL * there) & (np.abs(together) < STILL * there)
     # A spike in the other signal moves much, and is answered by nothing.
@@ -102,7 +99,7 @@ def lost(data: FittedEnsemble, which: str, heights: Mapping[str, Array]) -> Seen
     gone &= ~_windows(spikes, samples).any(axis=2)
     times = np.repeat(gone, samples, axis=1) if gone.sum() > 1 else np.zeros((len(gone), gone.shape[1] * samples), bool)
     if which == "torque":
-        times |= _briefly_silent(data)[:, : times.shape[1]]
+        times |= _held(data)[:, : times.shape[1]]
     if not times.any():
         return Seen(0.0, f"the {which} is there throughout")
     seconds, concerned = float(times.sum()) / data.rate, indices(times.any(axis=1))
@@ -114,8 +111,8 @@ def lost(data: FittedEnsemble, which: str, heights: Mapping[str, Array]) -> Seen
     return Seen(seconds, what, realizations=concerned)
 
 
-def _briefly_silent(data: FittedEnsemble) -> NDArray[np.bool_]:
-    """Times of some BRIEF seconds at which the torque should move, does not, and has no noise of its own either.
+def _held(data: FittedEnsemble) -> NDArray[np.bool_]:
+    """Times of some BRIEF seconds at which the torque is the same, or should move and has no noise of its own either.
 
     The noise is what the torque's past does not predict at the rate that was given: at some 100 Hz, so short a time has
     too few samples. A torque that is held or zero has only what the subtracted mean left. Shape (realization,
@@ -123,12 +120,16 @@ def _briefly_silent(data: FittedEnsemble) -> NDArray[np.bool_]:
     """
     given, fit = data.given, data.fit
     fast, slow = round(BRIEF * given.sampling_rate), max(5, round(BRIEF * data.rate))
+    seconds = (np.arange(fit.torque.shape[1])[data.whitening :] + fit.first - data.ensemble.context) / data.rate
+    place = np.round(seconds * given.sampling_rate).astype(np.int64) + given.context
+    # Where no mean was subtracted.
+    still, count = np.abs(np.diff(given.torque, axis=1)) <= 1e-9 * given.torque.std(), fast
     if fast < LEAST_FAST:
-        return np.zeros(data.white_residual.shape, dtype=bool)
-    if not given.mean_subtracted:
-        held = np.diff(given.torque, axis=1) == 0
-        silent = maximum_filter1d(uniform_filter1d(held.astype(float), fast, axis=1) > 1 - 0.5 / fast, fast, axis=1)
-        return np.asarray(silent[:, np.clip(_given_samples(data), 0, silent.shape[1] - 1)])
+        count = max(LEAST_SAMPLES, round(WINDOW * given.sampling_rate))
+    held = maximum_filter1d(uniform_filter1d(still.astype(float), count, axis=1) > 1 - 0.5 / count, count, axis=1)
+    held = held[:, np.clip(place, 0, held.shape[1] - 1)]
+    if fast < LEAST_FAST:
+        return np.asarray(held)
     order = 6
     noise = innovations(np.asarray(given.torque - given.torque.mean(axis=0)), order)
     power = uniform_filter1d(noise**2, fast, axis=1, mode="nearest")
@@ -136,14 +137,7 @@ def _briefly_silent(data: FittedEnsemble) -> NDArray[np.bool_]:
     measured, expected, left = (_change(values, slow) for values in (fit.torque, fit.parts.sum(axis=0), fit.residual))
     gone = (measured < STILL * expected) & (expected > LOUD * float(np.median(left)))
     gone = maximum_filter1d(gone, slow, axis=1)[:, data.whitening :]
-    place = np.clip(_given_samples(data) - order, 0, silent.shape[1] - 1)
-    return np.asarray(gone & silent[:, place])
-
-
-def _given_samples(data: FittedEnsemble) -> NDArray[np.int64]:
-    """Whitened samples as samples of what was given."""
-    seconds = (np.arange(data.white_residual.shape[1]) + data.white_region.start - data.ensemble.context) / data.rate
-    return np.asarray(np.round(seconds * data.given.sampling_rate).astype(np.int64) + data.given.context)
+    return np.asarray(held | (gone & silent[:, np.clip(place - order, 0, silent.shape[1] - 1)]))
 
 
 def _change(values: Array, samples: int) -> Array:

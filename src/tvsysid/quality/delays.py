@@ -23,6 +23,7 @@ LARGE = 15.0  # ms: no noise in the angle looks like so large a delay
 SHIFTED = 0.3  # % of the torque that later movement predicts, in a loop, if the torque is shifted
 FINER = np.linspace(-1, 1, 9)  # samples beside the best shift that are tried
 STEPS, LONGEST_STEP = 3, 1.5  # Gauss-Newton steps, and how many samples each may go
+PARTS = 10  # of a realization, over which a delay must not scatter more than over realizations
 FAR = 1.05  # the same from which on the steps start at the best shift, which is too far from none for them
 SETTLED = 0.015  # share of a delay that the next step may be: what noise or a misfit looks like goes on and on
 MOST_TOLD = 200  # % of a value beyond which a change of it is not told as a share
@@ -62,19 +63,23 @@ def _remaining(data: FittedEnsemble) -> tuple[float, float, float]:
     change = between(torque, -0.5) - between(torque, 0.5)
 
     def fitted(signal: Callable[[Array], Array]) -> tuple[Array, Array]:
-        """Step of each realization times its weight, and the weight, with noise as a signal is made of it."""
+        """Step at each sample times its weight, and the weight, with noise as a signal is made of it."""
         parts, left, later = (
             gaussian_filter1d(signal(each), SMOOTH, axis=-1) for each in (data.fit.parts, data.fit.residual, change)
         )
         alone, left = (fit_motion(parts, each, data.rate, 0).residual[:, SINC:-SINC] for each in (later, left))
-        return np.sum(left * alone, axis=1), np.sum(alone**2, axis=1)
+        return left * alone, alone**2
 
     moments, weights = fitted(data.whitened)
     plain, plain_weights = fitted(lambda values: values)
     if weights.sum() <= 0 or plain_weights.sum() <= 0:
         raise NotJudged(NO_ANSWER)
-    step, count = float(moments.sum() / weights.sum()), len(data)
-    error = math.sqrt(float(np.sum((moments - step * weights) ** 2)) * count / (count - 1)) / float(weights.sum())
+    step = float(moments.sum() / weights.sum())
+    # A misfit is alike in all realizations, and differs from time to time.
+    apart = moments - step * weights
+    parts = np.array([each.sum() for each in np.array_split(apart, PARTS, axis=1)])
+    scatter = (float(np.sum(each**2)) * len(each) / (len(each) - 1) for each in (apart.sum(axis=1), parts))
+    error = math.sqrt(max(scatter)) / float(weights.sum())
     return step, error, float(plain.sum() / plain_weights.sum()) - step
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
@@ -11,7 +12,6 @@ from scipy.ndimage import gaussian_filter1d
 from tvsysid.numerics.interpolation import SINC, between
 from tvsysid.quality.catalogue import FAULTS
 from tvsysid.quality.fitted import ANSWERED, NO_ANSWER, SMOOTH, FittedEnsemble, NotJudged, SecondOrder, Seen, fit_motion
-from tvsysid.quality.scales import narrow_excitation
 from tvsysid.quality.statistics import LEAST_REALIZATIONS, SIGNIFICANT, p_value, p_value_of
 from tvsysid.quality.structure import feedback
 from tvsysid.signals import Array
@@ -88,16 +88,12 @@ def _other_cause(data: FittedEnsemble, timely: FittedEnsemble, late: float, clea
     inertia, smooth = (float(values[2]) for values, _ in (timely.mean_impedance, timely.smooth_impedance))
     if (abs(late) < LARGE or not clear) and not inertia / HIDDEN < smooth < HIDDEN * inertia:
         return "noise in the angle (coarse steps, spikes), or a torque smoothed alone, looks like a delay"
-    try:
-        if not clear and FAULTS["narrow-excitation"].beyond(narrow_excitation(timely).value):
-            return "a perturbation of so few frequencies hardly tells a delay from a viscosity"
+    with suppress(NotJudged):
         # A loop shows in what is shifted, too; or as it is, where a shift hardly helps.
         if late < -FAULTS["delay"].limit and (
             feedback(timely).value > SHIFTED or (not clear and FAULTS["feedback"].beyond(feedback(data).value))
         ):
             return "torque noise moves the angle, which looks like an early torque"
-    except NotJudged:
-        pass
     return ""
 
 

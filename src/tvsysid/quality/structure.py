@@ -18,7 +18,7 @@ from tvsysid.signals import Array
 
 AHEAD = 0.03  # seconds ahead that the angle is predicted: within them derivatives' filters tell even of an imposed one
 PAST_ANGLE = 0.2  # seconds of the angle's past that predict it by themselves
-PAST_NOISE = 0.15  # seconds of the residual torque that may add to it
+PAST_CAUSE = 0.15  # seconds of a channel that may add to it
 # Shares of the unpredicted movement: that what was applied predicts of the angle at least, and the angle of it at most.
 LEADS, FOLLOWS = 0.04, 0.02
 BESIDE = 6  # samples of the torque to either side from which it is explained
@@ -101,29 +101,25 @@ def applied(data: FittedEnsemble, channel: str) -> Seen:
     by_angle = gained(without(middle, torques), without(angles, torques))[0]
     if not by_angle > gained(middle, torques)[0]:  # a sensor is the torque and noise; a command, torque and load
         raise NotJudged(f"{channel!r} is the torque")
-    leads = _predicted(data.angle, values, 0, data.rate).mean()
-    if not leads > LEADS or _predicted(values, data.angle, 0, data.rate).mean() > FOLLOWS:
+    leads, follows = _predicted(data.angle, values, data.rate), _predicted(values, data.angle, data.rate)
+    if not leads > LEADS or follows > FOLLOWS:
         raise NotJudged(f"{channel!r} does not move before the angle")
     seen = loop_bias(data, channel)
     return seen if seen.value < 0 else seen._replace(significant=False)
 
 
-def _predicted(angle: Array, residual: Array, first: int, rate: float) -> Array:
-    """Share of the angle's unpredicted movement that the residual torque predicts, in each realization over all's mean.
-
-    The first sample of the residual belongs to sample ``first`` of the angle.
-    """
+def _predicted(signal: Array, cause: Array, rate: float) -> float:
+    """Share of a signal's movement, unpredicted by its own past, that a cause's past predicts."""
     ahead = max(1, round(AHEAD * rate))
-    own_lags = np.arange(ahead, ahead + round(PAST_ANGLE * rate))
-    noise_lags = np.arange(ahead, ahead + round(PAST_NOISE * rate), 2)
-    start, stop = max(int(own_lags.max()), first + int(noise_lags.max())), first + residual.shape[1]
-    if stop - start < int(noise_lags.max()):
+    own, lags = ahead + np.arange(round(PAST_ANGLE * rate)), ahead + np.arange(0, round(PAST_CAUSE * rate), 2)
+    start, stop = own[-1], signal.shape[1]
+    if stop - start < lags[-1]:
         raise NotJudged(SHORT)
-    past = np.stack([angle[:, start - lag : stop - lag] for lag in own_lags])
-    noise = np.stack([residual[:, start - first - lag : stop - first - lag] for lag in noise_lags])
-    target = without(angle[:, start:stop], past)
-    total = float(np.sum(target**2))
-    return gains(target, without(noise, past)) * len(target) / total if total > 0 else np.zeros(len(target))
+    past, causes = (
+        np.stack([values[:, start - lag : stop - lag] for lag in each])
+        for values, each in ((signal, own), (cause, lags))
+    )
+    return gained(without(signal[:, start:], past), without(causes, past))[0]
 
 
 def reflex(data: FittedEnsemble) -> Seen:

@@ -54,7 +54,8 @@ WRONG = {  # faults that make every method's stiffness wrong, the cause of other
 }
 LOOP = {  # those that a reference mends
     "loop-bias": "The torque moves the angle (a closed loop): {what}.",
-    "feedback": "Noise in the torque moves the angle (a closed loop), which biases every method. Record the actuator's "
+    "feedback": "Noise in the torque moves the angle (a closed loop), which biases every method, or one channel was "
+    "filtered alone. Record the actuator's "
     "command, and identify with it: --channel command=… --method kbr:reference=command,weighting=residual.",
 }
 

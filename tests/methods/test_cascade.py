@@ -57,17 +57,17 @@ def problem(random):
     signals, _ = lagged_signals(angle[:, HISTORY - LAGS :], LAGS, LAGS, RATE)
     signals = np.pad(signals, ((0, 0), (0, 0), (0, 0)))
     times, fitted = signals.shape[2], np.ones(signals.shape[1:], dtype=bool)
-    rows, folds = velocity[:, : HISTORY + times], [np.arange(0, 8, 2), np.arange(1, 8, 2)]
+    rows = velocity[:, : HISTORY + times]
     phase = np.arange(times) / times
     bases = (FourierSeries(2)(phase), FourierSeries(1)(phase), *[np.ones((times, 1))] * (len(signals) - 2))
     noise = 1e-5 * random.normal(size=fitted.shape)
-    plain = Data.of(noise, signals, bases, fitted, folds).weighed(NOISE)
+    plain = Data.of(noise, signals, bases, fitted).weighed(NOISE)
     reflex = Reflex(lambda c: deviations(np.maximum(rows - c, 0.0)), FourierSeries(1), times / RATE, RATE, plain)
     columns = every_column(Problem.of(plain, reflex, FREE), KNOWN)
     truth = random.normal(size=len(columns)) / np.sqrt(np.mean(columns**2, axis=(1, 2)))
     torque = np.tensordot(truth, columns, 1) + noise
     return Problem.of(plain, reflex, FREE).with_data(
-        Data.of(torque, signals, bases, fitted, folds).weighed(NOISE)
+        Data.of(torque, signals, bases, fitted).weighed(NOISE)
     ), truth
 
 

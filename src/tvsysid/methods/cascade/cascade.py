@@ -15,7 +15,6 @@ from tvsysid.methods import base
 from tvsysid.methods.cascade import result
 from tvsysid.methods.cascade.choice import (
     DIRECTIONS,
-    FOLDS,
     HISTORY,
     SETTLED,
     Candidate,
@@ -202,9 +201,7 @@ class JointCascade(base.Method):
             )
         bases = [FourierSeries(min(h, ensemble.samples // 4))(ensemble.time / period) for h in self.harmonics[:2]]
         bases += [np.ones((ensemble.samples, 1))] * (len(signals) - 2)
-        order = np.concatenate(ensemble.runs)
-        folds = [np.sort(order[first::FOLDS]) for first in range(min(FOLDS, len(order)))]
-        data = Data.of(ensemble.torque[:, ensemble.core], signals, tuple(bases), fitted, folds)
+        data = Data.of(ensemble.torque[:, ensemble.core], signals, tuple(bases), fitted)
         drives = self._drives(ensemble, data)
         shape = () if self.emg else ("threshold",)
         free = {

@@ -21,7 +21,6 @@ from tvsysid.signals import Ensemble
 
 SETTLED = 0.45  # seconds of what drives a reflex that must be known before a sample that is fitted
 HISTORY = 0.75  # seconds of it that are used where they were recorded
-FOLDS = 3  # of realizations, taken in turn, each predicted from the others
 USUAL = (16.0, 0.8, 0.0)  # frequency in rad/s, damping and threshold of a reflex that is not shown
 CERTAIN = 10.0  # log evidence by which a reflex must be better than none, and than the rest, to be shown
 MISFIT = 0.02  # share of the squares left by which whitening may make them larger

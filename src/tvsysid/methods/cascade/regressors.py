@@ -26,6 +26,7 @@ from tvsysid.numerics.stretch import decimated
 BAND = 0.6  # share of the Nyquist frequency over which so few lags give velocity and acceleration to 0.3 %
 HALF_WIDTH = 8  # samples to either side from which velocity and acceleration follow at the recorded rate
 FITTED = (0.5, 15.0)  # Hz, over which viscosity and inertia are those of the intrinsic response
+FOLDS = 3  # of realizations, taken in turn, each predicted from the others
 WINDOW = 256  # samples of a realization whose noise counts as correlated, at most
 HIGHEST = 8  # order of difference of the angle up to which the intrinsic response is free
 
@@ -98,14 +99,7 @@ class Data:
     own: Array
 
     @classmethod
-    def of(
-        cls,
-        torque: Array,
-        signals: Array,
-        bases: tuple[Array, ...],
-        fitted: NDArray[np.bool_],
-        folds: list[NDArray[np.int64]],
-    ) -> Self:
+    def of(cls, torque: Array, signals: Array, bases: tuple[Array, ...], fitted: NDArray[np.bool_]) -> Self:
         """Of torque and signals (signal, realization, time) as they are, where those are ``fitted`` (likewise).
 
         These are the times that are fitted in half of the realizations, and the realizations that are at all of them.
@@ -113,10 +107,8 @@ class Data:
         often = fitted.sum(axis=0)
         inside = np.flatnonzero(2 * often >= often.max())
         times = slice(int(inside[0]), int(inside[-1]) + 1)
-        taken = np.asarray(fitted[:, times].all(axis=1))
-        rows = np.flatnonzero(taken)
-        place = np.cumsum(taken) - 1
-        folds = [place[fold[taken[fold]]] for fold in folds]
+        rows = np.flatnonzero(fitted[:, times].all(axis=1))
+        folds = [np.arange(first, len(rows), FOLDS) for first in range(min(FOLDS, len(rows)))]
         torque, signals = deviations(torque[rows, times]), deviations(signals[:, rows, times])
         empty = np.zeros(())
         return cls(torque, signals, bases, rows, times, folds, empty, [], empty).weighed(np.ones(1))
@@ -150,18 +142,35 @@ class Data:
         """
         rows, times = self.torque.shape
         edges = np.linspace(0, times, -(-times // WINDOW) + 1).astype(int)
-        windows = []
-        for start, stop in pairwise(edges):
-            inverse = np.asarray(np.linalg.inv(_matrix(noise, stop - start)), dtype=np.float64)
+        inverses = {}
+        for size in map(int, set(np.diff(edges))):
+            inverse = np.asarray(np.linalg.inv(_matrix(noise, size)), dtype=np.float64)
             if rows == 1:  # its mean is not known
                 weight = inverse.sum(axis=0)
                 inverse -= np.outer(weight, weight) / weight.sum()
-            if true is not None:
-                inverse = inverse @ _matrix(true, stop - start) @ inverse
-            windows.append((slice(start, stop), inverse))
-        signals = np.concatenate([self.signals, self.torque[None]])
-        own = np.stack([_products(signals[:, fold], self.functions, windows) for fold in self.folds])
-        return replace(self, noise=noise, windows=windows, own=own)
+            inverses[size] = inverse if true is None else inverse @ _matrix(true, size) @ inverse
+        windows = [(slice(start, stop), inverses[stop - start]) for start, stop in pairwise(edges)]
+        data = replace(self, noise=noise, windows=windows)
+        return replace(data, own=np.stack([data.products(fold) for fold in self.folds]))
+
+    def are_few(self, columns: int) -> bool:
+        """Whether so many columns have fewer samples than products by which these are found."""
+        return columns * len(self.torque) < 3 * len(self.windows[0][1])
+
+    def products(self, rows: NDArray[np.int64]) -> Array:
+        """Weighted products of the intrinsic columns and the torque, of some realizations."""
+        functions, signals = self.functions, (*self.signals[:, rows], self.torque[rows])
+        ends = np.cumsum([0, *(each.shape[1] for each in functions)])
+        if self.are_few(ends[-1]):
+            columns = np.concatenate([x * a.T[:, None] for a, x in zip(functions, signals, strict=True)])
+            return self.cross(self.whitened(columns), rows)
+        out = np.zeros((ends[-1], ends[-1]))
+        for inside, inverse in self.windows:
+            for i, a in enumerate(functions):
+                for j, b in enumerate(functions[: i + 1]):
+                    weighted = signals[i][:, inside].T @ signals[j][:, inside] * inverse
+                    out[ends[i] : ends[i + 1], ends[j] : ends[j + 1]] += a[inside].T @ weighted @ b[inside]
+        return np.tril(out) + np.tril(out, -1).T
 
     def whitened(self, values: Array) -> Array:
         """Values (…, time) times the inverse covariance of the noise."""
@@ -188,18 +197,6 @@ class Data:
 
 def _matrix(correlation: Array, times: int) -> Array:
     return np.asarray(toeplitz(np.pad(correlation, (0, times))[:times]))
-
-
-def _products(signals: Array, functions: list[Array], windows: list[tuple[slice, Array]]) -> Array:
-    """Weighted products of signals (signal, realization, time) times functions of time (time, function)."""
-    ends = np.cumsum([0, *(each.shape[1] for each in functions)])
-    out = np.zeros((ends[-1], ends[-1]))
-    for inside, inverse in windows:
-        for i, a in enumerate(functions):
-            for j, b in enumerate(functions[: i + 1]):
-                weighted = signals[i, :, inside].T @ signals[j, :, inside] * inverse
-                out[ends[i] : ends[i + 1], ends[j] : ends[j + 1]] += a[inside].T @ weighted @ b[inside]
-    return np.tril(out) + np.tril(out, -1).T
 
 
 class Shape(NamedTuple):
@@ -238,11 +235,6 @@ class Shape(NamedTuple):
         response = scipy.signal.lfilter(up, down, impulse)
         return np.asarray(response / response.sum())
 
-    def matrix(self, history: int, times: int, rate: float) -> Array:
-        """Delay and muscle as a matrix (time, history + time)."""
-        response = self.response(history + times, rate)
-        return np.asarray(toeplitz(response[history:], np.pad(response[history::-1], (0, times - 1))))
-
 
 @dataclass(frozen=True, eq=False)
 class Reflex:
@@ -267,19 +259,21 @@ class Reflex:
         stop = self.data.times.stop
         functions = self.basis((np.arange(stop - total, stop) / self.rate + shape.delay) / self.period)
         history = total - times
+        longest = min(times, WINDOW)
+        response = shape.response(history + longest, self.rate)
+        matrix = toeplitz(response[history:], np.pad(response[history::-1], (0, longest - 1)))
         for inside, inverse in self.data.windows:
             driven = slice(inside.start, inside.stop + history)
-            matrix = shape.matrix(history, inside.stop - inside.start, self.rate)
-            yield inside, driven, inverse, matrix, functions[driven]
+            yield inside, driven, inverse, matrix[: len(inverse), : len(inverse) + history], functions[driven]
 
     def moments(self, shape: Shape, fold: int | None) -> tuple[Array, Array]:
         """Weighted products of the columns with themselves, and with the intrinsic ones and the torque."""
         data = self.data
         rows = slice(None) if fold is None else data.folds[fold]
-        if not self.basis.harmonics:  # one column has fewer samples than there are products
-            column = self.torque(shape, np.ones(1))[None, rows]
-            white = data.whitened(column)
-            return np.tensordot(column, white, axes=((1, 2), (1, 2))), data.cross(white, rows)
+        if data.are_few(2 * self.basis.harmonics + 1):
+            columns = self.columns(shape)[:, rows]
+            white = data.whitened(columns)
+            return np.tensordot(columns, white, axes=((1, 2), (1, 2))), data.cross(white, rows)
         drive, own, cross = self.drive(shape.threshold)[rows], np.zeros(()), np.zeros(())
         every = [*zip(data.functions, (*data.signals[:, rows], data.torque[rows]), strict=True)]
         for inside, driven, inverse, muscle, gain in self.windows(shape):
@@ -295,18 +289,18 @@ class Reflex:
             out = out + np.einsum("rs,krs->ks", rows[:, driven], weighted[..., inside] @ muscle) @ gain
         return out
 
-    def columns(self, shape: Shape) -> Array:
-        """Regressors (function, realization, time), as deviations from their mean over realizations."""
-        return np.stack([self.torque(shape, each) for each in np.eye(2 * self.basis.harmonics + 1)])
+    def columns(self, shape: Shape, mixture: Array | None = None) -> Array:
+        """Regressors (function, realization, time) as deviations, or sums of them by a ``mixture`` (function, sum)."""
+        rows, parts = self.drive(shape.threshold), []
+        for _, driven, _, muscle, gain in self.windows(shape):
+            functions = gain if mixture is None else gain @ mixture
+            parts.append((rows[:, driven] * functions.T[:, None]) @ muscle.T)
+        columns = np.concatenate(parts, axis=-1)
+        return deviations(columns) if len(rows) == 1 else columns
 
     def torque(self, shape: Shape, coefficients: Array) -> Array:
         """Sum of the columns times coefficients, (realization, time)."""
-        rows = self.drive(shape.threshold)
-        parts = [
-            (rows[:, driven] * (gain @ coefficients)) @ muscle.T for _, driven, _, muscle, gain in self.windows(shape)
-        ]
-        torque = np.concatenate(parts, axis=1)
-        return deviations(torque) if len(torque) == 1 else torque
+        return np.asarray(self.columns(shape, coefficients[:, None])[0])
 
 
 def lagged_signals(angle: Array, context: int, lags: int, rate: float) -> tuple[Array, NDArray[np.bool_]]:

@@ -66,9 +66,7 @@ def problem(random):
     columns = every_column(Problem.of(plain, reflex, FREE), KNOWN)
     truth = random.normal(size=len(columns)) / np.sqrt(np.mean(columns**2, axis=(1, 2)))
     torque = np.tensordot(truth, columns, 1) + noise
-    return Problem.of(plain, reflex, FREE).with_data(
-        Data.of(torque, signals, bases, fitted).weighed(NOISE)
-    ), truth
+    return Problem.of(plain, reflex, FREE).with_data(Data.of(torque, signals, bases, fitted).weighed(NOISE)), truth
 
 
 def every_column(problem, shape):

@@ -189,7 +189,7 @@ def test_every_method_answers_bands(method):
                 band(wrong)
     whole = model.estimates["stiffness"].band(simultaneous=True)
     pointwise = model.estimates["stiffness"].band()
-    wider = np.equal if method.time_invariant else np.greater  # a constant is at all times what it is at one
+    wider = np.isclose if method.time_invariant else np.greater  # a constant is at all times what it is at one
     assert wider(pointwise[0], whole[0])[np.isfinite(model.stiffness)].all()
     assert wider(whole[1], pointwise[1])[np.isfinite(model.stiffness)].all()
     dataset = model.to_xarray()
@@ -262,9 +262,9 @@ def test_units_of_torque_and_angle_scale_the_impedance_and_change_nothing_else(m
     angles = {name: getattr(ensemble, name) * 10**angle for name in ("angle", "recorded_angle")}
     scaled = dataclasses.replace(ensemble, torque=ensemble.torque * 10**torque, **angles)
     other, factor = method.identify(scaled), 10**torque / 10**angle
-    # What rounding does where a prior hardly holds inertia, or iterations end.
+    # What rounding does where a prior hardly holds inertia, iterations end, or products of columns are factored (sdss).
     iterated = dict.fromkeys((METHODS["kbr experiment"], METHODS["bpc"]), 1e-6)
-    rounding = (iterated | {METHODS["birf irf ridge"]: 1e-7}).get(method, 1e-9)
+    rounding = (iterated | {METHODS["birf irf ridge"]: 1e-7, METHODS["sdss"]: 1e-5}).get(method, 1e-9)
     for name in ("stiffness", "viscosity", "inertia"):
         expected = getattr(model, name) * factor
         atol = rounding * np.nanmax(np.abs(expected))

@@ -108,7 +108,7 @@ RULES = (
     ),
     Rule(
         (IS_SLOW, "noise bias > 10"),
-        (WEIGHTED, "kbr:weighting=residual"),
+        ("kbr:weighting=residual",),  # tuned, it may leave out the inertia, which predicts better and is biased
         f"stiffness is {{noise bias:.0f}} % lower by all frequencies than by those of little noise, so that {LOOP}; "
         "these count most",
         "loop without a reference",

@@ -349,6 +349,14 @@ def test_slow_noise_that_moves_the_angle_is_found_with_the_reference(actuator, w
         assert "hardly moves the angle" in unrelated["loop-bias"].what
 
 
+@pytest.mark.parametrize(("colour", "bias"), [("pink", -6), ("slow", -11.5)])
+def test_a_small_bias_shows_by_a_command_that_nobody_named(colour, bias):
+    angle, torque, command = in_loop(400, colour, 5, seed=1)
+    check = tv.quality.find_reference(ensemble_of(angle, torque, command=command), "command")
+    assert check.found
+    assert check.value == pytest.approx(bias, abs=1)
+
+
 @pytest.mark.slow
 def test_a_reflex():
     assert set(found(faults.reflexive(8.0))) >= {"reflex"}

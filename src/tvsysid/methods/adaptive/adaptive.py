@@ -52,10 +52,10 @@ class AdaptiveRegression(base.Method):
     .. math:: y(t) = k(t)\,\theta + b(t)\,\dot\theta + I\,\ddot\theta + e(t), \qquad
               k(t) = c + f(t) + \sum_j \Delta_j\, h_{s_j}(t)
 
-    with c a constant, f none or a Gaussian process of some standard deviation and length (squared-exponential, or
-    Matérn 3/2 for corners), and a few switches :math:`\Delta_j` at times :math:`s_j`, also between samples. Everything
-    is averaged by its evidence: whether there is a smooth part, how rough it is, how many switches there are, how large
-    and where.
+    with c a constant, f none, a Gaussian process of some standard deviation and length (squared-exponential, or
+    Matérn 3/2 for corners) or a sum of few cosines and sines, and a few switches :math:`\Delta_j` at times
+    :math:`s_j`, also between samples. Everything is averaged by its evidence: whether there is a smooth part, how rough
+    it is, how many switches there are, how large and where.
 
     Parameters
     ----------

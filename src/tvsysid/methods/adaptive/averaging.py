@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tvsysid.methods.adaptive.evidence import Line, Smooth, every_sizes, jumps_of_every_size
+from tvsysid.methods.adaptive.harmonics import few_harmonics
 from tvsysid.methods.adaptive.mixture import LIGHTEST, Candidate, Hypothesis, Mixture, mixture_of, path
 from tvsysid.methods.adaptive.placing import Found, Placed, Windows, add, joined, refined, simplified, total
 from tvsysid.methods.adaptive.prior import JITTERS, Axis, Roughness, roughnesses
@@ -118,7 +119,7 @@ def averaged(line: Line, known: Hypotheses = ()) -> Averaged:
     other, prior = int(np.argmax(scores[1:])), -math.log(len(axes))
     if scores[1 + other] + prior < scores[0] - OPEN:
         return found
-    beside = _found(replace(line, axis=axes[other]))
+    beside = _found(replace(line, axis=axes[other]), parts=[each.smooth.roughness for each in found.candidates])
     return _weighed(line, [*every, *(each._replace(evidence=each.evidence + prior) for each in beside)])
 
 
@@ -148,15 +149,20 @@ def _score(best: Candidate, line: Line, axis: Axis) -> float:
     return total(simplified(found, smooth, windows), smooth)
 
 
-def _found(line: Line, others: Placed | None = None, known: Hypotheses = ()) -> list[Candidate]:
-    """Everything that may be said of a line, steps being smeared as its axis says; see :func:`averaged_beside`."""
-    likely = {each.roughness[:3] for each in known}
-    smooths = tuple(Smooth(line, each) for each in roughnesses(line.axis) if not known or each[:3] in likely)
+def _found(
+    line: Line, others: Placed | None = None, known: Hypotheses = (), parts: Sequence[Roughness] = ()
+) -> list[Candidate]:
+    """Everything that may be said of a line, steps being smeared as its axis says; see :func:`averaged_beside`.
+
+    Of the smooth ``parts`` alone, if there are any.
+    """
+    kinds = {each.weights.tobytes(): each for each in [*parts, *(each.roughness for each in known)]}
+    smooths = tuple(Smooth(line, each) for each in kinds.values() or roughnesses(line.axis))
     own = [tied(others, line)] if others is not None and len(others.positions) else []
     if known:
-        beside = {smooth.roughness[:3]: smooth for smooth in smooths}
+        beside = dict(zip(kinds, smooths, strict=True))
         best_ones = {tuple(each.positions): each for each in reversed(known)}.values()
-        found_ones = [Found(each.positions, beside[each.roughness[:3]]) for each in best_ones]
+        found_ones = [Found(each.positions, beside[each.roughness.weights.tobytes()]) for each in best_ones]
     else:
         grid = Grid(line)
         states = first_states(smooths, grid)
@@ -173,10 +179,13 @@ def _found(line: Line, others: Placed | None = None, known: Hypotheses = ()) -> 
         add(sets, placed, line)
         add(sets, simplified(placed, found.smooth, windows), line)
     every = candidates(smooths, sets)
+    every.sort(key=lambda each: each.evidence)
     again: list[Placed] = []
-    for placed in sets:
-        best = max((each for each in every if each.placed is placed), key=lambda each: each.evidence)
-        add(again, refined(Found(placed.positions, best.smooth), windows), line)
+    for best in {id(each.placed): each for each in every}.values():
+        add(again, refined(Found(best.placed.positions, best.smooth), windows), line)
+    if not kinds:  # beside the best set, and beside none
+        for best in {each.sizes is None: each for each in every}.values():
+            smooths += tuple(Smooth(line, each) for each in few_harmonics(line, best.placed.columns))
     return candidates(smooths, [*again, *own])
 
 

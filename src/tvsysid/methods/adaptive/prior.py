@@ -122,7 +122,7 @@ def smeared(late: Array, taps: float) -> Array:
 
 @lru_cache(maxsize=16)
 def roughnesses(axis: Axis) -> tuple[Roughness, ...]:
-    """Every smooth part there may be: none (prior 1/2), squared-exponential ones, and Matérn 3/2 ones, for corners."""
+    """None (prior weight 1/2), squared-exponential smooth parts, and Matérn 3/2 ones, for corners (1/2 together)."""
     period, harmonic = axis.period, np.arange(1, axis.harmonics + 1)
     shapes: list[tuple[str, float, float, Array]] = []
 

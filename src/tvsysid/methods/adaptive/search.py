@@ -17,10 +17,8 @@ from tvsysid.numerics import Array
 
 FINE, COARSE, PAIRS = 400, 200, 100  # positions that are tried: of one more switch, of the first, of a pair at most
 POLISHED, ABOUT = 1 / 8, 1.5  # samples to which positions are polished after each step, and how far they may move
-SPLIT = 8  # grid steps to either side of a switch within which two may stand in its place
 STEPS, MOST = 60, 12  # of the search, and switches at most
 GAIN = 50.0  # log evidence that a further switch is taken to bring at most
-EAGER, EAGER_STEPS = 6.0, 12  # log evidence by which others than the best are followed at first, and how long
 NEARLY = 5.0  # log evidence below the best down to which a set counts that is no gain
 FAINT = 1e-12  # share of all precision below which there is none
 PARTED, PARTS = 6, 3  # switches at most of the best sets of each number, and how many of these are polished
@@ -30,7 +28,12 @@ START = Sizes(0.2, False)
 
 
 class State(NamedTuple):
-    """Positions of switches beside a smooth part, their score, and by how much the last step raised it."""
+    """Positions of switches beside a smooth part, their score, and by how much the last step raised it.
+
+    The gain of the first step is taken as REACH more, 2 REACH at least: a smooth part is not searched if further
+    switches had to bring more than that, or GAIN, to make it the best. No bound on what they can bring is as sharp:
+    half of the chi-square that a smooth part leaves is one, but the noise of all samples is in it.
+    """
 
     places: tuple[float, ...]
     score: float
@@ -76,11 +79,9 @@ def _first(smooth: Smooth, grid: Grid, columns: Columns) -> State:
     return State(places, smooth.score + value, max(value, REACH) + REACH)
 
 
-def _pair(products: Products, grid: Grid, less: Array | None = None) -> tuple[float, tuple[int, int]]:
-    """Log evidence for the best pair of opposite switches; ``less`` is what others take of their products."""
+def _pair(products: Products, grid: Grid) -> tuple[float, tuple[int, int]]:
+    """Log evidence for the best pair of opposite switches."""
     gram = grid.pair_gram - products.taken.T @ products.taken
-    if less is not None:
-        gram = gram - less.T @ less
     power, variance = np.diag(gram), START.spread**2
     square = 1 + variance * np.maximum((power[:, None] + power) / 2 - gram, 0.0)
     value = variance / 4 * (products.cross[:, None] - products.cross) ** 2 / square - 0.5 * np.log(square)
@@ -135,7 +136,7 @@ class Walk:
         return tuple(float(each) for each in placed.positions)
 
     def best_step(self, state: State) -> State:
-        """Best of one switch less, one elsewhere or for two neighbours, one more; else a pair more, or two for one."""
+        """Best of one switch less, one elsewhere or for two neighbours, or one more."""
         places, count = state.places, len(state.places)
         fewer = [places[:j] + places[j + 1 :] for j in range(count)]
         options = [(self.score(each), each) for each in fewer]
@@ -145,10 +146,7 @@ class Walk:
         for each in [*bases, *([places] if count < MOST else [])]:
             score, place = self.scan(each)
             options.append((score, tuple(sorted((*each, place)))))
-        score, found = max(options)
-        if score <= state.score + 1e-6 and count < MOST - 1:
-            found = max([self.with_pair(places), *self.with_split(places)], key=self.score)
-        found = self.polished(found)
+        found = self.polished(max(options)[1])
         score = self.score(found)
         return State(found, score, score - state.score)
 
@@ -157,37 +155,6 @@ class Walk:
         parts = dict.fromkeys(partitions(self.grid.line, places))
         for each in map(self.polished, nlargest(PARTS, parts, key=self.score)):
             yield State(each, self.score(each))
-
-    def with_pair(self, places: tuple[float, ...]) -> tuple[float, ...]:
-        """A set and the best pair of opposite switches more."""
-        products, less = self.left(self.grid.pairs, places)
-        pair = _pair(products, self.grid, less)[1]
-        return tuple(sorted({*places, *(float(products.columns.positions[k]) for k in pair)}))
-
-    def with_split(self, places: tuple[float, ...]) -> list[tuple[float, ...]]:
-        """A set with the best two neighbours in the place of each of its switches."""
-        grid, out = self.grid, []
-        for j, place in enumerate(places):
-            others = places[:j] + places[j + 1 :]
-            near = np.flatnonzero(distance(grid.line, grid.fine.positions, place) <= SPLIT * grid.step)
-            products, less = self.left(near, others)
-            positions, cross = products.columns.positions, products.cross
-            gram = products.between(products) - less.T @ less
-            power = np.diag(gram) + START.spread**-2
-            square = power[:, None] * power - gram**2
-            value = cross[:, None] ** 2 * power - cross[:, None] * cross * gram
-            value = (value + value.T) / (2 * square) - np.log(square) / 2
-            value[distance(grid.line, positions[:, None], positions) < APART] = -np.inf
-            pair = np.unravel_index(int(np.argmax(value)), value.shape)
-            out.append(tuple(sorted((*others, *(float(positions[k]) for k in pair)))))
-        return out
-
-    def left(self, index: NDArray[np.intp] | slice, places: tuple[float, ...]) -> tuple[Products, Array]:
-        """Products of some positions with what a set leaves, and the factor of what it takes of their gram."""
-        products, (steps, mixed) = self.products.take(index), self.at(places)
-        factor = np.linalg.cholesky(steps.between(steps) + START.spread**-2 * np.eye(len(places)))
-        less = np.linalg.solve(factor, mixed[index].T)
-        return products._replace(cross=products.cross - np.linalg.solve(factor, steps.cross) @ less), less
 
 
 def partitions(line: Line, places: tuple[float, ...]) -> Iterator[tuple[float, ...]]:
@@ -229,13 +196,12 @@ def found_sets(grid: Grid, smooths: tuple[Smooth, ...], states: list[State]) -> 
         note(state, key)
     walks: dict[int, Walk] = {}
     open_ones, closed_at = dict(enumerate(states)), set()
-    for step in range(STEPS):
+    for _ in range(STEPS):
         best = max(scores.values())[0]
-        slack = EAGER if step < EAGER_STEPS else 0.0
         able = {
             key: state
             for key, state in open_ones.items()
-            if state.score + min(state.gain, GAIN) > best - slack and (key in walks or state.places not in closed_at)
+            if state.score + min(state.gain, GAIN) > best and (key in walks or state.places not in closed_at)
         }
         if not able:
             break

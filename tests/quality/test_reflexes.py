@@ -137,3 +137,14 @@ def test_what_is_too_short_or_does_not_move_is_not_taken_for_a_reflex(random):
         assert not reflex_test(motion, motion, (still, still), slice(0, 120), 100.0).shown
     few = random.normal(size=(4, 5, 120))
     assert reflex_test(few[0], few[1], (few[2], few[3]), slice(0, 120), 100.0).over_none == 1.0
+
+
+def test_a_reflex_is_found_under_slow_voluntary_torque():
+    joint = tv.simulate.ReflexJoint(tv.simulate.SineWave(), reflex_gain=8.0)
+    recording = joint.simulate(60, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=3).recording
+    slow = np.sin(2 * np.pi * 0.21 * np.arange(len(recording.torque)) / 1000)
+    drifting = replace(recording, torque=recording.torque + 3 * recording.torque.std() * slow)
+    ensemble = tv.preprocess.segment(tv.preprocess.decimate(drifting, 100), 2.0)
+    found = reflexes.reflex_test_of(tv.preprocess.subtract_mean(ensemble))
+    assert found.shown
+    assert found.direction == 1

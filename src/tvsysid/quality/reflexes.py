@@ -27,6 +27,7 @@ REACH = 0.04  # s to either side that the intrinsic response lasts
 SOONEST, LATEST, SHAPES = 0.04, 0.33, 8  # lags in s of the reflex's response, and the triangles that make it up
 USUAL_MUSCLE = (16.0, 0.8)  # frequency in rad/s and damping of the muscle of the reflex that is tested for
 LEAST_SAMPLES = 20  # of a realization at which all lags must be known
+SLOW_TERMS = 4  # powers of time that are left out of each realization where they are most of the torque
 ROUNDING = 1e-12  # share of the torque's power that rounding leaves
 _TESTED: WeakKeyDictionary[Ensemble, ReflexTest] = WeakKeyDictionary()
 
@@ -61,22 +62,23 @@ class _Fit(NamedTuple):
 
 
 class _Moments(NamedTuple):
-    """Second moments of regressors, over all realizations and in each block of them, (1 + block, regressor, regressor).
+    """Products of regressors and torque, as a ``whole`` (regressor + 1, regressor + 1), and without what is slow.
 
-    Those with the torque (moments), and of the torque (squares), are each realization's, which is of the block that
-    ``block`` says. Its regressors are made anew by ``regressors`` whenever its own gram is needed: all together, either
-    take many times the memory of the data.
+    The latter are those of ``blocks`` of realizations (block, regressor + 1, regressor + 1), and of the torque of each
+    realization with regressors (moments) and itself (squares); ``block`` says in which block it is. The ``products`` of
+    a realization are made anew whenever they are needed: all together take many times the memory of the data.
 
     The first regressors are the joint's, ``mean`` of which gives its mean stiffness, modulated by these
     ``harmonics`` of the realization's duration; then come those of late answers to positive velocity, and to negative
     velocity: the triangles, from which any response is made.
     """
 
-    grams: Array
+    blocks: Array
     moments: Array
     squares: Array
     block: NDArray[np.intp]
-    regressors: Callable[[], Iterator[tuple[Array, Array]]]
+    whole: Array
+    products: Callable[[], Iterator[tuple[Array, Array]]]
     mean: Array
     harmonics: NDArray[np.int64]
 
@@ -90,12 +92,9 @@ class _Moments(NamedTuple):
         return out
 
     def weights(self, columns: Array, left_out: int | None = None) -> Array:
-        """Weights of the regressors, fitted to all realizations but a block."""
-        gram, moments = self.grams[0], self.moments.sum(axis=0)
-        if left_out is not None:
-            gram = gram - self.grams[1 + left_out]
-            moments = moments - self.moments[self.block == left_out].sum(axis=0)
-        gram, moments = columns.T @ gram @ columns, moments @ columns
+        """Weights of the regressors, fitted to all realizations but a block; or to all, and to what is slow."""
+        sums = self.whole if left_out is None else np.delete(self.blocks, left_out, axis=0).sum(axis=0)
+        gram, moments = columns.T @ sums[:-1, :-1] @ columns, sums[-1, :-1] @ columns
         power = gram.diagonal()
         size = np.sqrt(np.where(power > 0, power, 1.0))
         return np.asarray(columns @ (solved(gram / np.outer(size, size), moments / size) / size))
@@ -104,10 +103,9 @@ class _Moments(NamedTuple):
         """Models of these columns, each fitted to all but a block of realizations, which it is to predict."""
         weights = [np.stack([self.weights(columns, block) for block in range(BLOCKS)]) for columns in models]
         products = np.empty((len(models), *self.moments.shape))
-        for each, (rows, _) in enumerate(self.regressors()):
-            gram = rows.T @ rows
+        for each, (_, fast) in enumerate(self.products()):
             for model, of_blocks in enumerate(weights):
-                products[model, each] = gram @ of_blocks[self.block[each]]
+                products[model, each] = fast[:-1, :-1] @ of_blocks[self.block[each]]
         return [_Fit(*each) for each in zip(weights, products, strict=True)]
 
     def errors(self, fit: _Fit) -> Array:
@@ -168,7 +166,8 @@ def reflex_test(angle: Array, torque: Array, stretches: tuple[Array, Array], cor
     .. math:: \sum_t (y - \hat y_0)(\hat y_1 - \hat y_0)
 
     of each realization over its :math:`\sum_t (y - \hat y_0)^2`: zero on average if the simpler model 0 is right. The
-    difference of squared errors has a part on top, which what is fitted in vain costs, and half the power.
+    difference of squared errors has a part on top, which what is fitted in vain costs, and half the power. Where a
+    cubic polynomial of time is most of the torque, as of slow voluntary torque, it is left out of each realization.
 
     Parameters
     ----------
@@ -272,10 +271,15 @@ def _moments(angle: _Signal, torque: _Signal, stretches: tuple[Array, Array], co
     still = [each.mean(axis=0) for each in stretches]
     steady = sum(first[times] + second[times] for first, second in zip(*stretches, strict=True)) / count
 
-    def regressors() -> Iterator[tuple[Array, Array]]:
-        """Regressors (time, regressor) and torque (time,) of one realization after the other."""
+    slow = np.linalg.qr(np.vander(turns[:, 0], SLOW_TERMS))[0]
+    torques = torque.some(slice(None))[:, times]
+    if 2 * np.sum((torques @ slow) ** 2) < np.sum(torques**2):
+        slow = slow[:, :0]
+
+    def products() -> Iterator[tuple[Array, Array]]:
+        """Products of regressors and torque of one realization after the other, and without what is slow."""
         for some in row_blocks(count, 4 * len(angle.mean)):
-            near, torques = angle.some(some), torque.some(some)[:, times]
+            near = angle.some(some)
             late = [
                 _windows(each[some] - mean, latest - soonest + 1, start - latest, stop - latest)
                 for each, mean in zip(stretches, still, strict=True)
@@ -285,20 +289,22 @@ def _moments(angle: _Signal, torque: _Signal, stretches: tuple[Array, Array], co
             for each in range(len(near)):
                 varying = [waves * near[each, times, None], waves * velocity[each]]
                 parts = [windows[each], *varying, *(drive[each] @ triangles for drive in late)]
-                yield np.concatenate(parts, axis=1), torques[each]
+                rows = np.concatenate([*parts, torques[some][each, :, None]], axis=1)
+                whole, taken = rows.T @ rows, slow.T @ rows
+                yield whole, whole - taken.T @ taken
 
     mean = np.concatenate([np.ones(wide), waves.mean(axis=0), np.zeros(waves.shape[1])])
     edges = [count * block // BLOCKS for block in range(BLOCKS + 1)]
     block = np.repeat(np.arange(BLOCKS), np.diff(edges))
-    unknowns = len(mean) + 2 * SHAPES
-    grams, moments, squares = np.zeros((1 + BLOCKS, unknowns, unknowns)), np.empty((count, unknowns)), np.empty(count)
-    for each, (rows, torques) in enumerate(regressors()):
-        gram = rows.T @ rows
-        grams[0] += gram
-        grams[1 + block[each]] += gram
-        moments[each], squares[each] = torques @ rows, np.sum(torques**2)
+    size = len(mean) + 2 * SHAPES + 1
+    blocks, last = np.zeros((BLOCKS, size, size)), np.empty((count, size))
+    total = np.zeros_like(blocks[0])
+    for each, (whole, fast) in enumerate(products()):
+        total += whole
+        blocks[block[each]] += fast
+        last[each] = fast[-1]
     harmonics = np.concatenate([np.zeros(wide, dtype=np.int64), np.tile(np.arange(1, HARMONICS + 1), 4)])
-    return _Moments(grams, moments, squares, block, regressors, mean, harmonics)
+    return _Moments(blocks, last[:, :-1], last[:, -1], block, total, products, mean, harmonics)
 
 
 def _windows(signal: Array, width: int, first: int, stop: int) -> Array:

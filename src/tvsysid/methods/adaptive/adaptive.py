@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import ClassVar, NamedTuple
 
@@ -280,7 +280,7 @@ class Identification:
         sure = np.full(self.axis.times, math.sqrt(max(variance, 0.0)))
         errors = {
             "stiffness": _mixture_error(stiffness.averaged.mixture, stiffness.averaged.arc(), edges, unit, freedom[0]),
-            "viscosity": replace(_mixture_error(physical, viscosity.arc(), edges, unit, freedom[1]), lowest=0.0),
+            "viscosity": _mixture_error(physical, viscosity.arc(), edges, unit, freedom[1]),
             "inertia": StandardError(base.padded(sure * unit, *edges), np.array(many), 0.0),
         }
         values = stiffness.values, physical.mean(), np.full(self.axis.times, inertia)

@@ -50,14 +50,13 @@ class Smoothness(NamedTuple):
 class MixtureError(StandardError):
     """Random error of an estimate that is a mixture of what may be: near an undecided switch a band spans both levels.
 
-    The ``mixture`` is over the times that are known. Nothing below the ``lowest`` is in a band.
+    The ``mixture`` is over the times that are known. Where none of its means is negative, nor is a band.
     """
 
     mixture: Mixture | None = None
-    lowest: float = -np.inf
 
     def __reduce__(self) -> tuple[object, ...]:
-        return type(self), (self.values, np.array(self.freedom), self.arc, self.absent, self.mixture, self.lowest)
+        return type(self), (self.values, np.array(self.freedom), self.arc, self.absent, self.mixture)
 
     def limits(self, values: Array, level: float, simultaneous: bool = False) -> tuple[Array, Array]:
         """Quantiles of the mixture, of Student's t for each of its parts, between which the truth lies."""
@@ -69,7 +68,7 @@ class MixtureError(StandardError):
         inside = INSIDE * multiple * self.values[known]
         lower[known] = np.minimum(self._quantile(-multiple, freedom), values[known] - inside)
         upper[known] = np.maximum(self._quantile(multiple, freedom), values[known] + inside)
-        return np.maximum(lower, self.lowest), upper
+        return (np.maximum(lower, 0.0) if self.mixture.means.min() >= 0 else lower), upper
 
     def _quantile(self, multiple: Array, freedom: Array) -> Array:
         """Below which the mixture lies with the probability of Student's t below a multiple, (time,)."""

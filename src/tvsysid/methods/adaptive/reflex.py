@@ -101,6 +101,6 @@ def with_reflex(ensemble: Ensemble, emg: str | None, known: JointCascadeModel | 
         holds=np.concatenate([[0.0, 0.0], weights, slopes]),
         positive=np.pad(gains, ((0, 0), (len(signals) - 1, len(slopes)))),
         columns=np.concatenate([signals, problem.columns_and_slopes(found), torque[None]]),
-        beside=model(repr(method), chosen, only_gain=True),
+        beside=model(repr(method), chosen),
         readout=readout(lags, rate),
     )

@@ -24,25 +24,23 @@ class OneSignError(StandardError):
 
 
 class Covariance(NamedTuple):
-    """Of the columns' coefficients from the ``first`` on, and then of the free numbers of the shape."""
+    """Of the columns' coefficients, and then of the free numbers of the shape."""
 
     matrix: Array
     freedom: float
-    first: int
 
     def error(self, features: Array, known: NDArray[np.bool_], start: int, one_sign: bool = False) -> StandardError:
         """Standard error of sums of coefficients from ``start`` on, with features (time, coefficient), where known."""
-        start -= self.first
-        stop = start + features.shape[1]
-        covariance = self.matrix[start:stop, start:stop]
+        columns = slice(start, start + features.shape[1])
+        covariance = self.matrix[columns, columns]
         variance = np.einsum("tj,jk,tk->t", features, covariance, features, optimize=True)
         values = np.where(known, np.sqrt(np.maximum(variance, 0.0)), np.nan)
         kind = OneSignError if one_sign else StandardError
         return kind(values, np.array(self.freedom), arc_length(features, covariance))
 
 
-def covariance_of(problem: Problem, found: Found, first: int = 0) -> Covariance:
-    r"""Sandwich covariance of a solution's coefficients from the ``first`` on.
+def covariance_of(problem: Problem, found: Found) -> Covariance:
+    r"""Sandwich covariance of a solution's coefficients.
 
     .. math:: H^{-1} \left(\Phi^T Q \Sigma Q \Phi + \sigma^4 P^{-1}\right) H^{-1}, \qquad
               H = \Phi^T Q \Phi + \sigma^2 P^{-1}
@@ -57,8 +55,8 @@ def covariance_of(problem: Problem, found: Found, first: int = 0) -> Covariance:
     weight = np.concatenate([1 / found.spread**2, noise / shape])
     freedom = max(1.0, data.number - found.solved.effective - len(shape))
     gram = problem.moments_and_slopes(found, found.moments)[0]
-    inverse = np.linalg.inv(gram + np.diag(weight))[first:] / scale[first:, None]
+    inverse = np.linalg.inv(gram + np.diag(weight)) / scale[:, None]
     true = problem.with_data(data.weighed(data.noise, autocorrelation(left, 0.0)))
     coloured = true.moments_and_slopes(found, true.moments(found.shape).scaled(found.scale))[0]
     matrix = float(np.sum(left**2)) / freedom * inverse @ coloured @ inverse.T + noise * (inverse * weight) @ inverse.T
-    return Covariance(matrix, freedom, first)
+    return Covariance(matrix, freedom)

@@ -128,7 +128,8 @@ class Search(NamedTuple):
         """
         old, data, reflex = fit.found, fit.problem.data, fit.problem.reflex
         weights = readout(self.lags, self.ensemble.sampling_rate)[:2]
-        weights[0] = np.sign(old.coefficients[0]) * np.eye(1, weights.shape[1])
+        weights[0] = 0.0
+        weights[0, 0] = np.sign(old.coefficients[0])
         rows = np.concatenate(data.features(weights))
         gains = [] if reflex is None else [reflex.basis(self.ensemble.time / self.period)]
         problems = [

@@ -95,8 +95,8 @@ class Intrinsic(NamedTuple):
         return cls(weights, np.stack(over_time[1:3], axis=1), float((fitted @ coefficients).mean()), values, features)
 
 
-def model(method: str, chosen: Chosen, only_gain: bool = False) -> JointCascadeModel:
-    """Model of the reflex chosen if it is shown, else of none; the gain is stated in both, with ``only_gain`` alone."""
+def model(method: str, chosen: Chosen) -> JointCascadeModel:
+    """Model of the reflex chosen if it is shown, else of none; the gain is stated in both."""
     ensemble, lags, fits = chosen.search.ensemble, chosen.search.lags, chosen.fits
     rate = ensemble.sampling_rate
     used = chosen.fit if chosen.shown else fits["none"]
@@ -104,24 +104,22 @@ def model(method: str, chosen: Chosen, only_gain: bool = False) -> JointCascadeM
     known = np.zeros(ensemble.samples, dtype=bool)
     known[used.problem.data.times] = True
     torques = used.problem.torques(used.found.shape, used.found.coefficients)
-    start = chosen.fit.problem.own
-    sure = covariance_of(used.problem, used.found, start if only_gain else 0)
-    reflex_sure = sure if chosen.shown else covariance_of(chosen.fit.problem, chosen.fit.found, start)
+    sure = covariance_of(used.problem, used.found)
+    reflex_sure = sure if chosen.shown else covariance_of(chosen.fit.problem, chosen.fit.found)
     estimates = {
         name: Estimate(
             np.where(known, values, np.nan),
             UNITS[name],
-            error=None if only_gain else sure.error(intrinsic.features[name], known, 0, name != "inertia"),
+            error=sure.error(intrinsic.features[name], known, 0, name != "inertia"),
         )
         for name, values in intrinsic.values.items()
     }
     gain, basis = _gain(chosen, ensemble.time)
     unit = "N m/V" if chosen.emg else UNITS["reflex_gain"]
-    error = reflex_sure.error(basis, known, start, one_sign=True)
+    error = reflex_sure.error(basis, known, chosen.fit.problem.own, one_sign=True)
     estimates["reflex_gain"] = Estimate(np.where(known, gain, np.nan), unit, error=error)
     response, reflex_lags = _reflex_response(chosen)
     details = _details(used, chosen, torques, reflex_sure) | {"stiffness_fitted": intrinsic.fitted_stiffness}
-    texts = () if only_gain else tuple(_warnings(chosen, details, estimates))
     nan = np.where(known, 1.0, np.nan)[:, None]
     return JointCascadeModel(
         method=method,
@@ -135,7 +133,9 @@ def model(method: str, chosen: Chosen, only_gain: bool = False) -> JointCascadeM
         drive=_drive(chosen),
         fast_response=intrinsic.fast,
         hyperparameters=Hyperparameters.of(chosen.name, chosen.fit),
-        diagnostics=Diagnostics(used.found.solved.effective, warnings=texts, details=details),
+        diagnostics=Diagnostics(
+            used.found.solved.effective, warnings=tuple(_warnings(chosen, details, estimates)), details=details
+        ),
     )
 
 
@@ -147,11 +147,11 @@ def _drive(chosen: Chosen) -> Drive:
 
 def _gain(chosen: Chosen, time: Array) -> tuple[Array, Array]:
     """Reflex gain at times in s, and its basis."""
-    fit = chosen.fit
-    assert fit.problem.reflex is not None
-    basis = fit.problem.reflex.basis(time / fit.problem.reflex.period)
-    gain = basis @ fit.found.coefficients[fit.problem.own :]
-    return of_sign(gain, fit.problem.positive[-1, fit.problem.own]), basis
+    problem = chosen.fit.problem
+    assert problem.reflex is not None
+    basis = problem.reflex.basis(time / problem.reflex.period)
+    gain = basis @ chosen.fit.found.coefficients[problem.own :]
+    return of_sign(gain, problem.positive[-1, problem.own]), basis
 
 
 def _reflex_response(chosen: Chosen) -> tuple[Array, Array]:

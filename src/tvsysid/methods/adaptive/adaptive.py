@@ -9,29 +9,33 @@ from types import MappingProxyType
 from typing import ClassVar, NamedTuple
 
 import numpy as np
+from scipy.ndimage import convolve1d
 
 from tvsysid.estimates import StandardError
 from tvsysid.methods import base, shared
 from tvsysid.methods.adaptive import tables
 from tvsysid.methods.adaptive.averaging import Averaged, Hypotheses, Outcome, averaged, averaged_beside
-from tvsysid.methods.adaptive.evidence import Line
+from tvsysid.methods.adaptive.evidence import Line, inverse_of
 from tvsysid.methods.adaptive.mixture import Mixture
 from tvsysid.methods.adaptive.model import AdaptiveModel, MixtureError
 from tvsysid.methods.adaptive.moments import (
+    LOW_BAND,
     MIN_REALIZATIONS,
     SHORTEST,
     A,
     Constants,
     Derived,
+    Normal,
     Signals,
     U,
     V,
     constants,
     floored,
     gram_of,
-    with_torque_less,
+    normal,
+    without_angle,
 )
-from tvsysid.methods.adaptive.noise import Misfit, Scatter, alike, misfit, scatter, scores
+from tvsysid.methods.adaptive.noise import EXACT, FLOOR, Misfit, alike, misfit, reach_of, residual_products, whitened
 from tvsysid.methods.adaptive.prior import DECIMATOR, USUAL_TAPS, Axis
 from tvsysid.methods.adaptive.reflex import WithReflex, with_reflex
 from tvsysid.methods.cascade.result import contradicted, doubtful_gain, not_of_second_order
@@ -42,6 +46,7 @@ from tvsysid.signals import Array, Ensemble
 LONGEST = 3000  # samples of a realization at most
 ROUNDS = 2  # of stiffness beside a viscosity that changes
 EXCITED_BELOW = 5.0  # Hz
+MISFIT = 1.5  # variance of the scores of velocity, over that of noise, above which the noise is not whitened
 UNSEEN = 1e4  # standard error, in sizes, of what a signal that is still says
 
 
@@ -64,17 +69,21 @@ class AdaptiveRegression(base.Method):
 
     Notes
     -----
-    Stiffness is freed at every time, which leaves a problem of one dimension. Viscosity and inertia come from a
-    regression below 60 % of the Nyquist frequency in which stiffness is free; decimation folds acceleration back, which
-    makes an inertia of the whole band 3 % too large. What is then seen at each time is
+    Stiffness is freed at every time, which leaves a problem of one dimension. With W the inverse covariance (time,
+    time) of the noise within a realization, what is seen of it is the solution z of
 
-    .. math:: z(t) = \frac{\langle \theta y \rangle - b \langle \theta \dot\theta \rangle
-                      - I \langle \theta \ddot\theta \rangle}{\langle \theta \theta \rangle}
+    .. math:: \sum_s \Big(W \circ \sum_r \theta_r \theta_r^T\Big)_{ts} z(s) =
+              \sum_r \theta_r(t)\, \big(W (y_r - b\,\dot\theta_r - I\,\ddot\theta_r)\big)(t)
 
-    with means over realizations. Its covariance is a sandwich of the realizations' own scatter, so that noise may be of
-    any colour and louder at some times; what is not of second order in the same way in all realizations is added. All
-    else are small matrices: with L the Cholesky factor of the smooth part's system, the evidence for switches, A and b
-    their products beside it and :math:`\tau^2` their variance, is
+    over realizations r, and the inverse of that matrix is its covariance. W comes from what a first fit leaves: a
+    prediction from the samples before, of the order that is most probable, and the strength of the rest over time; at
+    least 1 % of the noise is taken as white. Where the residual's scores with velocity are more than 1.5 times as
+    strong as W says it is no noise but misfit, which whitening would amplify: W is then the identity, and the
+    covariance a sandwich. Viscosity and inertia come from the same regression, weighed below 60 % of the Nyquist
+    frequency; decimation folds acceleration back, which makes an inertia of the whole band 3 % too large. What is not
+    of second order in the same way in all realizations is added. All else are small matrices: with L the Cholesky
+    factor of the smooth part's system, the evidence for switches, A and b their products beside it and
+    :math:`\tau^2` their variance, is
 
     .. math:: -\tfrac12 \log|1 + \tau^2 A| + \tfrac12\, b^T (A + \tau^{-2})^{-1} b
 
@@ -164,14 +173,18 @@ class AdaptiveRegression(base.Method):
 
 
 class Stiffness(NamedTuple):
-    """Stiffness (time,), what is known of it, and the constants beside it; in units of the scaled signals."""
+    """Stiffness (time,), what is known of it, and the constants beside it; in units of the scaled signals.
+
+    ``known`` (time,) is the viscosity that was taken as known, 0 if it was one of the constants.
+    """
 
     averaged: Averaged
     values: Array
     variance: Array
     constants: Constants
     misfit: Misfit
-    scatter: tuple[Scatter, Scatter]
+    normal: tuple[Normal, Normal]
+    known: Array
 
 
 class Identification:
@@ -181,63 +194,93 @@ class Identification:
         self, ensemble: Ensemble, signals: Signals, known: Mapping[str, Hypotheses] = MappingProxyType({})
     ) -> None:
         self.ensemble, self.signals = ensemble, signals
-        self.gram = gram_of(signals)
-        self.low = self.gram if isinstance(signals, WithReflex) else gram_of(signals, low=True)
+        self.gram = gram = gram_of(signals)
         self.independent = signals.realizations[1]
+        self.coloured = True
         followed = 1 - len(ensemble.runs) / len(ensemble)
         periodic = followed >= 0.5 and not any(signals.edges)
         recorded = ensemble.recorded_angle
         taps = USUAL_TAPS if recorded is None else DECIMATOR / recorded.shape[-1]
         self.axis = Axis(len(self.gram), periodic, taps, realizations=signals.realizations[0])
-        self.power = floored(self.gram[:, U, U])
+        first = constants(
+            without_angle(gram).sum(axis=0)[:-1], np.diag(gram.sum(axis=0))[1:-1], signals.holds, signals.positive
+        ).values
+        seen = (gram[:, U, -1] - gram[:, U, 1:-1] @ first) / floored(gram[:, U, U])
+        self.coefficients = np.vstack([seen, np.repeat(first[:, None], self.axis.times, axis=1)])
         alike = all(each.axis[:2] == self.axis[:2] for some in known.values() for each in some)
         self.known = known if alike else {}
 
-    def stiffness(self, viscosity: Array | None, variance: Array | None) -> Stiffness:
-        """Stiffness beside a constant viscosity, or beside one (time,) that is known with a variance."""
-        times, gram = self.axis.times, self.gram
-        cut = (times - len(self.low)) // 2
-        found = constants(self.low, self.signals, None if viscosity is None else viscosity[cut : times - cut])
-        steady = np.repeat(found.values[:, None], times, axis=1)
-        if viscosity is not None:
-            steady[0] = viscosity
-        mixed = gram[:, U, 1:-1] / self.power[:, None]
-        seen = gram[:, U, -1] / self.power - np.einsum("tk,kt->t", mixed, steady)
-        coefficients = np.concatenate([seen[None], steady])
-        known = scores(self.signals, coefficients)
-        counts, rate, periodic = self.signals.realizations, self.signals.rate, self.axis.periodic
-        scatters = (
-            scatter(gram, known[0], counts, rate, periodic),
-            scatter(gram, known[1], counts, rate, periodic),
+    def stiffness(self, viscosity: Array, variance: Array) -> Stiffness:
+        """Stiffness beside a viscosity (time,) that is known with a variance; it is a constant if both are 0."""
+        times, rate, signals = self.axis.times, self.signals.rate, self.signals
+        known = bool(variance.any())
+        if known:
+            self.coefficients[V] = 0.0
+        found, about, loud = self._normal(viscosity)
+        spread = inverse_of(found.angle)
+        solved = spread @ found.right[U].T
+        power, powers = (np.diag(each.steady) for each in (found, about))
+        holds = signals.holds / loud
+        holds[0] += known * UNSEEN**2 * power[0]
+        steady = constants(found.steady - found.low @ solved, power, holds, signals.positive)
+        stronger = np.sqrt(powers / np.maximum(power, np.finfo(float).tiny))
+        steady = steady._replace(covariance=steady.covariance * np.outer(stronger, stronger))
+        mixed = solved[:, :-1]
+        seen = solved[:, -1] - mixed @ steady.values
+        self.coefficients = np.vstack([seen, np.repeat(steady.values[:, None], times, axis=1)])
+        every = self.coefficients.copy()
+        every[V] += viscosity
+        beyond = misfit(self.gram, every, self.independent)
+        error = (spread if self.coloured else spread @ about.angle @ spread) * max(found.excess[U], 1.0)
+        error += mixed @ steady.covariance @ mixed.T
+        if known or beyond.viscosity or beyond.inertia:
+            same, moved = alike(times, rate), spread @ found.mixed
+            error += moved @ (beyond.viscosity * same + np.diag(variance)) @ moved.T
+            error += beyond.inertia * same * np.outer(mixed[:, 1], mixed[:, 1])
+        result = averaged(self._line(U, seen, error), self.known.get("stiffness", ()))
+        mean, own = result.mixture.mean(), result.mixture.variance()
+        return Stiffness(result, mean, own, steady, beyond, (found, about), viscosity)
+
+    def _normal(self, viscosity: Array) -> tuple[Normal, Normal, float]:
+        """Normal matrices, those whose inverse sandwich gives the covariance, and the noise's mean variance.
+
+        Both are the same where the noise is whitened. It is not where the scores of velocity show that the residual is
+        no noise but misfit, which whitening would amplify.
+        """
+        signals, times = self.signals, self.axis.times
+        noise = residual_products(signals, self.coefficients, viscosity) / max(self.independent - 1, 1)
+        loud = float(np.mean(np.diag(noise))) + EXACT * float(self.gram[:, -1, -1].mean()) / len(self.ensemble)
+        noise.flat[:: times + 1] += FLOOR * loud
+        white = whitened(noise, self.independent, signals.rate, self.axis.periodic)
+
+        def weighed(factor: Array) -> Normal:
+            # A reflex's differences take up what decimation does to the acceleration.
+            low = factor if isinstance(signals, WithReflex) else convolve1d(factor, LOW_BAND, mode="constant")
+            return normal(signals, (factor.T @ factor, low.T @ low), self.coefficients, viscosity)
+
+        if self.coloured:
+            found = weighed(white)
+            self.coloured = found.excess[V] < MISFIT
+            if self.coloured:
+                return found, found, loud
+        return (
+            weighed(np.eye(times) / math.sqrt(loud)),
+            weighed(np.asarray(np.linalg.inv(white).T / loud, dtype=np.float64)),
+            loud,
         )
-        beyond = misfit(gram, coefficients, self.independent)
-        error = scatters[0].covariance() + mixed @ found.covariance @ mixed.T
-        if beyond.viscosity or beyond.inertia:
-            both = beyond.viscosity * np.outer(mixed[:, 0], mixed[:, 0])
-            error += alike(times, rate) * (both + beyond.inertia * np.outer(mixed[:, 1], mixed[:, 1]))
-        if variance is not None:
-            error += np.diag(mixed[:, 0] ** 2 * variance)
-        line = self._line(U, seen, error)
-        del known, error  # each is as large as the line
-        result = averaged(line, self.known.get("stiffness", ()))
-        return Stiffness(result, result.mixture.mean(), result.mixture.variance(), found, beyond, scatters)
 
     def viscosity(self, beside: Stiffness) -> Averaged:
         """Viscosity beside a stiffness."""
-        gram, steady = self.gram, beside.constants
-        power = floored(gram[:, V, V])
-        left = with_torque_less(gram, U, beside.values)
-        for place, value in enumerate(steady.values[1:], start=A):
-            left = with_torque_less(left, place, np.full(len(gram), value))
-        seen = left[:, V, -1] / power
-        mixed = gram[:, V] / power[:, None]
-        error = beside.scatter[1].covariance() + np.diag(mixed[:, U] ** 2 * beside.variance)
-        others = mixed[:, A:-1]
-        error += others @ steady.covariance[1:, 1:] @ others.T
+        (found, about), steady = beside.normal, beside.constants
+        spread = inverse_of(found.velocity)
+        solved, moved = spread @ found.right[V].T, spread @ found.mixed.T
+        mixed = solved[:, A - V : -1]
+        seen = beside.known + solved[:, -1] - moved @ beside.values - mixed @ steady.values[1:]
+        error = (spread if self.coloured else spread @ about.velocity @ spread) * max(found.excess[V], 1.0)
+        error += (moved * beside.variance) @ moved.T + mixed @ steady.covariance[1:, 1:] @ mixed.T
         if beside.misfit.inertia:
-            error += alike(len(gram), self.signals.rate) * (beside.misfit.inertia * np.outer(mixed[:, A], mixed[:, A]))
+            error += beside.misfit.inertia * alike(len(seen), self.signals.rate) * np.outer(mixed[:, 0], mixed[:, 0])
         line = self._line(V, seen, error)
-        del error
         return averaged_beside(line, beside.averaged, self.known.get("viscosity", ()))
 
     def _line(self, signal: int, seen: Array, error: Array) -> Line:
@@ -254,7 +297,7 @@ class Identification:
 
     def model(self, name: str) -> AdaptiveModel:
         """Everything that was found; the last round looks for no other switches than the round before found."""
-        stiffness = self.stiffness(None, None)
+        stiffness = self.stiffness(*np.zeros((2, self.axis.times)))
         viscosity = self.viscosity(stiffness)
         for turn in range(ROUNDS):
             if viscosity.probability(Outcome.constant) > 0.5:
@@ -268,8 +311,8 @@ class Identification:
     def _model(self, name: str, stiffness: Stiffness, viscosity: Averaged) -> AdaptiveModel:
         ensemble, edges = self.ensemble, self.signals.edges
         unit = self.signals.scale[1] / self.signals.scale[0]
-        freedom = [each.freedom for each in stiffness.scatter]
-        many = max(1.0, (self.independent - 1) * len(self.low) - 2)
+        pooled = min(2 * reach_of(self.independent, self.signals.rate) + 1, self.axis.times)
+        freedom, many = (max(1.0, (self.independent - 1) * each - 2) for each in (pooled, self.axis.times))
         seen_viscosity, inertia = viscosity.mixture, stiffness.constants.values[1]
         variance = stiffness.constants.covariance[1, 1]
         reflex = self.signals if isinstance(self.signals, WithReflex) else None
@@ -279,8 +322,8 @@ class Identification:
         physical = seen_viscosity.above(0.0)
         sure = np.full(self.axis.times, math.sqrt(max(variance, 0.0)))
         errors = {
-            "stiffness": _mixture_error(stiffness.averaged.mixture, stiffness.averaged.arc(), edges, unit, freedom[0]),
-            "viscosity": _mixture_error(physical, viscosity.arc(), edges, unit, freedom[1]),
+            "stiffness": _mixture_error(stiffness.averaged.mixture, stiffness.averaged.arc(), edges, unit, freedom),
+            "viscosity": _mixture_error(physical, viscosity.arc(), edges, unit, freedom),
             "inertia": StandardError(base.padded(sure * unit, *edges), np.array(many), 0.0),
         }
         values = stiffness.values, physical.mean(), np.full(self.axis.times, inertia)

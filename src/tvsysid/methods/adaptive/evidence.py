@@ -8,8 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_solve
-from scipy.linalg.lapack import dpotrf, dtrtrs
+from scipy.linalg.lapack import dpotrf, dpotri, dtrtrs
 
 from tvsysid.methods.adaptive.prior import SIZES, Axis, Roughness
 from tvsysid.numerics import Array
@@ -25,6 +24,14 @@ def factor_of(matrix: Array) -> Array:
     if failed:
         raise np.linalg.LinAlgError("a matrix of products is not positive definite")
     return np.asarray(factor)
+
+
+def inverse_of(matrix: Array) -> Array:
+    """Inverse of a covariance."""
+    scale = np.sqrt(np.diag(matrix))
+    units = np.outer(scale, scale)
+    lower = np.tril(dpotri(factor_of(matrix / units), lower=1)[0])
+    return np.asarray((lower + np.tril(lower, -1).T) / units)
 
 
 def solved_by(factor: Array, right: Array) -> Array:
@@ -47,10 +54,7 @@ class Line:
     @classmethod
     def of(cls, axis: Axis, seen: Array, covariance: Array, size: float) -> Line:
         """Of what is seen, and the covariance of its error."""
-        scale = np.sqrt(np.diag(covariance))
-        factor = factor_of(covariance / np.outer(scale, scale))
-        precision = cho_solve((factor, True), np.eye(len(seen))) / np.outer(scale, scale)
-        return cls(axis, seen / size, precision * size**2, size)
+        return cls(axis, seen / size, inverse_of(covariance) * size**2, size)
 
     @cached_property
     def weighted(self) -> Array:

@@ -19,7 +19,6 @@ from tvsysid.numerics.moments import convolve_lags, row_blocks
 from tvsysid.signals import Ensemble
 
 LOW_BAND = decimation_weights(1 / 0.6, 21)  # what aliasing and decimation leave alone
-LOW_SHARE = 0.6  # of the samples that are independent in the low band
 MIN_REALIZATIONS = 4  # realizations
 SHORTEST = 16  # samples of a realization that have derivatives, at least
 STILL = 1e-9  # share of the mean power below which an angle is still, or nothing is left of a regressor
@@ -31,22 +30,21 @@ class Signals(ABC):
     """Signals of realizations: the angle, its velocity and acceleration, any further regressors, and the torque.
 
     At a ``rate`` in Hz, the angle's and the torque in units of ``scale``. ``edges`` are the samples at either end of a
-    realization that are missing; ``realizations`` how many there are, and how many are independent. A ``share`` of the
-    samples that the constants are found from is independent; ``holds`` (constant,) is how strongly priors hold them.
-    Their products with each row of ``positive`` (row, constant) are not negative.
+    realization that are missing; ``realizations`` how many there are, and how many are independent. ``holds``
+    (constant,) are the noise's variance over those of the priors of constants. Their products with each row of
+    ``positive`` (row, constant) are not negative.
     """
 
     rate: float
     edges: tuple[int, int]
     realizations: tuple[int, int]
-    share: float
     holds: Array
     positive: Array
     scale: tuple[float, float] = (1.0, 1.0)
 
     @abstractmethod
-    def blocks(self, low: bool = False) -> Iterator[Array]:
-        """Signals (signal, realization, time) of some realizations after the other, or what the constants are from."""
+    def blocks(self) -> Iterator[Array]:
+        """Signals (signal, realization, time) of some realizations after the other."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -65,25 +63,19 @@ class Derived(Signals):
             rate=ensemble.sampling_rate,
             edges=(missing_edge(HALF_WIDTH, ensemble),) * 2,
             realizations=(len(ensemble), independent_realizations(ensemble)),
-            share=LOW_SHARE,
             holds=np.zeros(2),
             positive=np.zeros((0, 2)),
             scale=(float(np.sqrt(np.mean(ensemble.angle**2))), float(np.sqrt(np.mean(ensemble.torque**2)))),
             ensemble=ensemble,
         )
 
-    def blocks(self, low: bool = False) -> Iterator[Array]:
-        """Signals of the whole band, or of the low one."""
+    def blocks(self) -> Iterator[Array]:
+        """Signals of some realizations after the other."""
         ensemble = self.ensemble
-        reach = HALF_WIDTH + low * (len(LOW_BAND) // 2)
-        missing = missing_edge(reach, ensemble)
-        if low and ensemble.samples - 2 * missing < SHORTEST:
-            yield from self.blocks()
-            return
-        near = slice(ensemble.context + missing - reach, ensemble.context + ensemble.samples - missing + reach)
+        reach = HALF_WIDTH
+        first = ensemble.context + self.edges[0] - reach
+        near = slice(first, ensemble.context + ensemble.samples - self.edges[1] + reach)
         filters = derivative_weights() * ensemble.sampling_rate ** np.arange(3.0)[:, None]
-        if low:
-            filters = np.stack([np.convolve(each, LOW_BAND) for each in filters])
         for some in row_blocks(len(ensemble), ensemble.samples):
             angle, torque = (x[some, near] for x in (ensemble.angle, ensemble.torque))
             out = np.empty((4, len(angle), angle.shape[1] - 2 * reach))
@@ -101,13 +93,68 @@ def _filtered(values: Array, taps: Array) -> Array:
     return convolve_lags(values, np.broadcast_to(taps, (times, len(taps))))
 
 
-def gram_of(signals: Signals, low: bool = False) -> Array:
+def gram_of(signals: Signals) -> Array:
     """Sums over realizations of products of the signals at each time, (time, signal, signal)."""
     total: Array | float = 0.0
-    for block in signals.blocks(low):
+    for block in signals.blocks():
         at_times = np.ascontiguousarray(block.transpose(2, 0, 1))
         total = total + at_times @ at_times.transpose(0, 2, 1)
     return np.asarray(total)
+
+
+class Normal(NamedTuple):
+    """Sums over realizations of products of signals with a weight W (time, time) between them.
+
+    ``angle``, ``mixed`` and ``velocity`` are normal matrices (time, time) of coefficients that are free at each time,
+    such as W ∘ Σ u uᵀ, and ``right`` (2, signal, time) their right sides u ∘ W x, v ∘ W x for every other signal x.
+    ``steady`` (constant, signal) and ``low`` (constant, time) are products in the low band of the constants' signals
+    with all but the angle, and with the angle.
+    ``excess`` (2,) are variances of the scores u ∘ W e, v ∘ W e over what W says of them.
+    """
+
+    angle: Array
+    mixed: Array
+    velocity: Array
+    right: Array
+    steady: Array
+    low: Array
+    excess: tuple[float, float]
+
+
+def normal(signals: Signals, weights: tuple[Array, Array], coefficients: Array, viscosity: Array) -> Normal:
+    """Products with weights of the whole band and of the low one; the torque loses that of a ``viscosity`` (time,).
+
+    The ``coefficients`` (signal, time) give the errors whose scores are compared.
+    """
+    whole, low = weights
+    sums: list[Array] = []
+    for every in signals.blocks():
+        block = np.concatenate([every[:-1], every[-1:] - viscosity * every[V]])
+        weighted, slow = block[1:] @ whole, block[1:-1] @ low
+        u, v = block[U], block[V]
+        free = block[: V + 1]
+        error = (block[-1] - np.einsum("krt,kt->rt", block[:-1], coefficients)) @ whole
+        found = [
+            u.T @ u,
+            u.T @ v,
+            v.T @ v,
+            np.einsum("frt,irt->fit", free, weighted),
+            np.tensordot(slow, block[1:], ((1, 2), (1, 2))),
+            np.einsum("rt,irt->it", u, slow),
+            np.einsum("frt,rt->ft", free**2, error**2),
+            np.einsum("frt,rt->ft", free**2, u**2),
+        ]
+        sums = [one + other for one, other in zip(sums, found, strict=True)] if sums else found
+    *squares, right, steady, slow, scores, alike = sums
+    angle, mixed, velocity = (each * whole for each in squares)
+    power = floored(np.diag(squares[0]))
+    excess = []
+    for place, matrix in enumerate((angle, velocity)):
+        np.fill_diagonal(matrix, floored(np.diag(matrix)))
+        own = floored(np.diag(squares[2 * place]))
+        taken = np.maximum(1 - alike[place] / (own * power), 1e-3) * signals.realizations[1] / signals.realizations[0]
+        excess.append(float(np.sum(scores[place]) / np.sum(np.diag(matrix) * taken)))
+    return Normal(angle, mixed, velocity, right, steady, slow, (excess[0], excess[1]))
 
 
 class Constants(NamedTuple):
@@ -127,41 +174,20 @@ def without_angle(gram: Array) -> Array:
     return np.asarray(gram[:, 1:, 1:] - gram[:, 1:, U, None] * gram[:, None, U, 1:] / power[:, None, None])
 
 
-def constants(gram: Array, signals: Signals, viscosity: Array | None = None) -> Constants:
-    """Constants beside a stiffness that is free at each time; ``viscosity`` (time,) if it is known.
+def constants(free: Array, power: Array, holds: Array, positive: Array) -> Constants:
+    """Constants from the products of their signals and the torque without what a free stiffness takes of them.
 
-    From products in the low band: a decimated acceleration is partly folded, which makes an inertia of the whole band
-    3 % too large.
+    ``power`` (constant,) is that of the signals with it, ``holds`` (constant,) the precision of their priors.
+    Their products with the rows of ``positive`` are not negative.
     """
-    times, known = len(gram), viscosity is not None
-    if viscosity is not None:
-        gram = with_torque_less(gram, V, viscosity)
-    free = without_angle(gram)[:, known:, known:].sum(axis=0)
-    cross, positive = free[:-1, -1], signals.positive[:, known:]
-    own = free[:-1, :-1] + np.diag(signals.holds[known:]) / signals.share
-    power = np.diag(gram.sum(axis=0))[1 + known : -1]
-    size = np.sqrt(np.maximum(power, np.finfo(float).tiny))
+    size = np.sqrt(np.maximum(power + holds, np.finfo(float).tiny))
+    own, cross = free[:, :-1], free[:, -1]
+    own = (own + own.T) / 2 + np.diag(holds)
     eigenvalues, vectors = np.linalg.eigh(own / np.outer(size, size))
     told = eigenvalues > STILL
     root = vectors[:, told] / size[:, None] / np.sqrt(eigenvalues[told])
-    inverse = root @ root.T
     values = root @ nearest_inside(cross @ root, (positive @ root).T)
-    left = max(float(free[-1, -1] - 2 * values @ cross + values @ free[:-1, :-1] @ values), 0.0)
-    variance = left / max(signals.realizations[1] * times - times - len(values), 1.0)
-    if not known:
-        return Constants(values, inverse * variance / signals.share, bool(told.all()))
-    covariance = np.pad(inverse * variance / signals.share, ((1, 0), (1, 0)))
-    return Constants(np.concatenate([[0.0], values]), covariance, bool(told.all()))
-
-
-def with_torque_less(gram: Array, place: int, coefficients: Array) -> Array:
-    """Products when the torque loses one regressor times coefficients (time,) or one number."""
-    out = gram.copy()
-    change = gram[:, :, place] * np.reshape(coefficients, (-1, 1))
-    out[:, :, -1] -= change
-    out[:, -1] -= change
-    out[:, -1, -1] += gram[:, place, place] * coefficients**2
-    return out
+    return Constants(values, root @ root.T, bool(told.all()))
 
 
 def floored(power: Array) -> Array:

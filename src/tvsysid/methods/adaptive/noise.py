@@ -1,80 +1,68 @@
-"""How sure a coefficient that is free at every time is: from the realizations' own scatter, whatever its colour."""
+"""What colour the noise has and how loud it is over time; and what is misfit, not noise."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import toeplitz
+from numpy.lib.stride_tricks import as_strided
+from scipy.linalg import solve_triangular, toeplitz
 
-from tvsysid.methods.adaptive.moments import A, Signals, U, V, floored, without_angle
+from tvsysid.methods.adaptive.moments import A, Signals, V, without_angle
 from tvsysid.numerics import Array
-from tvsysid.numerics.moments import diagonal_moments
 
 POOLED = 0.05  # s to either side over which the strength of the noise is pooled; also how far misfit is alike
 TOGETHER = 0.5  # s of all realizations but one together over which it is pooled to either side at least
-COLOUR = 0.25  # s over which the noise of the scores is correlated at most
-LEAST_EIGENVALUE = 0.02  # of the noise's correlation matrix
+COLOUR = 0.25  # s from which the noise is predicted at most
+FLOOR = 0.01  # share of the noise's variance that is taken as white at least: the rest may be misfit
 TOLD = 1e-6  # determinant of velocity's and acceleration's correlations below which they cannot be told apart
 EXACT = 1e-8  # share of the torque's power that is taken as noise at least
-REGRESSORS = (U, V)  # that have a coefficient free at every time: stiffness, or viscosity
 
 
-class Scores(NamedTuple):
-    """Sums over realizations of scores ``x e`` and regressors x at a time and up to COLOUR later, both (time, lag).
-
-    ``powers`` (time,) are sums of x² u², for the share of the noise that a free stiffness takes.
-    """
-
-    products: Array
-    regressors: Array
-    powers: Array
-
-
-def scores(signals: Signals, coefficients: Array) -> tuple[Scores, Scores]:
-    """Scores of angle and velocity with what ``coefficients`` (signal, time) leave of the torque."""
-    times = coefficients.shape[1]
-    lags = min(round(COLOUR * signals.rate), times - 1)
-    sums = np.zeros((2, 2, times, lags + 1))
-    powers = np.zeros((2, times))
+def residual_products(signals: Signals, coefficients: Array, viscosity: Array) -> Array:
+    """Sums over realizations (time, time) of products of what ``coefficients`` (signal, time) leave of the torque."""
+    total: Array | float = 0.0
     for block in signals.blocks():
-        left = block[-1] - np.einsum("krt,kt->rt", block[:-1], coefficients)
-        for place, which in enumerate(REGRESSORS):
-            x = block[which]
-            for row, values in enumerate((x * left, x)):
-                sums[place, row] += diagonal_moments(values, values, lags) * len(x)
-            powers[place] += np.einsum("rt,rt->t", x * x, block[U] ** 2)
-    return Scores(sums[0, 0], sums[0, 1], powers[0]), Scores(sums[1, 0], sums[1, 1], powers[1])
+        left = block[-1] - viscosity * block[V] - np.einsum("krt,kt->rt", block[:-1], coefficients)
+        total = total + left.T @ left
+    return np.asarray(total)
 
 
-class Scatter(NamedTuple):
-    """Standard error (time,) of a coefficient free at every time, and its autocorrelation (lag,) over all lags.
+def reach_of(independent: int, rate: float) -> int:
+    """Samples to either side over which the strength of the noise is pooled: few realizations say little of a time."""
+    return round(max(POOLED, TOGETHER / max(independent - 1, 1)) * rate)
 
-    They were found from so many degrees of ``freedom``.
+
+def whitened(covariance: Array, independent: int, rate: float, periodic: bool) -> Array:
+    """Filter (time, time) that makes the noise white and of unit variance, from its covariance.
+
+    It predicts the noise from the samples before, as many as the Bayesian information criterion says, and divides what
+    it does not predict by its strength, pooled over time.
     """
-
-    error: Array
-    correlation: Array
-    freedom: float
-
-    def covariance(self) -> Array:
-        """Of the coefficient, (time, time)."""
-        return np.asarray(toeplitz(self.correlation) * np.outer(self.error, self.error))
+    times, reach = len(covariance), reach_of(independent, rate)
+    filters = predictors(covariance, min(round(COLOUR * rate), times // 4), independent)
+    left = np.einsum("ti,ti->t", filters @ covariance, filters)
+    strength = pooled(left, reach, periodic) / pooled(np.ones(times), reach, periodic)
+    return np.asarray(filters / np.sqrt(strength)[:, None])
 
 
-def scatter(gram: Array, found: Scores, realizations: tuple[int, int], rate: float, periodic: bool) -> Scatter:
-    """Sandwich of the scores of a regressor; ``realizations`` are how many there are, and are independent."""
-    count, independent = realizations
-    wide = max(POOLED, TOGETHER / max(independent - 1, 1))  # few realizations say little of the noise at a time
-    reach, power = round(wide * rate), floored(found.regressors[:, 0])
-    left = np.maximum(power - found.powers / floored(gram[:, U, U]), 1e-3 * power) * independent / count
-    least = EXACT * float(gram[:, -1, -1].mean()) / count
-    strength = pooled(found.products[:, 0], reach, periodic) / pooled(left, reach, periodic)
-    score = np.sqrt(np.maximum(strength, least) * power)
-    correlation = _correlation(found, score, power, independent)
-    spread = score / power
-    samples = min(2 * reach + 1, len(power)) / (1 + 2 * float(np.sum(correlation[1 : 2 * reach] ** 2)))
-    return Scatter(spread, _definite(correlation, len(power)), max(1.0, (independent - 1) * samples))
+def predictors(covariance: Array, lags: int, independent: int) -> Array:
+    """Noise less its prediction, (time, time): of each order from 0 at first, of the order chosen from there on."""
+    times, (row, column) = len(covariance), covariance.strides
+    shape = times - lags, lags + 1, lags + 1
+    order = np.append(np.arange(lags)[::-1], lags)  # the sample before, the one before that ...; last what follows
+    near = as_strided(covariance, shape, (row + column, row, column), writeable=False).sum(axis=0)[np.ix_(order, order)]
+    factor = np.linalg.cholesky(near)
+    left = near[-1, -1] - np.append(0.0, np.cumsum(factor[-1, :-1] ** 2))
+    samples = independent * shape[0]
+    chosen = int(np.argmin(samples * np.log(left) + np.arange(lags + 1) * np.log(samples)))
+    out = np.zeros((times, times))
+    for time in range(times):
+        if time <= chosen:
+            weights = solve_triangular(factor[:time, :time], factor[-1, :time], lower=True, trans=1)
+            taps = np.append(-weights[::-1], 1.0) * np.sqrt(left[chosen] / left[time])
+        out[time, max(time - chosen, 0) : time + 1] = taps
+    return out
 
 
 def pooled(values: Array, reach: int, periodic: bool) -> Array:
@@ -84,32 +72,6 @@ def pooled(values: Array, reach: int, periodic: bool) -> Array:
         return values
     ends = (values[-reach:], values[:reach]) if periodic else (np.zeros(reach), np.zeros(reach))
     return np.convolve(np.concatenate([ends[0], values, ends[1]]), np.ones(2 * reach + 1), mode="valid")
-
-
-def _correlation(found: Scores, score: Array, power: Array, independent: int) -> Array:
-    """Autocorrelation of the scores (lag,), with what a coefficient free at every time took put back."""
-    times, lags = found.products.shape
-    out = np.ones(lags)
-    variance = float(np.sum(found.products[:, 0] / score**2))
-    for lag in range(1, lags):
-        early, late = slice(times - lag), slice(lag, times)
-        own = float(np.sum(found.products[early, lag] / (score[early] * score[late])))
-        alike = float(np.mean(found.regressors[early, lag] ** 2 / (power[early] * power[late])))
-        put_back = max(independent - 3, 0) / max(independent - 5 + 2 * alike, 1.0)
-        out[lag] = own / max(variance, np.finfo(float).tiny) * put_back * (1 - (lag / lags) ** 2)
-    return out
-
-
-def _definite(correlation: Array, times: int) -> Array:
-    """First row of the Toeplitz matrix of a correlation whose smallest eigenvalue is LEAST_EIGENVALUE or more."""
-    row = np.zeros(times)
-    row[: len(correlation)] = correlation[:times]
-    # The smallest value of its spectrum bounds the eigenvalues from below.
-    least = float(np.fft.rfft(np.concatenate([row, [0.0], row[:0:-1]])).real.min())
-    if least < LEAST_EIGENVALUE:
-        row = row / (1 + LEAST_EIGENVALUE - least)
-        row[0] = 1.0
-    return row
 
 
 class Misfit(NamedTuple):

@@ -16,7 +16,6 @@ from tvsysid.methods.cascade.result import JointCascadeModel, model
 from tvsysid.methods.cascade.shape import TERMS
 from tvsysid.numerics import Array
 from tvsysid.numerics.moments import row_blocks
-from tvsysid.numerics.noise import white_share
 from tvsysid.quality.reflexes import reflex_test_of
 from tvsysid.quality.statistics import LEAST_REALIZATIONS
 from tvsysid.signals import Ensemble
@@ -35,8 +34,8 @@ class WithReflex(Signals):
     beside: JointCascadeModel
     readout: Array
 
-    def blocks(self, low: bool = False) -> Iterator[Array]:
-        """All of them: the differences take up what decimation does to the acceleration."""
+    def blocks(self) -> Iterator[Array]:
+        """Some realizations after the other."""
         for some in row_blocks(*self.columns.shape[1:]):
             yield self.columns[:, some]
 
@@ -89,15 +88,13 @@ def with_reflex(ensemble: Ensemble, emg: str | None, known: JointCascadeModel | 
     signals, torque = data.signals, data.torque
 
     first = data.bases[0].shape[1] + data.bases[1].shape[1] + 1
-    share = white_share(problem.left(found), signals[0], rate, (0.0, rate / 2))
-    weights = share * (found.scale / found.spread)[first:] ** 2
+    weights = (found.scale / found.spread)[first:] ** 2
     gains = problem.positive[-ensemble.samples :, problem.own :]
     slopes = [found.solved.noise_variance / TERMS[name].spread ** 2 for name in problem.free]
     return WithReflex(
         rate=rate,
         edges=(times.start, ensemble.samples - times.stop),
         realizations=(len(torque), len(torque) - 1),
-        share=share,
         holds=np.concatenate([[0.0, 0.0], weights, slopes]),
         positive=np.pad(gains, ((0, 0), (len(signals) - 1, len(slopes)))),
         columns=np.concatenate([signals, problem.columns_and_slopes(found), torque[None]]),

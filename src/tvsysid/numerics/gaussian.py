@@ -20,7 +20,6 @@ from tvsysid.numerics import Array
 
 STANDS = 1e-4  # relative change of the noise variance from which on another step, some 1e-4 of it, needs no new factors
 ITERATIONS = 30  # noise variances tried at most
-STRONG = 1e-2  # share of a column's power below which its prior precision, times the noise variance, leaves it free
 
 
 class Statistics(NamedTuple):

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from tvsysid.estimates import StandardError
-from tvsysid.methods.kbr.kernel import VISIBLE, Kernel
+from tvsysid.methods.kbr.kernel import VISIBLE, Kernel, harmonic_features
 from tvsysid.methods.kbr.record import WHITE, Chosen, NoiseSpectrum, Record, clocks_of
 from tvsysid.methods.shared.residuals import PosteriorErrors
 from tvsysid.numerics.gaussian import Fit, InstrumentalFit, fit, instrumental
@@ -149,6 +149,9 @@ def impedance_over(ensemble: Ensemble, kernel: Kernel, coefficients: Array) -> A
 
     Of lower orders than 2, what the model does not have is 0.
     """
-    of_signals = np.zeros((kernel.columns, 3))
-    of_signals[:, : len(coefficients) // kernel.columns] = coefficients.reshape(-1, kernel.columns).T
-    return np.stack([kernel(*each) @ of_signals for each in times_of(ensemble, kernel)])
+    phase, clock = np.moveaxis(times_of(ensemble, kernel), 1, 0)
+    periodic, slow = harmonic_features(phase, kernel.period, kernel.highest), kernel.slow_features(clock)
+    weights = np.zeros((slow.shape[-1], periodic.shape[-1], 3))
+    for signal, of_signal in enumerate(coefficients.reshape(-1, kernel.columns)):
+        weights[kernel.slow, kernel.place, signal] = of_signal
+    return np.asarray(np.einsum("...h,...hm->...m", periodic, np.tensordot(slow, weights, 1)))

@@ -146,8 +146,9 @@ class KernelRegression(base.Method):
         base.check_choice(self, "weighting", Weights)
         if self.reference is not None:
             object.__setattr__(self, "inputs", shared.reference_input(self.reference))
-        sizes = {name: getattr(self, name) for name in ("length_periodic", "length_decay", "period", "scale")}
-        base.check_positive(self, **{name: size for name, size in sizes.items() if size is not None})
+        for name in ("length_periodic", "length_decay", "period", "scale"):
+            if (size := getattr(self, name)) is not None:
+                base.check_positive(self, **{name: size})
         several = self.gamma if isinstance(self.gamma, tuple) else (self.gamma,) * 3
         if len(several) != 3:
             raise InputError(
@@ -167,14 +168,14 @@ class KernelRegression(base.Method):
                 "KernelRegression: order must be 0 (a spring), 1 (with viscosity) or 2 (with inertia too), got "
                 f"{self.order!r}"
             )
-        if not isinstance(self.lag, (int, float)) or isinstance(self.lag, bool) or not 0 <= self.lag < math.inf:
-            raise InputError(f"KernelRegression: lag must be a finite time in s, 0 or more, got {self.lag!r}")
+        if self.lag != 0:
+            base.check_positive(self, lag=self.lag)
 
     @classmethod
     def preset(cls, name: Preset, **settings: Any) -> Self:
         """Return the paper's settings for the ``"simulation"`` (the default) or the ``"experiment"``, but for some."""
         if name not in PRESETS:
-            listed = ", ".join(repr(known) for known in PRESETS)
+            listed = ", ".join(map(repr, PRESETS))
             raise InputError(f"KernelRegression: preset must be one of {listed}; got {name!r}")
         return cls(**(PRESETS[name] | settings))
 
@@ -191,8 +192,7 @@ class KernelRegression(base.Method):
         if instrument is not None:
             data = record.Record.of(ensemble, self.band).with_instrument(data)
         features = data.kernel(self._period(ensemble), self.length_periodic, self.length_decay)
-        reweighted = REWEIGHTED if self.weighting == "residual" else 0
-        posterior = fitting.posterior_of(data, features, variances, reweighted)
+        posterior = fitting.posterior_of(data, features, variances, REWEIGHTED * (self.weighting == "residual"))
         each = fitting.impedance_over(ensemble, features, posterior.mean)
         impedance = each.mean(axis=0)
 

@@ -125,8 +125,8 @@ class Runs:
         if kernel.decay is not None:
             slow = self._slow(kernel)
             pairs, source = np.unique(signal * len(slow) + kernel.slow[column], return_inverse=True)
-            products = (self.signals[m] * slow[n] for m, n in zip(*divmod(pairs, len(slow)), strict=True))
-            spectra = np.stack([rfft(each, norm="ortho")[:, : self.bins.stop + reach] for each in products])
+            m, n = divmod(pairs, len(slow))
+            spectra = rfft(self.signals[m] * slow[n], norm="ortho")[..., : self.bins.stop + reach]
         spectra = np.concatenate([spectra[..., reach:0:-1].conj(), spectra], axis=-1)  # from bin -reach on
         cosine = kernel.sine[column] == 0
         source, harmonic = source[cosine], kernel.harmonic[column[cosine]]
@@ -135,8 +135,10 @@ class Runs:
         for start in range(self.bins.start, self.bins.stop, length):
             stop = min(start + length, self.bins.stop)
             windows = sliding_window_view(spectra, stop - start, axis=-1)
-            up = windows[source, :, start + reach - harmonic * shift] * turn
-            down = windows[source, :, start + reach + harmonic * shift] * turn.conj()
+            up = windows[source, :, start + reach - harmonic * shift]
+            down = windows[source, :, start + reach + harmonic * shift]
+            up *= turn
+            down *= turn.conj()
             out = np.empty((len(column) + 1, runs, stop - start), dtype=np.complex128)
             out[:-1][cosine] = up + down
             up -= down

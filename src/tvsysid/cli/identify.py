@@ -167,7 +167,8 @@ def identify(
             several = len(ensemble) > 1 or period is not None
             return recording, preprocess.subtract_mean(ensemble, deviating) if several else ensemble
 
-        _remark_on(decimate or recorded.sampling_rate)
+        if decimate is None:
+            _remark_on(recorded.sampling_rate)
         recording, ensemble = prepared(0.0)
         if align_channels and (delay := _delay(prepared, context, deviating, method[0])):
             recording, ensemble = prepared(delay)

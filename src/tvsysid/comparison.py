@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import chain, repeat
+from itertools import repeat
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,8 +16,7 @@ from numpy.typing import NDArray
 from tvsysid.checked import Frozen
 from tvsysid.errors import DataQualityWarning, InputError, describe_error
 from tvsysid.estimates import IMPEDANCE
-from tvsysid.limits import cores
-from tvsysid.methods import DEFAULT_METHODS, METHODS, Evidence, Tuned, deviating_channels, label_of, parse
+from tvsysid.methods import DEFAULT_METHODS, Evidence, Tuned, deviating_channels, label_of, parse
 from tvsysid.methods.adaptive.model import AdaptiveModel
 from tvsysid.methods.apply import Identified, Identifies, identify
 from tvsysid.methods.base import Method, SkippedError, inputs_of
@@ -210,7 +208,7 @@ class Comparison(Shown, Frozen):
         The samples of context around realizations next to a fold are the fold's own. Settings that were chosen from the
         data (``tune``) were chosen from all of them, and are not chosen anew. ``adaptive`` starts from what it found in
         all of them: it keeps the smooth part and the number of switches, and fits amplitudes and places anew.
-        Folds are identified on all cores, in threads. Those of a method of your own follow in turn.
+        Folds are identified in turn: this takes less time than to start processes for them.
 
         Examples
         --------
@@ -234,39 +232,22 @@ class Comparison(Shown, Frozen):
         if len(ensemble) == 2 < least:
             text = "no held-out VAF: with the mean over realizations subtracted, it takes three realizations, got 2"
             warnings.warn(text, DataQualityWarning, stacklevel=2)
-        own = [label for label in found if type(self.methods[label]) not in METHODS.values()]
         jobs = [(label, part) for part in parts for label in found if len(ensemble) >= least]
-        jobs.sort(key=lambda job: job[0] in own)
-        threaded = sum(label not in own for label, _ in jobs) if cores() > 1 else 0
-        pool = ThreadPoolExecutor(cores())
-        with single_thread(), reported(progress, "identifying without a part") as advance, warnings.catch_warnings():
-            # What the methods say of the whole was said. Threads have this filter in common, so that none may set it.
-            warnings.simplefilter("ignore", DataQualityWarning)
-            try:
-                results = chain(pool.map(self._vaf_of, jobs[:threaded]), map(self._vaf_of, jobs[threaded:]))
-                for number, (label, part) in enumerate(jobs):
-                    advance(number, len(jobs))
-                    if isinstance(result := next(results), str):
-                        failed.setdefault(label, result)
-                    else:
-                        found[label][part] = result
-            finally:
-                pool.shutdown(cancel_futures=True)
+        with single_thread(), reported(progress, "identifying without a part") as advance:
+            for number, (label, part) in enumerate(jobs):
+                advance(number, len(jobs))
+                try:
+                    found[label][part] = self._vaf_of(part, label)
+                except (Exception, SystemExit) as error:  # a method of one's own may raise anything
+                    failed.setdefault(label, describe_error(error))
         for reason in dict.fromkeys(failed.values()):
             labels = ", ".join(label for label, own in failed.items() if own == reason)
             text = f"{labels}: no held-out VAF where a fold of the realizations cannot be left out: {reason}"
             warnings.warn(text, DataQualityWarning, stacklevel=2)
         return found
 
-    def _vaf_of(self, job: tuple[str, NDArray[np.int64]]) -> Array | str:
-        """VAF of the realizations left out, by what a method identifies from the others, or why there is none."""
-        try:
-            return self._held_out(*job)
-        except (Exception, SystemExit) as error:  # a method of one's own may raise anything
-            return describe_error(error)
-
-    def _held_out(self, label: str, left: NDArray[np.int64]) -> Array:
-        """VAF of the realizations ``left`` out, (realization,)."""
+    def _vaf_of(self, left: NDArray[np.int64], label: str) -> Array:
+        """VAF of the realizations ``left`` out, by what a method identifies from the others; (realization,)."""
         method, ensemble = self.methods[label], self.ensemble
         kept = np.setdiff1d(np.arange(len(ensemble)), left)
         every = ensemble
@@ -278,12 +259,15 @@ class Comparison(Shown, Frozen):
         torque = every.torque[:, every.core]
         unseen = np.array(every.torque)
         unseen[left] = 0.0  # whatever predicts cannot look at it
-        known = every.select(kept)
-        if isinstance(method, (Method, Tuned)):
-            model = method.refit(known, self.models[label])
-        else:
-            model = identify(method, known, label).model
-        values = model.predict(replace(every, torque=unseen))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DataQualityWarning)  # that of the whole was warned of
+            known = every.select(kept)
+            unseen_torque = replace(every, torque=unseen)
+            if isinstance(method, (Method, Tuned)):
+                model = method.refit(known, self.models[label])
+            else:
+                model = identify(method, known, label).model
+            values = model.predict(unseen_torque)
         if ensemble.mean_subtracted:
             values = values - mean_known(values[kept])
         return vaf(torque[left], values[left])

@@ -1,10 +1,9 @@
-"""How much memory and how many cores there are. Light."""
+"""How much memory there is. Light."""
 
 from __future__ import annotations
 
 import os
 import re
-import sys
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -13,15 +12,6 @@ try:
     import resource
 except ImportError:  # not on Windows
     resource = None  # type: ignore[assignment]
-
-
-def cores() -> int:
-    """Cores that this process may use: in a job on a cluster fewer than the machine has, in a browser one."""
-    if sys.platform == "emscripten":
-        return 1
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def available() -> int | None:

@@ -12,9 +12,10 @@ import xarray as xr
 from tests.study.conftest import SMALL, TIMES, Mine
 
 import tvsysid as tv
-from tvsysid.study import Study, cores, of_quantity, plan, run, score, summarize
+from tvsysid.study import Study, of_quantity, plan, run, score, summarize
 from tvsysid.study.source import Simulations
 from tvsysid.study.task import carry_out
+from tvsysid.study.workers import cores
 
 
 def same(one, other):

@@ -16,13 +16,19 @@ from itertools import islice
 from typing import Any
 
 from tvsysid.errors import InputError, describe_error
-from tvsysid.limits import cores
 from tvsysid.study.source import Source
 from tvsysid.study.store import Place, Store
 from tvsysid.study.task import Outcome, Task, carry_out
 
 AHEAD = 2  # tasks that wait for each worker: enough to keep it busy; more would only take memory
 UNKNOWN_WORKERS = 32  # assumed of an executor that does not say how many it has
+
+
+def cores() -> int:
+    """Cores that this process may use; a job on a cluster may have fewer than the machine."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def carry_out_missing(

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import scipy
+from numpy.lib.stride_tricks import sliding_window_view
 
 from tvsysid.errors import InputError
 from tvsysid.preprocess.segment import every_signal
@@ -26,12 +27,14 @@ def find_mains(recording: Recording) -> tuple[float, float]:
     """
     rate, found = recording.sampling_rate, (0.0, FREQUENCIES[0])
     trials = [recording.angle[trial] for trial in recording.trials]
-    lengths = [len(trial) for trial in trials]
-    window = min(round(WINDOW_S * rate), *lengths)
+    window = min(round(WINDOW_S * rate), *map(len, trials))
     if window < SHORTEST_S * rate:
         return found[::-1]
-    spectra = [scipy.signal.welch(trial, rate, nperseg=window, detrend="linear")[1] for trial in trials]
-    power, step = np.average(spectra, axis=0, weights=lengths), rate / window
+    step = rate / window
+    pieces = np.concatenate([sliding_window_view(trial, window)[:: window // 2] for trial in trials])
+    taper = np.hanning(window)
+    spectra = np.fft.rfft((pieces - pieces.mean(axis=1, keepdims=True)) * taper)
+    power = 2 * np.mean(np.abs(spectra) ** 2, axis=0) / (rate * np.sum(taper**2))
     for mains in FREQUENCIES:
         distance = np.abs(step * np.arange(len(power)) - mains)
         beside = power[(distance >= 4 * step) & (distance < BESIDE)]

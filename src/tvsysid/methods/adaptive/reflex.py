@@ -89,14 +89,14 @@ def with_reflex(ensemble: Ensemble, emg: str | None, known: JointCascadeModel | 
 
     first = data.bases[0].shape[1] + data.bases[1].shape[1] + 1
     weights = (found.scale / found.spread)[first:] ** 2
-    gains = problem.positive[-ensemble.samples :, problem.own :]
+    gains = problem.positive[:, problem.own :]
     slopes = [found.solved.noise_variance / TERMS[name].spread ** 2 for name in problem.free]
     return WithReflex(
         rate=rate,
         edges=(times.start, ensemble.samples - times.stop),
         realizations=(len(torque), len(torque) - 1),
         holds=np.concatenate([[0.0, 0.0], weights, slopes]),
-        positive=np.pad(gains, ((0, 0), (len(signals) - 1, len(slopes)))),
+        positive=np.pad(gains[gains.any(axis=1)], ((0, 0), (len(signals) - 1, len(slopes)))),
         columns=np.concatenate([signals, problem.columns_and_slopes(found), torque[None]]),
         beside=model(repr(method), chosen),
         readout=readout(lags, rate),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -22,6 +23,7 @@ from tvsysid.signals import Ensemble
 SETTLED = 0.45  # seconds of what drives a reflex that must be known before a sample that is fitted
 HISTORY = 0.75  # seconds of it that are used where they were recorded
 USUAL = (16.0, 0.8, 0.0)  # frequency in rad/s, damping and threshold of a reflex that is not shown
+LIMITED = 500  # times of a period at which signs are limited, or somewhat more
 CERTAIN = 10.0  # log evidence by which a reflex must be better than none, and than the rest, to be shown
 MISFIT = 0.02  # share of the squares left by which whitening may make them larger
 PLAIN = 30.0  # floor of the noise, in shares of its power, where whitening is not right
@@ -130,8 +132,10 @@ class Search(NamedTuple):
         weights = readout(self.lags, self.ensemble.sampling_rate)[:2]
         weights[0] = 0.0
         weights[0, 0] = np.sign(old.coefficients[0])
-        rows = np.concatenate(data.features(weights))
-        gains = [] if reflex is None else [reflex.basis(self.ensemble.time / self.period)]
+        repeated = math.ceil(self.period * self.ensemble.sampling_rate)
+        some = slice(0, repeated, max(1, repeated // LIMITED))
+        rows = np.concatenate([each[some] for each in data.features(weights)])
+        gains = [] if reflex is None else [reflex.basis(self.ensemble.time[some] / self.period)]
         problems = [
             replace(fit.problem, positive=block_diag(rows, *(sign * gain for gain in gains)))
             for sign in ((1, -1) if name == "emg" else (1,))

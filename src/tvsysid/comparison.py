@@ -403,10 +403,11 @@ def compare(
 
 
 def delay_to_correct(cut: Callable[[float], Ensemble], judged: Ensemble, method: str) -> tuple[float, str]:
-    """Return how much of a delay of the torque to correct, in s: all, unless half or none of it predicts better.
+    """Choose how much of a delay of the torque to correct, in s: all, unless half or none of it predicts better.
 
     A joint that is not of second order, or a fixture that gives way, looks like a delay of another size. So
-    realizations held out decide (p < 0.05), by ``adaptive``, or of a single realization its fifths, by a ``method``.
+    realizations held out decide (p < 0.05), by ``adaptive``; of a single realization the ``method``, if it holds out
+    fifths of the record.
 
     Parameters
     ----------
@@ -430,22 +431,33 @@ def delay_to_correct(cut: Callable[[float], Ensemble], judged: Ensemble, method:
         return 0.0, ""
     if "delay" not in faults or faults.keys() & (WRONG | LOOP).keys():
         return 0.0, ""
-    shares = faults["delay"].value / 1000 * np.array([0.0, 0.5, 1.0])
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DataQualityWarning)
-        if len(cut(0.0)) == 1:
-            models = [compare(cut(each), [method]).models[method] for each in shares]
-            predicted = [np.array([model.diagnostics.details.get("vaf_folds", 0.0)]) for model in models]
-        else:
-            method, found = "adaptive", compare(cut(0.0), ["adaptive"])
-            predicted = [replace(found, ensemble=cut(each)).held_out_vaf(2)[method] for each in shares]
+    found, shares = faults["delay"].what.partition(";")[0], np.array([0.0, 0.5, 1.0])
+    delays = shares * faults["delay"].value / 1000
+    try:
+        ensembles = [cut(delay) for delay in delays]
+        method, predicted = _predicted(ensembles, method)
+    except InputError as error:
+        return 0.0, f"{found}; none of it is corrected: {error}"
     means = [each.mean() for each in predicted]
+    if not np.isfinite(means).all():
+        return float(delays[-1]), f"{found}; all of it is corrected"
     best, count = int(np.argmax(means)), min(map(len, predicted))
     better, _ = predicts_better(*(100 - predicted[which][:count] for which in (best, -1)))
     chosen = best if count == 1 or better < BETTER else 2
     vaf = "{:.1f} % as recorded, {:.1f} with half and {:.1f} with all of it corrected".format(*means)
-    what = f"{faults['delay'].what.partition(';')[0]}; {('none', 'half', 'all')[chosen]} of it is corrected"
-    return float(shares[chosen]), f"{what}: held-out VAF of {method} is {vaf}"
+    what = f"{found}; {('none', 'half', 'all')[chosen]} of it is corrected"
+    return float(delays[chosen]), f"{what}: held-out VAF of {method} is {vaf}"
+
+
+def _predicted(ensembles: Sequence[Ensemble], method: str) -> tuple[str, list[Array]]:
+    """Held-out VAF of each ensemble, by what was found in the first; of single realizations by a ``method``."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DataQualityWarning)
+        if len(ensembles[0]) == 1:
+            models = [compare(each, [method]).models[method] for each in ensembles]
+            return method, [np.array([model.diagnostics.details.get("vaf_folds", np.nan)]) for model in models]
+        found = compare(ensembles[0], ["adaptive"])
+        return "adaptive", [replace(found, ensemble=each).held_out_vaf(2)["adaptive"] for each in ensembles]
 
 
 def _rows(columns: Mapping[str, Iterable[Any]]) -> list[dict[str, Any]]:

@@ -63,7 +63,7 @@ def identify(
         bool,
         options.option(
             "",
-            "Correct a delay between angle and torque, as far as held-out realizations are predicted no worse.",
+            "Correct a delay of the torque, unless that lowers the held-out VAF.",
         ),
     ] = True,
     remove_mains: Annotated[
@@ -227,8 +227,9 @@ def _cleaned(
     gaps = preprocess.find_gaps(recording) if period else ()
     if gaps:
         every, kept = (len(preprocess.segment(recording, period, context, each)) for each in ((), gaps))
-        done.append(f"{count(every - kept, 'realization')} with gaps {'was' if every - kept == 1 else 'were'} left out")
-        say(f"{found.pop('gaps').what}; {done[-1]}")
+        lost = f"{count(every - kept, 'realization')} with gaps {'was' if every - kept == 1 else 'were'} left out"
+        done += [lost] * (every > kept)
+        say(f"{found.pop('gaps').what}; {lost}")
     if remove_mains and found["mains"].found:
         done.append("mains hum was subtracted from all channels")
         say(f"{found.pop('mains').what}; {done[-1]}")

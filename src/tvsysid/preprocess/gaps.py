@@ -9,7 +9,7 @@ import numpy as np
 from tvsysid.signals import Recording
 
 SHORTEST_S, SHORTEST = 0.03, 10  # of a gap, in s and in samples
-LARGEST_SHARE = 0.05  # of a record: beyond it, signals rest, or are recorded in coarse steps
+FEW, LARGEST_SHARE = 3, 0.05  # more gaps than that, of more of a record, are rests, or coarse steps
 STRAIGHT, ROUNDING = 1e-2, 1e-12  # share of the usual bend, and of the largest value, below which a signal is straight
 STEPS = 1.5  # of the torque's converter that a torque at rest bends by at most
 
@@ -27,7 +27,7 @@ def find_gaps(recording: Recording) -> tuple[Gap, ...]:
 
     Give them to :func:`tvsysid.preprocess.segment`. Look for them before decimation, which hides them. Signals
     that rest, recorded in coarse steps, are no gap: they leave a rest by one step, rest for 10 ms more often than for
-    30, or rest for more than a twentieth of the record.
+    30, or rest more than three times for more than a twentieth of the record.
 
     Examples
     --------
@@ -55,7 +55,7 @@ def find_gaps(recording: Recording) -> tuple[Gap, ...]:
     length, shortest = last - first + 2, max(SHORTEST_S * rate, SHORTEST)
     gap = moves & (length >= shortest)
     brief = (length >= shortest / 3) & (length < shortest)
-    if brief.sum() > gap.sum() or length[gap].sum() > LARGEST_SHARE * len(recording):
+    if brief.sum() > gap.sum() or (gap.sum() > FEW and length[gap].sum() > LARGEST_SHARE * len(recording)):
         return ()
     trials = np.searchsorted(starts, first[gap], "right") - 1
     within = np.stack([first[gap], last[gap] + 2]) - starts[trials]

@@ -59,7 +59,7 @@ def remove_mains(recording: Recording, frequency: float) -> Recording:
     --------
     >>> import numpy as np
     >>> time = np.arange(20_000) / 1000
-    >>> hum, angle = 0.1 * np.sin(2 * np.pi * 50.03 * time), np.sin(2 * np.pi * time)
+    >>> hum, angle = 0.1 * np.sin(2 * np.pi * 50.03 * time), 5 + np.sin(2 * np.pi * time)
     >>> left = remove_mains(Recording(angle + hum, 80 * angle, 1000), 50).angle - angle
     >>> bool(np.abs(left[1000:-1000]).max() < 0.01 * hum.max())
     True
@@ -70,7 +70,8 @@ def remove_mains(recording: Recording, frequency: float) -> Recording:
 
     def less_line(values: Array) -> Array:
         turn = np.exp(2j * np.pi * frequency / recording.sampling_rate * np.arange(len(values)))
-        count, sums = (scipy.signal.oaconvolve(each, weights, "same") for each in (np.ones(len(values)), values / turn))
+        changing = (values - values.mean()) / turn
+        count, sums = (scipy.signal.oaconvolve(each, weights, "same") for each in (np.ones(len(values)), changing))
         return np.asarray(values - 2 * (sums / count * turn).real)
 
     def without(values: Array) -> Array:

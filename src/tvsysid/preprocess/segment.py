@@ -267,6 +267,8 @@ def segment(recording: Recording, period: float | None, context: float = 0.5, ga
         for start, stop in (ends for trial_number, *ends in lost if trial_number == number):
             firsts[-1] = [i for i in firsts[-1] if i + samples <= start or i >= stop]
     if not any(firsts):
+        if lost:
+            raise InputError(f"segment: no realization of {period:g} s is without a gap; give no gaps to keep them all")
         longest = max(trial.stop - trial.start for trial in recording.trials) / rate
         less = "give less context (--context 0 keeps every realization)"
         if len(recording.trials) > 1:

@@ -27,7 +27,7 @@ def few_harmonics(line: Line, steps: Columns) -> list[Roughness]:
     variances, weights = np.square(AMPLITUDES)[:, None], np.zeros(len(line.cross))
     log_prior = math.log(SHARE) - (count - 1) / 2 * math.log1p(FIRST * (2 + SECOND))
     always = [(0, LEVEL**2), *((place, STEP**2) for place in range(count, len(cross)))]
-    for turn in range(len(always) + MOST_WAVES):
+    for turn in range(len(always) + min(MOST_WAVES, count - 1)):
         if turn < len(always):
             place, variance = always[turn]
         else:

@@ -172,7 +172,7 @@ class EnsembleSpectral(base.Method):
         if fast < OVERSAMPLED:
             yield (
                 f"the angle has hardly any power above {rate / 4:.4g} Hz: at {rate:g} Hz the response there is noise, "
-                "and so is the prediction of torque; decimate first, to 100 Hz for instance"
+                f"and so is the prediction of torque; decimate to {rate / 2:.4g} Hz"
             )
         if len(ensemble) < FEWEST:
             yield (

@@ -3,18 +3,12 @@
 from __future__ import annotations
 
 import math
-import os
-import sys
-import threading
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import repeat
-from multiprocessing import get_context
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,9 +34,7 @@ from tvsysid.signals import Array, Ensemble
 if TYPE_CHECKING:
     import pandas as pd
 
-T = TypeVar("T")
 FOLDS = 5  # into which realizations are dealt, to predict each from the others
-_inherited: list[Callable[..., Any]] = []  # by a copy of this process: what it is to do
 BETTER = 0.05  # probability below which realizations are taken to be predicted better
 
 
@@ -216,7 +208,7 @@ class Comparison(Shown, Frozen):
         The samples of context around realizations next to a fold are the fold's own. Settings that were chosen from the
         data (``tune``) were chosen from all of them, and are not chosen anew. ``adaptive`` starts from what it found in
         all of them: it keeps the smooth part and the number of switches, and fits amplitudes and places anew.
-        On Linux, folds are identified on all cores, by copies of this process, unless it has other threads.
+        Folds are identified in turn: this takes less time than to start processes for them.
 
         Examples
         --------
@@ -240,29 +232,19 @@ class Comparison(Shown, Frozen):
         if len(ensemble) == 2 < least:
             text = "no held-out VAF: with the mean over realizations subtracted, it takes three realizations, got 2"
             warnings.warn(text, DataQualityWarning, stacklevel=2)
-        jobs = [(part, label) for part in parts for label in found if len(ensemble) >= least]
-        with (
-            single_thread(),
-            _on_all_cores(self._tried, jobs) as results,
-            reported(progress, "identifying without a part") as advance,
-        ):
-            for number, ((part, label), result) in enumerate(zip(jobs, results, strict=True)):
+        jobs = [(label, part) for part in parts for label in found if len(ensemble) >= least]
+        with single_thread(), reported(progress, "identifying without a part") as advance:
+            for number, (label, part) in enumerate(jobs):
                 advance(number, len(jobs))
-                found[label][part], failure = result()
-                if failure:
-                    failed.setdefault(label, failure)
+                try:
+                    found[label][part] = self._vaf_of(part, label)
+                except (Exception, SystemExit) as error:  # a method of one's own may raise anything
+                    failed.setdefault(label, describe_error(error))
         for reason in dict.fromkeys(failed.values()):
             labels = ", ".join(label for label, own in failed.items() if own == reason)
             text = f"{labels}: no held-out VAF where a fold of the realizations cannot be left out: {reason}"
             warnings.warn(text, DataQualityWarning, stacklevel=2)
         return found
-
-    def _tried(self, left: NDArray[np.int64], label: str) -> tuple[Array | float, str]:
-        """VAF of the realizations ``left`` out, or NaN and why there is none."""
-        try:
-            return self._vaf_of(left, label), ""
-        except (Exception, SystemExit) as error:  # a method of one's own may raise anything
-            return math.nan, describe_error(error)
 
     def _vaf_of(self, left: NDArray[np.int64], label: str) -> Array:
         """VAF of the realizations ``left`` out, by what a method identifies from the others; (realization,)."""
@@ -476,27 +458,6 @@ def _predicted(ensembles: Sequence[Ensemble], method: str) -> tuple[str, list[Ar
             return method, [np.array([model.diagnostics.details.get("vaf_folds", np.nan)]) for model in models]
         found = compare(ensembles[0], ["adaptive"])
         return "adaptive", [replace(found, ensemble=each).held_out_vaf(2)["adaptive"] for each in ensembles]
-
-
-@contextmanager
-def _on_all_cores(work: Callable[..., T], jobs: Sequence[tuple[Any, ...]]) -> Iterator[list[Callable[[], T]]]:
-    """Calls that return the result of each job, from copies of this process.
-
-    In turn, in this process, where it cannot be copied: it has other threads, or this is not Linux.
-    """
-    several = sys.platform == "linux" and threading.active_count() == 1 and len(jobs) > 1
-    if not several or (cores := len(os.sched_getaffinity(0))) == 1:
-        yield [partial(work, *job) for job in jobs]
-        return
-    pool = ProcessPoolExecutor(cores, get_context("fork"), _inherited.append, (work,))
-    try:
-        yield [pool.submit(_work, *job).result for job in jobs]
-    finally:
-        pool.shutdown(cancel_futures=True)
-
-
-def _work(*job: Any) -> Any:
-    return _inherited[-1](*job)
 
 
 def _rows(columns: Mapping[str, Iterable[Any]]) -> list[dict[str, Any]]:

@@ -82,18 +82,14 @@ def progress_bar(title: str, console: Console | None = None, disable: bool = Fal
         TextColumn("{task.fields[rate]}"),
         TimeRemainingColumn(elapsed_when_finished=True),
     )
-    bar = Progress(*shown, console=console, transient=True, disable=disable)
-    task = bar.add_task(title, total=None, rate="")
+    with Progress(*shown, console=console, transient=True, disable=disable) as bar:
+        task = bar.add_task(title, total=None, rate="")
 
-    def advance(done: int, total: int) -> None:
-        bar.start()  # at the first call, as it starts a thread
-        speed = bar.tasks[0].speed
-        bar.update(task, completed=done, total=total, rate=f"{speed:.1f}/s" if speed else "")
+        def advance(done: int, total: int) -> None:
+            speed = bar.tasks[0].speed
+            bar.update(task, completed=done, total=total, rate=f"{speed:.1f}/s" if speed else "")
 
-    try:
         yield advance
-    finally:
-        bar.stop()
 
 
 @contextmanager

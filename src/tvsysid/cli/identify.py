@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from contextlib import suppress
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -61,10 +61,7 @@ def identify(
     method: options.MethodOption = DEFAULT_METHODS,
     align_channels: Annotated[
         bool,
-        options.option(
-            "",
-            "Correct a delay of the torque, unless that lowers the held-out VAF.",
-        ),
+        options.option("", "Correct a delay of the torque, unless that lowers the held-out VAF."),
     ] = True,
     remove_mains: Annotated[
         bool, options.option("", "Subtract mains hum (50 or 60 Hz) that shows in the angle.")
@@ -159,6 +156,7 @@ def identify(
         recorded, gaps, faults, done = _cleaned(read(channel), remove_mains, period, context)
         deviating = [name for name in deviating_channels(chosen) if name in recorded.channels]
 
+        @cache
         def prepared(delay: float) -> tuple[Recording, Ensemble]:
             recording = preprocess.align_channels(recorded, delay) if delay else recorded
             if decimate is not None:
@@ -169,9 +167,8 @@ def identify(
 
         if decimate is None:
             _remark_on(recorded.sampling_rate)
-        recording, ensemble = prepared(0.0)
-        if align_channels and (delay := _delay(prepared, context, deviating, method[0])):
-            recording, ensemble = prepared(delay)
+        delay = _delay(prepared, context, deviating, method[0]) if align_channels else 0.0
+        recording, ensemble = prepared(delay)
         say(f"{file.name}: {ensemble!r}")
         with progress("identifying") as advance:
             found = compare(ensemble, method, tune=tune, progress=advance)
@@ -182,14 +179,14 @@ def identify(
     turned = f"in {torque_unit.replace('N', 'N·')}" + (", with its sign reversed" if torque_sign == -1 else "")
     source = {"file": file.name, "angle": f"channel {angle}, in {angle_unit}", "torque": f"channel {torque}, {turned}"}
     known = [angle, torque, *(text.partition("=")[2] for text in channel)]
-    done += ["the torque's sign was reversed"] * (torque_sign == -1) + ["degrees became radians"] * (
-        angle_unit == "deg"
-    )
-    done += ["N·mm became N·m"] * (torque_unit == "Nmm")
+    as_typed = {"the torque's sign was reversed": torque_sign == -1, "degrees became radians": angle_unit == "deg"}
+    as_typed["N·mm became N·m"] = torque_unit == "Nmm"
     write_results(found, out)  # what is found is kept if holding out is interrupted
     account = _account(found, source, _judged(ensemble, recording, context, deviating), faults)
     unnamed = tuple(unnamed_references(found, file, header, known, read))
-    account = replace(account, turned=done, unnamed_references=unnamed)
+    account = replace(
+        account, turned=[*done, *(words for words, was in as_typed.items() if was)], unnamed_references=unnamed
+    )
     written = write_account(account, out, file.name, sheet)
     _show_impedance(account)
     _show_further(found)

@@ -6,7 +6,7 @@ import asyncio
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 from threading import Lock
 from typing import NamedTuple, TypeVar
 
@@ -119,6 +119,7 @@ def _cut(source: Reading | Recording, changed: int, how: Cutting, deviating: tup
     gaps, mains = find_gaps(recording), find_mains(recording)[0] if "mains" in faults else 0.0
     recording = remove_mains(recording, mains) if mains else recording
 
+    @cache
     def ensemble(delay: float) -> Ensemble:
         aligned = align_channels(recording, delay) if delay else recording
         lowered = aligned if how.decimate is None else decimate(aligned, how.decimate)

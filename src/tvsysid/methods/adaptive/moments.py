@@ -72,13 +72,12 @@ class Derived(Signals):
     def blocks(self) -> Iterator[Array]:
         """Signals of some realizations after the other."""
         ensemble = self.ensemble
-        reach = HALF_WIDTH
-        first = ensemble.context + self.edges[0] - reach
-        near = slice(first, ensemble.context + ensemble.samples - self.edges[1] + reach)
+        first = ensemble.context + self.edges[0] - HALF_WIDTH
+        near = slice(first, ensemble.context + ensemble.samples - self.edges[1] + HALF_WIDTH)
         filters = derivative_weights() * ensemble.sampling_rate ** np.arange(3.0)[:, None]
         for some in row_blocks(len(ensemble), ensemble.samples):
             angle, torque = (x[some, near] for x in (ensemble.angle, ensemble.torque))
-            out = np.empty((4, len(angle), angle.shape[1] - 2 * reach))
+            out = np.empty((4, len(angle), angle.shape[1] - 2 * HALF_WIDTH))
             for place, taps in enumerate(filters):
                 out[place] = _filtered(angle, taps / self.scale[0])
             out[-1] = _filtered(torque, filters[0] / self.scale[1])

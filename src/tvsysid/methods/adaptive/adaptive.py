@@ -72,8 +72,8 @@ class AdaptiveRegression(base.Method):
     Stiffness is freed at every time, which leaves a problem of one dimension. With W the inverse covariance (time,
     time) of the noise within a realization, what is seen of it is the solution z of
 
-    .. math:: \sum_s \Big(W \circ \sum_r \theta_r \theta_r^T\Big)_{ts} z(s) =
-              \sum_r \theta_r(t)\, \big(W (y_r - b\,\dot\theta_r - I\,\ddot\theta_r)\big)(t)
+    .. math:: \sum_s \left(W \circ \sum_r \theta_r \theta_r^T\right)_{ts} z(s) =
+              \sum_r \theta_r(t)\, \bigl(W (y_r - b\,\dot\theta_r - I\,\ddot\theta_r)\bigr)(t)
 
     over realizations r, and the inverse of that matrix is its covariance. W comes from what a first fit leaves: a
     prediction from the samples before, of the order that is most probable, and the strength of the rest over time; at

@@ -169,7 +169,7 @@ def segment_fit(ensemble: Ensemble, moved: Ensemble, power: Array, begin: int, e
     r"""Instrumental fit to segments from one sample to another, context counted; ``power`` weighs a segment's samples.
 
     .. math:: A_r = \sum_i w_i z_r(i)\, x_r(i)^T, \quad c_r = \sum_i w_i z_r(i)\, y_r(i), \quad
-              \hat\theta = \Big(\sum_r A_r\Big)^{-1} \sum_r c_r, \quad
+              \hat\theta = \left(\sum_r A_r\right)^{-1} \sum_r c_r, \quad
               V = A^{-1} \sum_r s_r s_r^T A^{-T} \frac{R}{R - 3}, \quad s_r = c_r - A_r \hat\theta
 
     The realizations are the independent samples, so that the noise may have any colour and strength. Where the

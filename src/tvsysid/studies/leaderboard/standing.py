@@ -39,7 +39,7 @@ def errors_of(results: xr.Dataset) -> xr.DataArray:
 def scores_of(errors: Array, counts: Array | None = None) -> Array:
     r"""Score of each entry in per cent, a row for each draw.
 
-    .. math:: 100 \exp \frac{1}{S} \sum_s \log \sqrt{\sum_t c_{dst}\, e_{ste}^2 \big/ T}
+    .. math:: 100 \exp \frac{1}{S} \sum_s \log \sqrt{\sum_t c_{dst}\, e_{ste}^2 / T}
 
     Errors have shape (scenario, trial, entry); how often a draw has each trial, (draw, scenario, trial), is once if
     nothing is said.
